@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 
 import matching  # noqa: F401  brings the views of results, whichever test runs first
-from modelling import interruption as floating_point
+from modelling.resources import restore_floating_point
 
 TEAR_DOWN_SECONDS = 3  # of a test that failed; then its process ends and says where
 mpl.use("agg")  # no display, whatever the machine has
@@ -21,7 +21,7 @@ settings.load_profile("repeatable")
 @pytest.fixture(autouse=True)
 def ieee_arithmetic() -> None:
     """Hypothesis refuses to work where a library that an earlier test called left small numbers flushed to zero."""
-    floating_point.restore()
+    restore_floating_point()
 
 
 def pytest_configure(config) -> None:

@@ -15,8 +15,8 @@ from IPython.lib.pretty import pretty
 from matplotlib.figure import Figure
 
 import rigmatch as rm
-from matching.commands import available
 from matching import commands as explore
+from matching.commands import COMMANDS
 from modelling.errors import InputError
 from modelling.writing import strict_json
 
@@ -79,7 +79,7 @@ def test_results_are_frozen_and_show_themselves(name, recording):
 
 
 def test_every_command_has_its_function_and_every_function_is_offered():
-    assert set(available()) - {"new"} <= set(rm.__all__)
+    assert set(COMMANDS) - {"new"} <= set(rm.__all__)
     assert set(rm.__all__) <= set(dir(rm))
     assert all(callable(getattr(rm, name)) and getattr(rm, name).__doc__ for name in rm.__all__)
     with pytest.raises(AttributeError, match="it has commission, diagnose"):

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from matching import cli as completion
-from matching.cli import parameters_of_model, quantities_of_case
+from matching.commands import parameters_of_model, quantities_of_case
 from matching.match.case_file import is_case, load_case
 from matching.match.map import quantities
 from modelling.bed.controllers import STRUCTURES
-from modelling.toml import read_toml
 from modelling.model_file import load
+from modelling.toml import read_toml
 
 ROAD_TO_RIG = Path(__file__).parents[2] / "examples" / "road_to_rig"
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.bed.verify import Figures, judged
-from matching.bed.verify import MeasuredResponse
 from matching.bed.commission import Commissioning, Round, best_round, end_of
+from matching.bed.verify import Figures, MeasuredResponse, judged
 
 
 def figures(error, spread=0.0, predicted=0.005, unknown=0.0, resolution=0.0):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from matching.bed.verify import estimated_response as response, spectra
-from matching.bed.verify import measured_mode
+from matching.bed.verify import estimated_response as response
+from matching.bed.verify import measured_mode, spectra
 
 STEP = 0.005
 FREQUENCIES = np.geomspace(0.5, 20, 40)

@@ -13,9 +13,7 @@ import pytest
 from result_schema import check_schema
 from scipy.linalg import expm
 
-from matching.bed.verify import snapshots
-from matching.bed.verify import judge
-from matching.bed.verify import read_recordings
+from matching.bed.verify import judge, read_recordings, snapshots
 from matching.cli import main
 from matching.export import exported_controller
 from matching.match.case_file import load_case

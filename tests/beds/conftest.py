@@ -5,13 +5,12 @@ from __future__ import annotations
 import pytest
 from small_bed import write
 
-from matching.match.tune_observer import Tuner, tuner
+from matching.match.attempt import question_of
 from matching.match.case import Case
 from matching.match.case_file import load_case
 from matching.match.match import match_with_observer
-from matching.match.attempt import question_of
 from matching.match.result import MatchResult
-from matching.match.tune_observer import TuningEffort
+from matching.match.tune_observer import Tuner, TuningEffort, tuner
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from small_bed import CASE, RIG, VEHICLE
 
+from matching.match.attempt import question_of
 from matching.match.case_file import load_case
 from matching.match.match import match_with_observer
-from matching.match.attempt import question_of
 from matching.match.tune_observer import TuningEffort
 
 pytestmark = pytest.mark.long

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from small_bed import CASE, FEEDBACK_GAINS, write
 
-from matching.match.tune_observer import DAMPING_RESERVE
-from matching.match.case_file import load_case
 from matching.match.case import apply
-from matching.match.dynamic_stiffness import Judge
-from matching.match.dynamic_stiffness import check_loop
-from matching.match.loop import control_law
-from matching.match.loop import parts_of
+from matching.match.case_file import load_case
+from matching.match.dynamic_stiffness import Judge, check_loop
+from matching.match.loop import control_law, parts_of
 from matching.match.match import match
 from matching.match.robustness import drawn_beds, feedback_tuner
+from matching.match.tune_observer import DAMPING_RESERVE
 from matching.report.match import summary
 
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 
 from matching.match.in_time import EVERYTHING_DRAWN, EVERYTHING_STATED, Imperfection, flawed, imperfections
-from modelling.system import Effect
-from modelling.system import Quantity
+from modelling.system import Effect, Quantity
 
 NOTHING = Imperfection("")
 

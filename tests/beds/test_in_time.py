@@ -8,22 +8,32 @@ import pytest
 from beds.plant_loop import bed_run, plant_model, vehicle_run
 from plant.marks import needs_compiler
 
-from matching.match.case_file import load_case
 from matching.match.case import of_system
-from matching.match.in_time import BedMotion, BedRun, acting, bed_motions, vehicle_motions
-from matching.match.in_time import EVERYTHING_DRAWN, EVERYTHING_STATED, Imperfection, imperfections
-from matching.match.in_time import _refine_friction
-from matching.match.in_time import lash_runs, open_lash
-from matching.match.in_time import ANGLE_OF_A_COUNT, PoorSensors
-from matching.match.in_time import truth_in_time, truth_of
-from matching.match.loop import control_law
-from matching.match.loop import parts_of
+from matching.match.case_file import load_case
+from matching.match.in_time import (
+    ANGLE_OF_A_COUNT,
+    EVERYTHING_DRAWN,
+    EVERYTHING_STATED,
+    BedMotion,
+    BedRun,
+    Imperfection,
+    PoorSensors,
+    _refine_friction,
+    acting,
+    bed_motions,
+    imperfections,
+    lash_runs,
+    open_lash,
+    truth_in_time,
+    truth_of,
+    vehicle_motions,
+)
+from matching.match.loop import control_law, parts_of
 from matching.match.match import match
-from modelling.equations.lagrange import STICK_SPEED
 from modelling.equations.casadi_code import compiled
-from modelling.system import Effect, Sensor
-from modelling.system import Quantity
+from modelling.equations.lagrange import STICK_SPEED
 from modelling.simulation.stepping import STABLE_STEP
+from modelling.system import Effect, Quantity, Sensor
 
 SENSORS = ("motor_speed", "side_torque")
 GAINS = ("dynamometers.", "sensors.")

@@ -5,25 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.match.beds import bed_of
-from matching.match.beds import action, bed_set, closed_matrices, damping, errors, sampled_beds
-from matching.match.beds import loop_figures, planned
-from matching.match.beds import requirements
+from matching.match.beds import (
+    action,
+    bed_of,
+    bed_set,
+    closed_matrices,
+    damping,
+    errors,
+    loop_figures,
+    planned,
+    requirements,
+    sampled_beds,
+)
 from matching.match.case import Box, Uncertain
-from matching.match.dynamic_stiffness import Judge, check_beds
-from matching.match.dynamic_stiffness import check_loop
-from matching.match.dynamic_stiffness import largest_error, worst_bed
-from matching.match.loop import control_law
-from matching.match.loop import parts_of
 from matching.match.continuous_loop import sampled_poles
+from matching.match.dynamic_stiffness import Judge, check_beds, check_loop, largest_error, worst_bed
+from matching.match.loop import control_law, parts_of
 from matching.match.responses import ComparedBed
-from modelling.bed.observer import design
-from modelling.bed.observer import observer_model
-from modelling.bed.vehicle import cut
 from modelling.bed.controllers import STRUCTURES
+from modelling.bed.observer import design, observer_model
+from modelling.bed.vehicle import cut
 from modelling.controller.law import law_of_observer
-from modelling.system import Effect
-from modelling.system import Quantity
+from modelling.system import Effect, Quantity
 
 
 @pytest.fixture(scope="module")

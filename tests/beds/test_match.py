@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from result_schema import check_schema
 
+from matching.match.adapters import estimator_bound
 from matching.match.beds import action, bed_set
 from matching.match.beds import responses as controlled
 from matching.match.loop import parts_of
-from matching.match.adapters import estimator_bound
 from matching.match.match import match
-from matching.match.verify import controller_of
 from matching.match.robustness import not_kept, noted
-from matching.match.verify import matched_motion
+from matching.match.verify import controller_of, matched_motion
 from matching.report.match import content, summary
 from modelling.bed.controllers import STRUCTURES
 

@@ -5,9 +5,16 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from matching.match.beds import closed_matrices, sampled_beds, shared_poles
-from modelling.bed.observer import FORGETTING_PER_SAMPLE, FREE_COMMAND_WEIGHT, NOW, STATE_WEIGHT, design, regulator
-from modelling.bed.observer import STATE_NOISE
-from modelling.bed.observer import observer_model
+from modelling.bed.observer import (
+    FORGETTING_PER_SAMPLE,
+    FREE_COMMAND_WEIGHT,
+    NOW,
+    STATE_NOISE,
+    STATE_WEIGHT,
+    design,
+    observer_model,
+    regulator,
+)
 
 STAY = 1 - FORGETTING_PER_SAMPLE
 

@@ -6,19 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.match.beds import Requirements
-from matching.match.beds import SHARES, softened
-from matching.match.tune_observer import DAMPING_RESERVE, LARGEST_ROOM, STABLE_SHARE, tuner
-from matching.match.case_file import load_case
-from matching.match.dynamic_stiffness import BedsCheck, Judge, check_beds
-from matching.match.dynamic_stiffness import dampings_opened
 from matching.match import tune_observer as opened
 from matching.match import tune_observer as tune
-from matching.match.tune_observer import least_stable_opened
-from matching.match.tune_observer import TuningEffort
-from matching.match.tune_observer import tuned_weights
-from matching.match.verify import RobustVerification
+from matching.match.beds import SHARES, Requirements, softened
+from matching.match.case_file import load_case
+from matching.match.dynamic_stiffness import BedsCheck, Judge, check_beds, dampings_opened
 from matching.match.robustness import noted
+from matching.match.tune_observer import (
+    DAMPING_RESERVE,
+    LARGEST_ROOM,
+    STABLE_SHARE,
+    TuningEffort,
+    least_stable_opened,
+    tuned_weights,
+    tuner,
+)
+from matching.match.verify import RobustVerification
 from modelling.controller.law import law_of_observer
 
 REFERENCE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"

@@ -10,19 +10,16 @@ import pytest
 import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.match.case_file import case_files
-from matching.match.case_file import load_case
-from matching.match.loop import control_law
-from matching.match.loop import parts_of
-from matching.match.responses import SimpleVehicle, fitted_simple_vehicle
-from matching.match.match import with_simple_vehicle
-from matching.match.match import match_with_observer
 from matching.match.attempt import question_of
+from matching.match.case_file import case_files, load_case
+from matching.match.loop import control_law, parts_of
+from matching.match.match import match_with_observer, with_simple_vehicle
+from matching.match.responses import SimpleVehicle, fitted_simple_vehicle
 from matching.match.tune_observer import TuningEffort
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
-from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.linear.state_space import state_space
+from modelling.linear.steady_motion import speeds_of, torques_of
 
 RIGID_BODY = """
 [inertias.wheel]

@@ -7,13 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.match.beds import action, closed_matrices, errors
-from matching.match.beds import command_noise, loop_curves
-from matching.match.beds import resolvent
-from matching.match.beds import GainSlopes, action_slopes, error_slopes, loop_slopes, pole_slopes
+from matching.match.beds import (
+    GainSlopes,
+    action,
+    action_slopes,
+    closed_matrices,
+    command_noise,
+    error_slopes,
+    errors,
+    loop_curves,
+    loop_slopes,
+    pole_slopes,
+    resolvent,
+)
 from matching.match.tune_observer import Tuner
-from modelling.bed.observer import assembled
 from modelling.bed.bed import ObserverController
+from modelling.bed.observer import assembled
 
 HALF_STEP = 1e-6  # of the gains' relative change, either way
 HALF_DECADES = 1e-3  # of a weight, either way: Riccati equations are solved to 1e-6 or so

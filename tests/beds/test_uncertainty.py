@@ -5,8 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from matching.match.case import apply
-from matching.match.case import read_uncertainty, uncertainty_table
+from matching.match.case import apply, read_uncertainty, uncertainty_table
 from matching.match.tolerance import tolerance
 from modelling.errors import InputError
 

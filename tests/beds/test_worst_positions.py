@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from matching.match.beds import closed_matrices, damping, sampled_beds
-from matching.match.tune_observer import DAMPING_RESERVE, STABLE_SHARE
-from matching.match.tune_observer import TuningEffort, TuningEnd
-from matching.match.tune_observer import add_scenarios
-from matching.match.tune_observer import worst_positions
+from matching.match.tune_observer import (
+    DAMPING_RESERVE,
+    STABLE_SHARE,
+    TuningEffort,
+    TuningEnd,
+    add_scenarios,
+    worst_positions,
+)
 
 NOWHERE_HZ = 1e6  # a loop that need not roll off: every mode needs all of the damping that is asked for here
 

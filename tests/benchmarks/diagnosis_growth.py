@@ -18,8 +18,8 @@ import numpy as np
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.result import Diagnosis
 from modelling.effects import EFFECTS
-from modelling.recordings.recording import Recording
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 from modelling.system import System
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is imported as `plant`

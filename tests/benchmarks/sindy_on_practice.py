@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 
 from matching.diagnosis.diagnose import diagnose
-from modelling.recordings.read import read_recording
 from modelling.model_file import load
+from modelling.recordings.read import read_recording
 from tests.benchmarks.row import peer_runs
 
 PRACTICE = Path(__file__).parents[3] / "shared" / "practice"

@@ -15,26 +15,18 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is importe
 
 import numpy as np
 
-from matching.bed.verify import judge
-from matching.bed.verify import read_recordings
 from matching.bed.commission import Circle, CommissionOrder, plan_speed
-from matching.bed.simulated_bed import FmuBed, FmuController
-from matching.bed.simulated_bed import proof_recording
-from matching.bed.simulated_bed import with_faults
-from matching.bed.excite import ExcitationOrder
-from matching.bed.excite import plan_proof
-from matching.export import exported_controller
-from matching.export import tuned_case
-from matching.match.case import Case
-from matching.match.case_file import case_files
-from matching.match.case_file import load_case
-from matching.match.case import Box
+from matching.bed.excite import ExcitationOrder, plan_proof
+from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording, with_faults
+from matching.bed.verify import judge, read_recordings
+from matching.export import exported_controller, tuned_case
+from matching.match.case import Box, Case
+from matching.match.case_file import case_files, load_case
 from matching.studies import append, rows
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
 from modelling.recordings.read import read_signals
-from modelling.system import Effect
-from modelling.system import Quantity
+from modelling.system import Effect, Quantity
 from tests.campaign.beds_score import report
 from tests.campaign.drawn_bed import DrawnBed, draw_bed, write_case
 

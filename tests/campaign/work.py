@@ -57,8 +57,8 @@ def diagnosed(given: Prepared, number: int) -> dict[str, Any]:
     from plant.calibrate import OutOfReach
 
     from matching.diagnosis.diagnose import diagnose
-    from modelling.recordings.read import read_recording
     from modelling.model_file import load
+    from modelling.recordings.read import read_recording
     from tests.campaign.score import where
 
     order = given.orders[number]

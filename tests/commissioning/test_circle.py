@@ -11,9 +11,9 @@ from result_schema import check_schema
 from small_bed import CASE, write
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drive_of
 
-from matching.cli import main
 from matching.bed import commission as circle
 from matching.bed import excite as proof
+from matching.cli import main
 from modelling.errors import InputError
 
 pytestmark = [compiles, pytest.mark.skipif(not (find_spec("fmpy") and compiler()), reason="needs FMPy, a C compiler")]

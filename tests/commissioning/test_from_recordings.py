@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 from result_schema import check_schema
 
-from matching.bed.verify import Figures, judged
-from matching.bed.verify import MeasuredResponse
-from matching.bed.verify import drawn_vehicles
-from matching.cli import main
-from matching.bed.simulated_bed import with_quantities
 from matching.bed.identify import recorded_vehicle
+from matching.bed.simulated_bed import with_quantities
+from matching.bed.verify import Figures, MeasuredResponse, drawn_vehicles, judged
+from matching.cli import main
 from matching.match.beds import vehicle_response
-from matching.match.case_file import load_case
 from matching.match.case import Box, Uncertain
+from matching.match.case_file import load_case
 from modelling.errors import InputError
 from modelling.system import Quantity
 

@@ -3,8 +3,7 @@
 from types import SimpleNamespace
 
 from matching.bed import commission as circle
-from matching.bed.commission import Circle, CommissionOrder
-from matching.bed.commission import Round
+from matching.bed.commission import Circle, CommissionOrder, Round
 
 
 def test_every_round_but_the_last_is_judged_again_against_the_last_vehicle(tmp_path, monkeypatch):

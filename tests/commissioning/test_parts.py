@@ -9,19 +9,20 @@ import pytest
 from small_bed import write
 
 from matching.bed import commission as module
-from matching.bed.simulated_bed import bed_system, names_in_system
-from matching.bed.commission import Circle, CommissionOrder
-from matching.bed.simulated_bed import held_as_linear
-from matching.bed.identify import bed_from_recordings
-from matching.bed.identify import COVERAGE, LEAST_SHARE, identified_case
-from matching.bed.simulated_bed import SETTLING_SECONDS, excited_recording, proof_recording
-from matching.bed.commission import Stages
-from matching.diagnosis.statistics import Estimate
+from matching.bed.commission import Circle, CommissionOrder, Stages
 from matching.bed.excite import Proof
-from matching.match.case_file import case_files
-from matching.match.case_file import load_case
-from modelling.system import Effect
-from modelling.system import Quantity
+from matching.bed.identify import COVERAGE, LEAST_SHARE, bed_from_recordings, identified_case
+from matching.bed.simulated_bed import (
+    SETTLING_SECONDS,
+    bed_system,
+    excited_recording,
+    held_as_linear,
+    names_in_system,
+    proof_recording,
+)
+from matching.diagnosis.statistics import Estimate
+from matching.match.case_file import case_files, load_case
+from modelling.system import Effect, Quantity
 
 
 @pytest.fixture(scope="module")

@@ -6,16 +6,23 @@ from types import SimpleNamespace
 
 import pytest
 
-from matching.bed.identify import COVERAGE, LEAST_DELAY, LEAST_SHARE, _of_faults, narrowed
+from matching.bed.identify import (
+    COVERAGE,
+    KNOWN,
+    LEAST_DELAY,
+    LEAST_SHARE,
+    _half_range,
+    _moved,
+    _of_faults,
+    narrowed,
+    recorded_vehicle,
+)
 from matching.bed.simulated_bed import FIT_RANGE_RATIO
-from matching.bed.identify import KNOWN, _half_range, _moved, recorded_vehicle
 from matching.diagnosis.statistics import Estimate
-from matching.match.case import Move
+from matching.match.case import LARGEST_SHARE, Box, Move, Uncertain
 from matching.match.case_file import load_case
-from matching.match.case import LARGEST_SHARE, Box, Uncertain
 from matching.report.bed import gain
-from modelling.system import Effect
-from modelling.system import Quantity
+from modelling.system import Effect, Quantity
 
 FOLDER = Path(__file__).parents[2] / "examples" / "from_recordings"
 

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.data import Weighting
-from matching.diagnosis.fit import Fit, solve
+from matching.diagnosis.data import FitData, Segment, Weighting
+from matching.diagnosis.fit import Fit, base_problem, first_state, sensors_with_zero, solve
 from matching.diagnosis.holdout import RestOfRecordings, holdout_residuals
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.fit import first_state, sensors_with_zero
 from modelling.equations.casadi_code import compiled
 from modelling.model_file import from_dict
 from modelling.system import System

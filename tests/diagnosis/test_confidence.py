@@ -7,13 +7,19 @@ import pytest
 from diagnosis.linear import KnownProblem, fit_at
 from scipy.signal import lfilter
 
-from matching.diagnosis.causes import Cause, ExtendedModel
-from matching.diagnosis.statistics import inflation
-from matching.diagnosis.selection import Hypothesis, at_noise, share_explained
 from matching.diagnosis import verdict as module
+from matching.diagnosis.causes import Cause, ExtendedModel
 from matching.diagnosis.result import CauseParameter
-from matching.diagnosis.verdict import confidence, evidence_shares, fitted_scores, residual_inflation
-from matching.diagnosis.verdict import share_explained_by, told_from_nothing
+from matching.diagnosis.selection import Hypothesis, at_noise, share_explained
+from matching.diagnosis.statistics import inflation
+from matching.diagnosis.verdict import (
+    confidence,
+    evidence_shares,
+    fitted_scores,
+    residual_inflation,
+    share_explained_by,
+    told_from_nothing,
+)
 
 
 def with_cost(mean_square: float, variables: int = 1, readings: int = 1000) -> Hypothesis:

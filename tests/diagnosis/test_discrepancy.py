@@ -9,13 +9,10 @@ import pytest
 
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import solve
+from matching.diagnosis.fit import base_problem, solve
 from matching.diagnosis.holdout import OtherRecordings
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.selection import Hypothesis
-from matching.diagnosis.selection import UnseenData
-from matching.diagnosis.result import _curve, discrepancy_curves
-from matching.diagnosis.result import kept_table
+from matching.diagnosis.result import _curve, discrepancy_curves, kept_table
+from matching.diagnosis.selection import Hypothesis, UnseenData
 from matching.report.diagnosis import discrepancy_figure
 from modelling.model_file import dumps, from_dict
 

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import jacobian
-from matching.diagnosis.fit import solve
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.fit import angles_without_reading
+from matching.diagnosis.fit import angles_without_reading, base_problem, jacobian, solve
 from matching.diagnosis.statistics import estimates
 from modelling.equations.casadi_code import compiled
 from modelling.model_file import from_dict

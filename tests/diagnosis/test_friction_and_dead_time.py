@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.causes import ExtendedModel
-from matching.diagnosis.screening import fit_extended
 from matching.diagnosis.data import prepare_data
-from matching.diagnosis.fit import solve
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.selection import Hypothesis
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.screening import fit_extended
 from matching.diagnosis.search import with_possible_causes
+from matching.diagnosis.selection import Hypothesis
 from modelling.effects.friction_and_compliance import StribeckFriction
-from modelling.recordings.recording import Recording
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 J, DRAG, FRICTION, DELAY, NOISE = 0.4, 0.3, 0.7, 0.022, 0.02
 STEP, EVERY, SECONDS = 4e-4, 10, 10.0

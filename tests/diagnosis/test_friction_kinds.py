@@ -7,18 +7,16 @@ from plant.case import make_case
 from plant.marks import needs_compiler
 
 from matching.diagnosis.causes import ExtendedModel
-from matching.diagnosis.screening import fit_extended
-from matching.diagnosis.holdout import split_holdout
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.fit import Fit, solve
-from matching.diagnosis.fit import FINAL_STEPS, with_sharper_friction
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.statistics import estimates
-from matching.diagnosis.selection import Hypothesis, at_noise
+from matching.diagnosis.fit import FINAL_STEPS, Fit, base_problem, solve, with_sharper_friction
+from matching.diagnosis.holdout import split_holdout
+from matching.diagnosis.screening import fit_extended
 from matching.diagnosis.search import with_sharpest_friction
-from modelling.recordings.read import read_recording
+from matching.diagnosis.selection import Hypothesis, at_noise
+from matching.diagnosis.statistics import estimates
 from modelling.model_file import load
+from modelling.recordings.read import read_recording
 from modelling.system import System
 from tests.benchmarks.diagnosis_growth import chain, hidden_in, made
 

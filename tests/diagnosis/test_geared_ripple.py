@@ -6,11 +6,10 @@ from plant.engine import Chain, simulate
 from plant.marks import needs_compiler
 
 from matching.diagnosis.diagnose import diagnose
-from matching.report.diagnosis import content
-from matching.report.diagnosis import summary
+from matching.report.diagnosis import content, summary
 from modelling.errors import InputError
-from modelling.recordings.recording import Recording
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 J, STIFFNESS, DAMPING, DRAG, NOISE = (0.1, 0.3), 2.0, 0.05, 0.05, 0.01
 ORDER, AMPLITUDE, PHASE = 5.0, 0.4, 0.7

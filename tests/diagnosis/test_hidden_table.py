@@ -14,8 +14,8 @@ from plant.writing import model_text, recording_text
 
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.result import Diagnosis
-from modelling.recordings.read import read_recording
 from modelling.model_file import load
+from modelling.recordings.read import read_recording
 
 pytestmark = needs_compiler
 STEP, SAMPLES = 4e-3, 1500  # s

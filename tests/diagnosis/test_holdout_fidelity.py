@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from matching.diagnosis import holdout as holdout_fidelity
-from matching.diagnosis.holdout import DRIVABILITY_HZ, fidelity
-from matching.diagnosis.holdout import ModelResiduals, holdout_data
 from matching.diagnosis.data import Segment
+from matching.diagnosis.holdout import DRIVABILITY_HZ, ModelResiduals, fidelity, holdout_data
 from modelling.fidelity.measures import assess_signal
 from modelling.model_file import from_dict
 

@@ -5,12 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.screening import ScreenedCandidate
-from matching.diagnosis.result import Diagnosis
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.result import KnownScreening
-from modelling.recordings.recording import Recording
+from matching.diagnosis.result import Diagnosis, KnownScreening
+from matching.diagnosis.screening import ScreenedCandidate
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 J, DRAG, RESISTING, NOISE = 0.2, 0.5, 2.0, 0.02
 TIME = np.arange(0, 6, 5e-3)

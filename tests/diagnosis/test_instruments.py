@@ -14,15 +14,14 @@ from scipy.signal import lfilter
 
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import prepare_data
-from matching.diagnosis.fit import solve
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.selection import Hypothesis
+from matching.diagnosis.fit import base_problem, solve
 from matching.diagnosis.search import instrumented_fit
+from matching.diagnosis.selection import Hypothesis
 from matching.diagnosis.verdict import closed_loop_notes
 from modelling.errors import InputError
+from modelling.model_file import dumps, from_dict
 from modelling.recordings.read import read_recording
 from modelling.recordings.recording import Recording
-from modelling.model_file import dumps, from_dict
 
 STEP, SAMPLES = 2e-3, 10_000  # s
 J, DRAG, GAIN = 0.5, 0.4, 6.0  # kg·m², N·m·s/rad, N·m·s/rad

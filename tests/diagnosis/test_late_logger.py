@@ -12,11 +12,10 @@ from plant.marks import needs_compiler
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.fit import Fit
-from matching.diagnosis.fit import base_problem
+from matching.diagnosis.fit import Fit, base_problem
 from modelling.effects.sensors_and_actuators import LATE_SIGN
-from modelling.recordings.read import read_recording
 from modelling.model_file import dumps, from_dict, load
+from modelling.recordings.read import read_recording
 
 LATE = 0.465  # s, more than half of the slowest mode's period
 SPEEDS = ("motor_speed", "load_speed")

@@ -8,9 +8,9 @@ import pytest
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.loggers import joined, read_loggers, with_clocks
 from modelling.errors import InputError
-from modelling.recordings.recording import Recording
-from modelling.recordings.read import csv_text
 from modelling.model_file import from_dict
+from modelling.recordings.read import csv_text
+from modelling.recordings.recording import Recording
 from modelling.simulation.simulate import simulate
 
 NOISE = {"motor_speed": 0.02, "load_speed": 0.02}

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.screening import ScreenedCandidate
 from matching.diagnosis import search as pairs
+from matching.diagnosis.screening import ScreenedCandidate
 from matching.diagnosis.search import ScreenedPair, fitted_pairs, screened_pairs
 from modelling.effects.effect import Guess
 

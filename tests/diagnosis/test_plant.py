@@ -10,9 +10,9 @@ from plant.marks import needs_compiler
 
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.result import Diagnosis
-from modelling.toml import read_toml
-from modelling.recordings.read import read_recording
 from modelling.model_file import dumps, from_dict, load
+from modelling.recordings.read import read_recording
+from modelling.toml import read_toml
 
 pytestmark = needs_compiler
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.diagnose import diagnose
-from modelling.recordings.read import read_recording
 from modelling.model_file import load
+from modelling.recordings.read import read_recording
 
 PRACTICE = Path(__file__).parents[2].parent / "shared" / "practice"
 pytestmark = pytest.mark.skipif(not PRACTICE.exists(), reason="the shared practice recordings are not here")

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import Fit, solve
+from matching.diagnosis.fit import Fit, base_problem, polished, solve
 from matching.diagnosis.holdout import HoldoutRun, RestOfRecordings, holdout_residuals, simulate_other
-from matching.diagnosis.fit import polished
-from matching.diagnosis.statistics import prediction
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.statistics import covariance
+from matching.diagnosis.statistics import covariance, prediction
 from modelling.model_file import from_dict
 
 J, DRAG, NOISE = 0.5, 0.3, 0.02

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis.holdout import split_holdout
 from matching.diagnosis.data import prepare_data
+from matching.diagnosis.holdout import split_holdout
 from modelling.errors import InputError
-from modelling.recordings.recording import Recording
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 
 def system(uncertainty: float | None = 0.1):

@@ -5,8 +5,8 @@ import pytest
 from diagnosis.linear import KnownProblem, fit_at
 
 from matching.diagnosis.causes import Cause
-from matching.diagnosis.statistics import Estimate
 from matching.diagnosis.selection import equivalent_fits, widened
+from matching.diagnosis.statistics import Estimate
 
 CAUSE = Cause("compliance", "shafts.link", ("stiffness",))
 NAME = "shafts.link.compliance.stiffness"

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from matching.diagnosis.diagnose import diagnose
+from modelling.model_file import load
 from modelling.recordings.read import read_recording
 from modelling.recordings.recording import Recording
-from modelling.model_file import load
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 EMPS, BENCH = DATA / "emps", DATA / "two_mass_bench"

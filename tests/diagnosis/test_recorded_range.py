@@ -7,12 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from matching.diagnosis.causes import ExtendedModel
-from matching.diagnosis.causes import simulated_motion
-from matching.diagnosis.causes import TORQUE_MARGIN, recorded_range
+from matching.diagnosis.causes import TORQUE_MARGIN, ExtendedModel, recorded_range, simulated_motion
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import solve
-from matching.diagnosis.fit import base_problem
+from matching.diagnosis.fit import base_problem, solve
 from modelling.model_file import from_dict
 
 SPEED, TORQUE, DRAG, DURATION = 12.0, 5.4, 0.45, 4.0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.diagnose import diagnose
-from modelling.recordings.recording import Recording
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 RATIO, MOTOR, LOAD, DRAG, EFFICIENCY = 12.0, 3e-4, 0.05, 4e-4, 0.8
 STEP, INNER, SAMPLES = 2e-3, 20, 1200

@@ -6,19 +6,14 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.causes import torque_balance
-from matching.diagnosis.screening import NoiseDraws, best_of
-from matching.diagnosis.screening import ScreenedCandidate, Screening
-from matching.diagnosis.screening import without_effects
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import simulate_readings
-from matching.diagnosis.fit import solve
-from matching.diagnosis.fit import base_problem
-from modelling.errors import InputError
+from matching.diagnosis.fit import base_problem, simulate_readings, solve
+from matching.diagnosis.screening import NoiseDraws, ScreenedCandidate, Screening, best_of, without_effects
 from modelling.effects import EFFECTS
 from modelling.equations.casadi_code import compiled
-from modelling.system import Effect
+from modelling.errors import InputError
 from modelling.model_file import from_dict
-from modelling.system import Quantity
+from modelling.system import Effect, Quantity
 
 
 @pytest.fixture(scope="module")

@@ -4,14 +4,13 @@ import pytest
 from plant.case import make_case
 from plant.marks import needs_compiler
 
-from matching.diagnosis.holdout import split_holdout
+from matching.diagnosis import search as search_window
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.fit import solve
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis import search as search_window
-from modelling.recordings.read import read_recording
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.holdout import split_holdout
 from modelling.model_file import load
+from modelling.recordings.read import read_recording
 
 pytestmark = needs_compiler
 

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from matching.diagnosis import diagnose as module
-from matching.diagnosis.causes import ExtendedModel
-from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.data import LARGEST_MEMORY
-from matching.diagnosis.fit import solve
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.fit import balanced_fit, innovation_power, iteratively_reweighted
 from matching.diagnosis import selection as hypotheses
+from matching.diagnosis.causes import ExtendedModel
+from matching.diagnosis.data import LARGEST_MEMORY, FitData, Segment
+from matching.diagnosis.fit import balanced_fit, base_problem, innovation_power, iteratively_reweighted, solve
 from matching.diagnosis.search import _Screenings as screenings
 from matching.diagnosis.selection import Hypothesis
 from modelling.model_file import from_dict

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.diagnose import diagnose
-from modelling.recordings.recording import Recording
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 J, DRAG, NOISE = 0.2, 0.5, 0.02
 MODEL = {

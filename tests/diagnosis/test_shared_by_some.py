@@ -5,8 +5,8 @@ import pytest
 
 from matching.diagnosis.diagnose import diagnose
 from modelling.effects.effect import members
-from modelling.recordings.recording import Recording
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 J, DRAG, NOISE = 0.4, 0.6, 0.02
 WAVES = ((2.0, 0.5, 0.3), (1.5, 1.3, 2.0), (1.0, 3.7, 4.0))  # amplitude N·m, Hz, rad

@@ -6,16 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.screening import window_uncertainties
-from matching.diagnosis.holdout import split_holdout
-from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis import holdout
-from matching.diagnosis.fit import fastest_rate
-from matching.diagnosis.fit import Fit, solve
-from matching.diagnosis.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.statistics import estimates
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.fit import Fit, base_problem, fastest_rate, solve
+from matching.diagnosis.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other, split_holdout
+from matching.diagnosis.screening import window_uncertainties
 from matching.diagnosis.selection import Hypothesis
+from matching.diagnosis.statistics import estimates
 from modelling.equations.casadi_code import compiled
 from modelling.model_file import from_dict
 

@@ -8,8 +8,8 @@ from plant.marks import needs_compiler
 
 from matching.diagnosis.diagnose import diagnose
 from modelling.effects import EFFECTS
-from modelling.recordings.read import read_recording
 from modelling.model_file import from_dict, load
+from modelling.recordings.read import read_recording
 
 DRIVE = {
     "inertias": {"motor": {"J": 0.1}, "load": {"J": 1.0}},

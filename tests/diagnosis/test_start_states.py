@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import simulate_readings
-from matching.diagnosis.fit import Fit
+from matching.diagnosis.fit import (
+    Fit,
+    angles_without_reading,
+    base_problem,
+    first_state,
+    flank_shifts,
+    simulate_readings,
+)
 from matching.diagnosis.holdout import holdout_residuals, rms_by_sensor, simulate_other
-from matching.diagnosis.fit import base_problem
-from matching.diagnosis.fit import angles_without_reading, first_state, flank_shifts
 from modelling.equations.casadi_code import compiled
 from modelling.model_file import from_dict
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.diagnose import diagnose
-from modelling.recordings.recording import Recording
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 
 J, DRAG, NOISE = 0.4, 0.6, 0.03
 TIME = 0.005 * np.arange(2000)

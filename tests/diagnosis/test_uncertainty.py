@@ -12,8 +12,8 @@ from matching.diagnosis import screening as backlash_one_flank
 from matching.diagnosis.causes import Cause
 from matching.diagnosis.data import Weighting
 from matching.diagnosis.fit import Fit
-from matching.diagnosis.statistics import Estimate, at_least, covariance, discretisation_shift, estimates, inflation
 from matching.diagnosis.result import correlated_uncertainties, shift_by_memory
+from matching.diagnosis.statistics import Estimate, at_least, covariance, discretisation_shift, estimates, inflation
 
 J = np.random.default_rng(1).standard_normal((200, 2)) * [30.0, 0.2]
 

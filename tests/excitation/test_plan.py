@@ -8,12 +8,19 @@ import pytest
 from result_schema import check_schema
 from scipy.linalg import expm
 
+from matching.bed.excite import (
+    PRIOR,
+    ExcitedBeds,
+    SpeedHold,
+    chirp,
+    error_weights,
+    information,
+    multisine,
+    optimal_powers,
+    recorded_bed,
+    steps,
+)
 from matching.cli import main
-from matching.bed.excite import PRIOR, information, optimal_powers
-from matching.bed.excite import ExcitedBeds, SpeedHold
-from matching.bed.excite import recorded_bed
-from matching.bed.excite import error_weights
-from matching.bed.excite import chirp, multisine, steps
 from matching.export import exported_controller
 from matching.match.beds import action
 from matching.match.loop import law_action

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from matching.bed import excite as module
-from matching.bed.excite import controlled_beds
-from matching.bed.excite import FREE, VISIBLE_VARIANCE, _visible, plan_proof
-from matching.bed.excite import recorded_bed
+from matching.bed.excite import FREE, VISIBLE_VARIANCE, _visible, controlled_beds, plan_proof, recorded_bed
 from matching.export import exported_controller
 from matching.match.loop import parts_of
 from matching.match.responses import ObservedBed

@@ -4,8 +4,7 @@ import pytest
 
 pytest.importorskip("tomlkit", reason="the packages of the explorer are not installed")
 
-from matching.explore.files import Document
-from matching.explore.files import ModelDocument
+from matching.explore.files import Document, ModelDocument
 from modelling.errors import InputError
 
 TEXT = """\

@@ -5,9 +5,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 
 import rigmatch as rm
-from matching.report.drivetrain import drawing
-from matching.report.drivetrain import Label, picture
-from matching.report.drivetrain import Marks, drivetrain_svg
+from matching.report.drivetrain import Label, Marks, drawing, drivetrain_svg, picture
 from modelling.model_file import from_dict
 
 SVG = "{http://www.w3.org/2000/svg}"

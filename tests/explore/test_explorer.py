@@ -71,8 +71,8 @@ def test_a_value_that_a_slider_tries_is_kept_for_all_tabs(tmp_path):
 
 
 def test_quantities_that_are_zero_have_no_slider_and_a_value_is_tried_before_it_is_kept(tmp_path):
-    from matching.explore.files import ModelDocument
     from matching.explore.common import WhatIf
+    from matching.explore.files import ModelDocument
 
     path = tmp_path / "rig.toml"
     path.write_text(
@@ -94,8 +94,7 @@ def test_a_budget_in_the_explorer_shows_its_result_and_is_saved_with_what_was_en
     from matplotlib.figure import Figure
 
     from matching.explore.common import Equivalent
-    from matching.explore.files import fields
-    from matching.explore.files import opened
+    from matching.explore.files import fields, opened
     from matching.explore.page import EditedTable
 
     path = tmp_path / "budget.toml"

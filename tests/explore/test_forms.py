@@ -11,19 +11,27 @@ pytest.importorskip("tomlkit", reason="the packages of the explorer are not inst
 
 from structure.imports import ROOT
 
-from matching.explore.files import case_tables, write_case, write_model
-from matching.explore.files import CaseForm, write_case_at
-from matching.explore.files import Document
-from matching.explore.files import fields
-from matching.explore.files import opened
-from matching.explore.common import interpolated_error, nearest_point
-from matching.explore.common import opened_measurement, read_as_suggested
-from matching.explore.common import suggestions
+from matching.explore.common import (
+    interpolated_error,
+    nearest_point,
+    opened_measurement,
+    read_as_suggested,
+    suggestions,
+)
+from matching.explore.files import (
+    CaseForm,
+    Document,
+    case_tables,
+    fields,
+    opened,
+    write_case,
+    write_case_at,
+    write_model,
+)
 from matching.match.case_file import load_case
 from modelling.errors import InputError
-from modelling.recordings.read import read_channels
-from modelling.recordings.read import read_recording
 from modelling.model_file import from_dict
+from modelling.recordings.read import read_channels, read_recording
 
 
 @pytest.fixture

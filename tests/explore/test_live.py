@@ -5,11 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from matching.explore.common import LiveModel, slider_range
-from matching.explore.common import envelope
-from matching.explore.common import measured_curves
-from modelling.recordings.recording import Recording
+from matching.explore.common import LiveModel, envelope, measured_curves, slider_range
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 from modelling.system import Quantity
 
 MOTOR, LOAD, STIFFNESS = 0.1, 1.0, 200.0

@@ -10,10 +10,8 @@ pytest.importorskip("panel")
 from structure.imports import ROOT
 
 from matching.explore.files import opened, starter
-from matching.explore.page import MapView
-from matching.explore.page import MatchTab
 from matching.explore.measurement import MeasurementTab
-from matching.explore.page import _makers
+from matching.explore.page import MapView, MatchTab, _makers
 
 pytestmark = pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 OWN_NAME = re.compile(r"[A-Za-z]+\d{5}")  # Panel's, of what has no name

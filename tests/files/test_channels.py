@@ -6,9 +6,8 @@ import pytest
 import rigmatch as rm
 from matching.cli import main
 from modelling.errors import InputError
-from modelling.recordings.read import Channel, read_channels
-from modelling.recordings.read import read_recording
 from modelling.model_file import from_dict
+from modelling.recordings.read import Channel, read_channels, read_recording
 
 MODEL = """
 [inertias.motor]

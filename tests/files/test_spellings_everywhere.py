@@ -8,9 +8,8 @@ import pytest
 from matching.match.case import read_limits
 from matching.uncertainty.budget import budget_from_tables
 from modelling.errors import InputError
-from modelling.recordings.read import Channel, read_channels
-from modelling.recordings.read import read_recording
 from modelling.model_file import from_dict
+from modelling.recordings.read import Channel, read_channels, read_recording
 
 RPM, SPEED, TORQUE = 2 * math.pi / 60, "rad/s", "N*m"
 TAKEN = [

@@ -6,10 +6,8 @@ import numpy as np
 from beds.plant_loop import air_gap, behind_lag, plant_model
 from plant.engine import simulate
 
-from matching.match.case import Case
-from matching.match.case import of_system
-from modelling.controller.law import ExportedController
-from modelling.controller.law import EMULATION
+from matching.match.case import Case, of_system
+from modelling.controller.law import EMULATION, ExportedController
 
 FINE = 2  # parts of a sample
 SEED = 4242  # of beds and noise; no design draws from it

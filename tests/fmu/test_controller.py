@@ -16,8 +16,8 @@ from matching.export import exported_controller
 from matching.match.case_file import load_case
 from matching.match.loop import parts_of
 from matching.match.verify import matched_motion
-from modelling.bed.vehicle import cut
 from modelling.bed.controllers import STRUCTURES
+from modelling.bed.vehicle import cut
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import FAULTS
 from modelling.fmu.export import controller_fmu

@@ -9,10 +9,8 @@ from fmpy.validation import validate_fmu
 from needs import compiles
 
 from matching.cli import main
-from matching.match.case_file import case_files
-from matching.match.case_file import load_case
-from modelling.fmu.export import binary
-from modelling.fmu.export import exponents
+from matching.match.case_file import case_files, load_case
+from modelling.fmu.export import binary, exponents
 from modelling.simulation import compiled as build
 
 

@@ -10,16 +10,14 @@ from needs import compiles
 from scipy.signal import cont2discrete
 
 from matching.export import acceleration
-from matching.match.case_file import case_files
-from matching.match.case_file import load_case
-from matching.match.case import apply
-from matching.match.loop import parts_of
 from matching.match import verify as running_controller
 from matching.match import verify as simulation
-from matching.match.verify import manoeuvre_torques
-from matching.match.verify import pencil, thinned
-from modelling.bed.vehicle import cut
+from matching.match.case import apply
+from matching.match.case_file import case_files, load_case
+from matching.match.loop import parts_of
+from matching.match.verify import manoeuvre_torques, pencil, thinned
 from modelling.bed.controllers import LEAD_POLE_OVER_ZERO
+from modelling.bed.vehicle import cut
 
 pytestmark = compiles
 

@@ -18,21 +18,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from matching.bed.verify import compared_bed
-from modelling.errors import BAD_INPUT, FAULT
 from matching.cli import main
 from matching.export import read_export_source, tuned_case
+from matching.fidelity import read_case, xil_fidelity
 from matching.match.case_file import load_case
 from matching.match.responses import figures_of
 from matching.uncertainty.budget import read_budget
-from matching.fidelity import read_case
-from matching.fidelity import xil_fidelity
 from matching.uncertainty.evaluate import evaluate
-from modelling.errors import InputError
-from modelling.recordings.read import read_channels
-from modelling.recordings.read import read_recording
-from modelling.modal.modes import damped_modes
-from modelling.modal.modes import modes
+from modelling.errors import BAD_INPUT, FAULT, InputError
+from modelling.modal.modes import damped_modes, modes
 from modelling.model_file import dumps, from_dict, load
+from modelling.recordings.read import read_channels, read_recording
 from modelling.writing import strict_json
 from tests.fuzz.seed import ROOT, Seed
 

@@ -10,11 +10,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from matching import cli
-from matching import commands
+from matching import cli, commands
 from modelling import toml as tables
-from modelling.errors import InputError
 from modelling import writing as output
+from modelling.errors import InputError
 
 
 @pytest.fixture
@@ -165,7 +164,7 @@ def test_interrupt_is_130(answer):
 
 
 def test_every_command_there_is_keeps_the_agreement():
-    for name in commands.available():
+    for name in commands.COMMANDS:
         _, modules = cli.build_parser([name])
         module = modules[name]
         assert module.HELP.strip()
@@ -177,7 +176,7 @@ def test_every_command_there_is_keeps_the_agreement():
         assert calls.count(name) >= 2
         assert all(example in help_of(name) for example in module.EXAMPLES)
         assert callable(module.run)
-    assert {path.stem for path in _command_files()} <= set(commands.ONE_LINE)
+    assert {path.stem for path in _command_files()} <= set(commands.COMMANDS)
 
 
 def help_of(name):

@@ -5,9 +5,8 @@ import json
 import pytest
 from structure.imports import ROOT
 
-from matching.cli import main
-from matching.commands import available
-from matching.cli import WITHOUT
+from matching.cli import WITHOUT, main
+from matching.commands import COMMANDS
 
 RECORDED = ROOT / "examples" / "from_recordings"
 REFERENCE = ROOT / "examples" / "road_to_rig"
@@ -60,7 +59,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_every_command_that_reads_files_can_check_them():
-    assert {call.split()[0] for call in CALLS} | set(WITHOUT) | {"verify"} == set(available())
+    assert {call.split()[0] for call in CALLS} | set(WITHOUT) | {"verify"} == set(COMMANDS)
 
 
 @pytest.mark.parametrize("command", CALLS)

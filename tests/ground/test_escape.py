@@ -13,8 +13,8 @@ from matplotlib import cbook
 
 from modelling import escape
 from modelling.errors import InputError
-from modelling.toml import LONGEST_TITLE, title
 from modelling.model_file import from_dict
+from modelling.toml import LONGEST_TITLE, title
 
 # control characters, punctuation, marks of direction, halves of pairs, what is no character, and some beyond 16 bits
 EVERY = "".join(map(chr, [*range(0x3000), *range(0xD7F0, 0xD810), *range(0xDFF0, 0xE010), *range(0xFE00, 0x10100)]))

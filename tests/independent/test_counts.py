@@ -7,16 +7,13 @@ import numpy as np
 import pytest
 
 from matching.match.case_file import load_case
-from matching.match.dynamic_stiffness import Chain, NotCovered
-from matching.match.dynamic_stiffness import IndependentCheck, check
-from matching.match.dynamic_stiffness import IndependentLoop, plain_response
-from matching.match.continuous_loop import encirclements
-from matching.match.continuous_loop import ExactLoop
+from matching.match.continuous_loop import ExactLoop, encirclements
+from matching.match.dynamic_stiffness import Chain, IndependentCheck, IndependentLoop, NotCovered, check, plain_response
 from matching.match.loop import parts_of
 from matching.match.responses import ComparedBed
 from modelling.linear.state_space import response
-from modelling.system import OperatingPoint
 from modelling.model_file import from_dict
+from modelling.system import OperatingPoint
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -1,9 +1,7 @@
 """The programme of a case, as a match sets it up."""
 
-from matching.match.case import Case
-from matching.match.case import released_moves
-from matching.match.attempt import question_of
-from matching.match.attempt import task_of
+from matching.match.attempt import question_of, task_of
+from matching.match.case import Case, released_moves
 from matching.match.solve import TuningTask
 
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.match.case import demands
-from matching.match.case_file import load_case
-from matching.match.case import apply
-from matching.match.in_time import TruthInTime
 from matching.match.attempt import needed_for_more, needed_to_keep
+from matching.match.case import apply, demands
+from matching.match.case_file import load_case
+from matching.match.in_time import TruthInTime
 from matching.match.match import NOTHING_MOVED, match
 from matching.report.match import content, summary
 

@@ -7,10 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.match.case_file import case_files
-from matching.match.case_file import load_case
-from matching.match.case import apply
 from matching.match.adapters import HALVINGS, PLACES, Retuning
+from matching.match.case import apply
+from matching.match.case_file import case_files, load_case
 from matching.match.solve import End
 from tests.match.programme import programme_of
 

@@ -7,8 +7,8 @@ import pytest
 import tomli_w
 from hypothesis import strategies as st
 
-from matching.match.case_file import load_case
 from matching.match.case import target_modes
+from matching.match.case_file import load_case
 from modelling.errors import InputError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

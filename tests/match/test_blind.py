@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.match.case_file import load_case
+from matching.match import solve as searching
 from matching.match.case import apply
+from matching.match.case_file import load_case
 from matching.match.continuous_loop import encirclements
 from matching.match.loop import parts_of
-from matching.match import solve as searching
 from modelling.bed.controllers import STRUCTURES
 from tests.match.programme import programme_of
 

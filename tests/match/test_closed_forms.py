@@ -9,17 +9,20 @@ import numpy as np
 import pytest
 from match import drawn
 
+from matching.match.attempt import (
+    SIMULATED_FREQUENCY_TOLERANCE,
+    DeadTimeTrial,
+    differing_components,
+    question_of,
+    reached,
+)
 from matching.match.case import Demands, DynamometerChain
 from matching.match.case_file import load_case
+from matching.match.limits import Relaxations, _delay
 from matching.match.loop import parts_of
 from matching.match.programme import sensor_sign
-from matching.match.attempt import DeadTimeTrial
-from matching.match.limits import _delay
-from matching.match.attempt import differing_components, question_of
-from matching.match.limits import Relaxations
-from matching.match.attempt import SIMULATED_FREQUENCY_TOLERANCE, reached
-from modelling.bed.vehicle import cut
 from modelling.bed.controllers import STRUCTURES
+from modelling.bed.vehicle import cut
 from modelling.errors import InputError
 from modelling.linear.state_space import state_space
 from modelling.system import Sensor

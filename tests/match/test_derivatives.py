@@ -9,15 +9,12 @@ import pytest
 from match import drawn
 from needs import compiles
 
-from matching.match.case import demands
+from matching.match.case import demands, goals, target_modes
 from matching.match.case_file import load_case
-from matching.match.case import goals, target_modes
-from matching.match.programme import _functions, build
-from matching.match.programme import _REMEMBERED
 from matching.match.objectives import ResponseErrorObjective
+from matching.match.programme import _REMEMBERED, _functions, build
 from matching.match.solve import start
-from modelling.simulation.compiled import compiler
-from modelling.simulation.compiled import folder
+from modelling.simulation.compiled import compiler, folder
 
 EXTRA = [7.0, 33.0]  # Hz: the margin is asked for there, too
 EXAMPLES = Path(__file__).parents[2] / "examples"

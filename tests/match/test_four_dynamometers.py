@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from matching.match.case_file import load_case
-from matching.match.continuous_loop import encirclements
-from matching.match.continuous_loop import ExactLoop
+from matching.match.continuous_loop import ExactLoop, encirclements
 from matching.match.loop import parts_of
-from matching.match.programme import closed_loop
-from matching.match.programme import margin
 from matching.match.match import match
+from matching.match.programme import closed_loop, margin
 from matching.match.tolerance import _distance, determinant
 
 CASE = Path(__file__).parents[2] / "examples" / "four_wheel" / "case.toml"

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from match import drawn
 
-from matching.match.case_file import load_case
 from matching.match import solve as searching
+from matching.match.case_file import load_case
 from matching.match.solve import given_end
 from modelling.bed.controllers import STRUCTURES
 from tests.match.programme import programme_of

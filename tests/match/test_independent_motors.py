@@ -6,8 +6,7 @@ import tomli_w
 
 from matching.match.case import demands
 from matching.match.case_file import load_case
-from matching.match.continuous_loop import encirclements
-from matching.match.continuous_loop import ExactLoop
+from matching.match.continuous_loop import ExactLoop, encirclements
 from matching.match.loop import parts_of
 from matching.match.responses import error_figures
 from matching.report.drivetrain import layout

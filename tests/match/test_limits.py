@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.match.case import Target
-from matching.match.case import demands
-from matching.match.case_file import load_case
 from matching.match import attempt as infeasible_limits
 from matching.match import limits
 from matching.match.attempt import DeadTimeTrial, shorter_dead_times, unkept
+from matching.match.case import Target, demands
+from matching.match.case_file import load_case
 from matching.match.match import match
 from modelling.bed.controllers import STRUCTURES
 

@@ -10,16 +10,14 @@ import numpy as np
 import pytest
 import tomli_w
 
+from matching.match.attempt import check_sliding, opened_lashes, unloaded_lashes
 from matching.match.case_file import load_case
 from matching.match.loop import parts_of
-from matching.match.programme import closed_loop
-from matching.match.attempt import check_sliding, opened_lashes, unloaded_lashes
 from matching.match.match import match
+from matching.match.programme import closed_loop
 from matching.match.result import _of_beds
-from matching.match.robustness import on_drawn_beds
-from matching.match.robustness import not_kept
-from matching.match.verify import simulate_case
-from matching.match.verify import verify
+from matching.match.robustness import not_kept, on_drawn_beds
+from matching.match.verify import simulate_case, verify
 from matching.report.match import requirement_rows
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from match import drawn
 
+from matching.match import map as maps
 from matching.match.case_file import load_case
+from matching.match.map import Point, held_at, improved, improved_at, map_case, match_at
 from matching.match.match import match
 from matching.match.solve import AGREEMENT, Near
-from matching.match import map as maps
-from matching.match.map import map_case
-from matching.match.map import improved
-from matching.match.map import Point, held_at, improved_at, match_at
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 STIFFNESS = "rig.shafts.flange_left.stiffness"

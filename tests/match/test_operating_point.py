@@ -11,20 +11,15 @@ import pytest
 import tomli_w
 from scipy.signal import lsim
 
-from matching.match.case_file import case_files
+from matching.match.attempt import Question, VerifiedSolution, standstill
 from matching.match.case import Demands, DynamometerChain, demands
-from matching.match.case_file import load_case
-from matching.match.limits import limits
-from matching.match.attempt import standstill
-from matching.match.attempt import Question
-from matching.match.limits import Relaxations
-from matching.match.attempt import VerifiedSolution
+from matching.match.case_file import case_files, load_case
+from matching.match.limits import Relaxations, limits
 from matching.match.solve import Solution
-from matching.report.match import page
-from matching.report.match import content, operating_point, summary
+from matching.report.match import content, operating_point, page, summary
 from modelling.bed.vehicle import TorqueCurve
-from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.linear.state_space import state_space
+from modelling.linear.steady_motion import speeds_of, torques_of
 
 COMPACT = Path(__file__).parents[2] / "examples" / "compact_bev"
 RADIUS, RATIO = 0.31, 9.7  # m

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from match import independent
 
-from matching.match.case_file import load_case
+from matching.match.adapters import feedback_error
 from matching.match.case import apply
+from matching.match.case_file import load_case
 from matching.match.continuous_loop import encirclements
 from matching.match.loop import parts_of
-from matching.match.responses import error_figures
 from matching.match.match import match
-from matching.match.adapters import feedback_error
+from matching.match.responses import error_figures
 
 
 def test_targets(reference):

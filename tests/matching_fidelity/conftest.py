@@ -5,8 +5,7 @@ import pytest
 
 from matching.match.case_file import load_case
 from matching.match.loop import parts_of
-from matching.match.verify import manoeuvre_torques
-from matching.match.verify import simulate_case
+from matching.match.verify import manoeuvre_torques, simulate_case
 from modelling.bed.controllers import STRUCTURES
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"

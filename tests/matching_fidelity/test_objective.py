@@ -7,18 +7,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from matching.match.case_file import case_text
-from matching.match.case_file import load_case
+from matching.match.case_file import case_text, load_case
 from matching.match.continuous_loop import PLACE
 from matching.match.loop import parts_of
-from matching.match.programme import build
-from matching.match.programme import closed_loop
-from matching.match.objectives import FidelityObjective
 from matching.match.match import match
+from matching.match.objectives import FidelityObjective
+from matching.match.programme import build, closed_loop
 from matching.match.solve import start
-from matching.match.verify import match_fidelity
-from matching.match.verify import manoeuvre_torques
-from matching.match.verify import simulate_case
+from matching.match.verify import manoeuvre_torques, match_fidelity, simulate_case
 from modelling.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"

@@ -8,9 +8,15 @@ from scipy.integrate import quad
 
 from matching.match.case_file import load_case
 from matching.match.loop import body
-from matching.match.responses import antiresonances, converged_nodes, resonances
-from matching.match.responses import error_figures, log_squares, pooled
-from matching.match.responses import ComparedBed
+from matching.match.responses import (
+    ComparedBed,
+    antiresonances,
+    converged_nodes,
+    error_figures,
+    log_squares,
+    pooled,
+    resonances,
+)
 from modelling.model_file import from_dict
 
 BAND = (0.5, 30.0)

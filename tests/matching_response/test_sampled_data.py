@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from matching.match.continuous_loop import ExactLoop
-from matching.match.loop import body
-from matching.match.loop import parts_of, watched
-from matching.match.responses import ComparedBed, feed_forward_of
-from matching.match.responses import SampledLoop, feed_forward_action
 from matching.match.adapters import curves_of
+from matching.match.continuous_loop import ExactLoop
+from matching.match.loop import body, parts_of, watched
+from matching.match.responses import ComparedBed, SampledLoop, feed_forward_action, feed_forward_of
 
 FINE = 4  # steps a sample time; the dead times are whole numbers of them
 SECONDS = 20.0  # until what the start left has died away, as far as the fitted trend does not take it

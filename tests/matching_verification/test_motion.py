@@ -6,17 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from matching.match.loop import arrivals
-from matching.match.continuous_loop import ExactLoop
-from matching.match.loop import LinearMotion
-from matching.match.loop import parts_of
-from matching.match.continuous_loop import sampled_poles
+from matching.match.continuous_loop import ExactLoop, sampled_poles
+from matching.match.loop import LinearMotion, arrivals, parts_of
 from matching.match.responses import feed_forward_of
 from matching.match.verify import free_motion, matched_motion
-from modelling.system import Effect
-from modelling.system import Quantity
-from modelling.simulation.stepping import SimulationError
 from modelling.simulation.simulate import simulate
+from modelling.simulation.stepping import SimulationError
+from modelling.system import Effect, Quantity
 
 STEP = 1e-3
 

@@ -7,13 +7,11 @@ import pytest
 import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.match.case_file import load_case
 from matching.match.case import target_modes
+from matching.match.case_file import load_case
 from matching.match.continuous_loop import feed_forward_modes
 from matching.match.loop import parts_of
-from matching.match.verify import identified_modes, manoeuvre_torques
-from matching.match.verify import simulate_case
-from matching.match.verify import target_modes_of
+from matching.match.verify import identified_modes, manoeuvre_torques, simulate_case, target_modes_of
 from modelling.bed.vehicle import cut
 from modelling.modal.modes import damped_modes
 

@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 from match import drawn
 
-from matching.match.case_file import load_case
 from matching.match.case import apply
+from matching.match.case_file import load_case
 from matching.match.continuous_loop import LoopMode
-from matching.match.verify import IdentifiedMode, of_the_targets_modes
-from matching.match.verify import Ringing
-from matching.match.verify import verify
+from matching.match.verify import IdentifiedMode, Ringing, of_the_targets_modes, verify
 
 # 13 ms of dead time: the loop loses the mode at 8.4 Hz, and its wheel hop moves the sensors much as that mode does
 TUNED = {

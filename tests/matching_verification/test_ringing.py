@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from matching.match import verify as ringing
-from matching.match.verify import SwingingModes, neighbours
-from matching.match.verify import pencil, read_modes, thinned
+from matching.match.verify import SwingingModes, neighbours, pencil, read_modes, thinned
 
 STEP = 1e-3
 TIME = np.arange(4000) * STEP

@@ -7,13 +7,18 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from matching.match.continuous_loop import count, encirclements
-from matching.match.continuous_loop import ExactLoop
-from matching.match.loop import transfer
-from matching.match.continuous_loop import feedback_modes
-from matching.match.continuous_loop import pade, phase_error
-from matching.match.loop import parts_of
-from matching.match.continuous_loop import approximations, neutral_motions, sampled_poles
+from matching.match.continuous_loop import (
+    ExactLoop,
+    approximations,
+    count,
+    encirclements,
+    feedback_modes,
+    neutral_motions,
+    pade,
+    phase_error,
+    sampled_poles,
+)
+from matching.match.loop import parts_of, transfer
 from matching.match.programme import closed_loop
 
 J, DELAY = 0.9, 0.004  # an inertia under proportional speed control: L = K·e^(−sτ)/(J·s)

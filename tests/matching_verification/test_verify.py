@@ -6,17 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.match.continuous_loop import ExactLoop
-from matching.match.continuous_loop import match_mode
-from matching.match.loop import parts_of
-from matching.match.responses import error_figures
-from matching.match.responses import ComparedBed
 from matching.match.adapters import lower_bound
-from matching.match.verify import _deviating
-from matching.match.verify import verify
+from matching.match.continuous_loop import ExactLoop, match_mode
+from matching.match.loop import parts_of
+from matching.match.responses import ComparedBed, error_figures
+from matching.match.verify import _deviating, verify
 from matching.report.match import margin_counted_from
-from modelling.bed.vehicle import cut
 from modelling.bed.controllers import STRUCTURES
+from modelling.bed.vehicle import cut
 from modelling.modal.modes import modes
 
 

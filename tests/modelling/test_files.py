@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from hypothesis import strategies as st
 
-from modelling.errors import InputError
-from modelling.toml import LARGEST_FILE
 from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.model_file import dumps, from_dict, load, to_dict
+from modelling.toml import LARGEST_FILE
 
 ROOT = Path(__file__).parents[2]
 GOOD = """

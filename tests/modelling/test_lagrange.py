@@ -5,9 +5,9 @@ import pytest
 import sympy as sm
 import sympy.physics.mechanics as me
 
-from modelling.errors import InputError
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import derive
+from modelling.errors import InputError
 from modelling.model_file import from_dict, load
 
 

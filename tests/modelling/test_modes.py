@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from modelling.errors import InputError
 from modelling.equations.casadi_code import compiled
-from modelling.modal.modes import damped_modes
-from modelling.modal.modes import modes, modes_batch
-from modelling.modal.modes import reduced, reduced_values, speed_ratios
-from modelling.modal.sensitivity import sensitivities, what_if
-from modelling.modal.sensitivity import mac, track
+from modelling.errors import InputError
+from modelling.modal.modes import damped_modes, modes, modes_batch, reduced, reduced_values, speed_ratios
+from modelling.modal.sensitivity import mac, sensitivities, track, what_if
 from modelling.model_file import from_dict, load
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"

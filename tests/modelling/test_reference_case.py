@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from modelling.equations.casadi_code import compiled
-from modelling.modal.modes import damped_modes
-from modelling.modal.modes import modes
+from modelling.modal.modes import damped_modes, modes
 from modelling.model_file import load
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"

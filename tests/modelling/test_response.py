@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from modelling.errors import InputError
-from modelling.linear.linearise import linearise
-from modelling.linear.linearise import operating_point
+from modelling.linear.linearise import linearise, operating_point
 from modelling.linear.state_space import response
 from modelling.modal.modes import damped_modes_of
 from modelling.model_file import from_dict, load

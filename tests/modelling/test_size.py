@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from modelling.errors import InputError
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import derive
-from modelling.linear.linearise import linearise
+from modelling.errors import InputError
 from modelling.linear.elements import sparse_elements
-from modelling.modal.modes import lowest
-from modelling.modal.modes import modes
-from modelling.system import MOST_COMPONENTS
+from modelling.linear.linearise import linearise
+from modelling.modal.modes import lowest, modes
 from modelling.model_file import from_dict
+from modelling.system import MOST_COMPONENTS
 
 
 def chain(count, **more):

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from matching.cli import main
-from modelling.recordings.read import read_channels
-from modelling.recordings.recording import rows_a_value
-from modelling.recordings.read import read_recording
 from modelling.model_file import load
+from modelling.recordings.read import read_channels, read_recording
+from modelling.recordings.recording import rows_a_value
 
 MODEL = """[inertias.motor]
 J = 0.05

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from modelling.errors import InputError
-from modelling.recordings.read import Channel
-from modelling.recordings.read import read_recording
 from modelling.model_file import from_dict
+from modelling.recordings.read import Channel, read_recording
 
 SYSTEM = from_dict({
     "inertias": {"motor": {"J": 0.1}},

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from modelling.errors import InputError
-from modelling.recordings.read import Channel, read_channels
-from modelling.recordings.read import read_recording, read_signals
 from modelling.model_file import from_dict
+from modelling.recordings.read import Channel, read_channels, read_recording, read_signals
 
 asammdf = pytest.importorskip("asammdf")
 

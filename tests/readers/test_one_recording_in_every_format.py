@@ -11,9 +11,8 @@ from scipy.signal import StateSpace, lsim
 
 from matching.diagnosis.diagnose import diagnose
 from modelling.errors import InputError
-from modelling.recordings.read import Channel
-from modelling.recordings.read import read_recording
 from modelling.model_file import from_dict, to_dict
+from modelling.recordings.read import Channel, read_recording
 from modelling.writing import strict_json
 
 NOISE = 0.02  # rad/s

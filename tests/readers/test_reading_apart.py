@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from modelling.errors import InputError
-from modelling.recordings.readers import read_table
 from modelling.recordings import readers as apart
 from modelling.recordings import readers as mdf
+from modelling.recordings.readers import read_table
 
 READER = """
 import os, signal, tempfile, time

@@ -8,12 +8,10 @@ import pytest
 
 from matching.match.case_file import load_case
 from matching.match.in_time import truth_in_time
-from matching.match.loop import control_law
-from matching.match.loop import parts_of
+from matching.match.loop import control_law, parts_of
 from matching.match.responses import ComparedBed
 from matching.match.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.match.verify import manoeuvre_torques
-from matching.match.verify import verify
+from matching.match.verify import manoeuvre_torques, verify
 from matching.report.common import image
 from matching.report.match import figures
 from modelling.modal.modes import modes

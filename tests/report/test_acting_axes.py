@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.ticker import FixedLocator, StrMethodFormatter
 
-from matching.report.common import decimated
-from matching.report.common import figure, styled
+from matching.report.common import decimated, figure, styled
 from matching.report.curves import acting
 
 bokeh_figure = pytest.importorskip("bokeh.plotting").figure

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from matching.cli import _fitted
-from matching.report.common import provenance
 from matching.report import curves as moving
+from matching.report.common import provenance
 from matching.report.curves import curve_data
-from matching.report.match import page
-from matching.report.match import content, summary
+from matching.report.match import content, page, summary
 
 LARGEST_PAGE = 5_000_000  # bytes, as asked
 

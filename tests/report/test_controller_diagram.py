@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from matching.report.common import number, practical
-from matching.report.match import EnteredNumber, block_diagram
-from matching.report.match import _continuous
-from modelling.bed.bed import OF_BED
-from modelling.bed.bed import HARDWARE, Loop
+from matching.report.match import EnteredNumber, _continuous, block_diagram
+from modelling.bed.bed import HARDWARE, OF_BED, Loop
 from modelling.bed.controllers import STRUCTURES
 
 TEXT = "text"

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.result import DiscrepancyCurve
-from matching.report.diagnosis import recorded
-from matching.report.diagnosis import balance_figure
-from matching.report.diagnosis import discrepancy_figure
-from matching.report.diagnosis import _orders, _running_mean, _spectrum
+from matching.report.diagnosis import _orders, _running_mean, _spectrum, balance_figure, discrepancy_figure, recorded
 
 RNG = np.random.default_rng(11)
 

@@ -17,10 +17,7 @@ from scipy.integrate import solve_ivp
 from matching.cli import main
 from matching.commands import _made as made_of
 from matching.diagnosis.diagnose import diagnose
-from matching.report.diagnosis import CAPTIONS
-from matching.report.diagnosis import figures
-from matching.report.diagnosis import page
-from matching.report.diagnosis import answer, measured, to_correct
+from matching.report.diagnosis import CAPTIONS, answer, figures, measured, page, to_correct
 
 INERTIA, DRAG, AIR, NOISE = 0.2, 0.05, 0.004, 0.02
 MODEL = """title = "Flywheel"

@@ -11,10 +11,7 @@ from structure.imports import ROOT
 import rigmatch as rm
 from matching.cli import main
 from matching.report.common import image
-from matching.report.drivetrain import drawing
-from matching.report.drivetrain import case_drawings, case_figure, model_figure
-from matching.report.drivetrain import MOST_INERTIAS, layout
-from matching.report.drivetrain import picture
+from matching.report.drivetrain import MOST_INERTIAS, case_drawings, case_figure, drawing, layout, model_figure, picture
 from modelling.errors import InputError
 from modelling.model_file import from_dict
 

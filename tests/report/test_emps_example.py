@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from modelling.recordings.read import read_recording
 from modelling.model_file import load
+from modelling.recordings.read import read_recording
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "emps"
 

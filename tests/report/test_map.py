@@ -15,12 +15,9 @@ from result_schema import check_schema
 
 from matching.cli import main
 from matching.match.case_file import load_case
-from matching.match.map import Map, map_case
-from matching.match.map import Axis, axis, quantities
-from matching.match.map import Point, held_at, improved_at, match_at
+from matching.match.map import Axis, Map, Point, axis, held_at, improved_at, map_case, match_at, quantities
 from matching.report.common import image
-from matching.report.studies import map_figure
-from matching.report.studies import HATCHES
+from matching.report.studies import HATCHES, map_figure
 from modelling.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"

@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 
 from matching.report.common import LINES
-from matching.report.match import CurveLimit, SensitivityCurves, sensitivity_figure
-from matching.report.match import in_time_signals, signals, wrong_values
-from matching.report.match import CAPTIONS
-from matching.report.match import page
+from matching.report.match import (
+    CAPTIONS,
+    CurveLimit,
+    SensitivityCurves,
+    in_time_signals,
+    page,
+    sensitivity_figure,
+    signals,
+    wrong_values,
+)
 
 SYSTEMS = ("vehicle", "rig", "matched", "unmeasured")
 

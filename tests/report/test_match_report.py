@@ -11,16 +11,22 @@ import pytest
 import sympy as sm
 from result_schema import check_schema
 
-from matching.match.case_file import case_files
-from matching.match.case_file import load_case
-from matching.report.common import equations
-from matching.report.common import image
-from matching.report.match import frequencies_around, return_difference
-from matching.report.match import checks, needs, signals
-from matching.report.match import CAPTIONS, figures
-from matching.report.match import MODES_HIGHEST_HZ as HIGHEST_HZ, nearest
-from matching.report.match import page
-from matching.report.match import content, summary
+from matching.match.case_file import case_files, load_case
+from matching.report.common import equations, image
+from matching.report.match import (
+    CAPTIONS,
+    checks,
+    content,
+    figures,
+    frequencies_around,
+    nearest,
+    needs,
+    page,
+    return_difference,
+    signals,
+    summary,
+)
+from matching.report.match import MODES_HIGHEST_HZ as HIGHEST_HZ
 from modelling.model_file import from_dict
 from modelling.writing import strict_json
 

@@ -10,9 +10,7 @@ from result_schema import check_schema
 import rigmatch as rm
 from matching.cli import main
 from matching.report.common import RIG, VEHICLE, image
-from matching.report.modes import ModeAnimation
-from matching.report.modes import Column, energy_figure, shares_figure
-from matching.report.modes import mode_table
+from matching.report.modes import Column, ModeAnimation, energy_figure, mode_table, shares_figure
 from modelling.modal.modes import modes
 from modelling.modal.result import Mode
 from modelling.model_file import dumps, from_dict, load

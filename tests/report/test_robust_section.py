@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import pytest
 
-from matching.match.beds import LoopFigures
-from matching.match.beds import Requirements
+from matching.match.beds import LoopFigures, Requirements
 from matching.match.dynamic_stiffness import BedsCheck
-from matching.report.match import beds_figure
-from matching.report.match import error_rows, requirement_rows
+from matching.report.match import beds_figure, error_rows, requirement_rows
 
 BEDS = BedsCheck(4, 3, 3, 0.005, 0.01, (0.1, 0.2, 0.3), (0.2, 0.3, 0.4))
 

@@ -13,21 +13,17 @@ import numpy as np
 import pytest
 
 import rigmatch as rm
-from matching.match.tolerance import Spread
-from matching.match.map import Map
-from matching.match.map import Axis
-from matching.match.map import Point
-from matching.match.tolerance import Tolerance
-from matching.report.common import image
-from matching.report import evidence as fidelity_page
-from matching.report.evidence import attribution_figure, bands_figure, delay_curve
-from matching.report import studies as map_page
-from matching.report.studies import map_figure
-from matching.report import studies as tolerance_page
-from matching.report.studies import plot_tolerance as plot
-from matching.report import evidence as uncertainty_page
-from matching.report.evidence import contributions, ishikawa
 from matching.fidelity import Band
+from matching.match.map import Axis, Map, Point
+from matching.match.tolerance import Spread, Tolerance
+from matching.report import evidence as fidelity_page
+from matching.report import evidence as uncertainty_page
+from matching.report import studies as map_page
+from matching.report import studies as tolerance_page
+from matching.report.common import image
+from matching.report.evidence import attribution_figure, bands_figure, contributions, delay_curve, ishikawa
+from matching.report.studies import map_figure
+from matching.report.studies import plot_tolerance as plot
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STIFFNESS = "rig.shafts.flange.stiffness"
@@ -140,7 +136,9 @@ def test_a_fidelity_says_what_to_improve_first(fidelity):
 def test_a_budget_leads_with_the_statement(budget):
     found = budget
     drawn = {"contributions": contributions(found.measurands[0])}
-    html = unescape(uncertainty_page.uncertainty_page(found, drawn, {name: image(figure) for name, figure in drawn.items()}))
+    html = unescape(
+        uncertainty_page.uncertainty_page(found, drawn, {name: image(figure) for name, figure in drawn.items()})
+    )
     assert found.statements[0] in html
     rows = tables(html)["contributions.csv"]
     assert sum(float(row["contribution"]) ** 2 for row in rows) == pytest.approx(
@@ -197,7 +195,10 @@ def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():
     assert left.patches[0].get_data().edges.tolist() == study.spreads[0].edges.tolist()
     assert [line.get_xdata()[0] for line in left.get_lines()] == [0.56, 0.5]
     assert [(bar.get_y() + bar.get_height() / 2, bar.get_width()) for bar in right.patches] == [(0, 1), (1, 80)]
-    assert on_page(tolerance_page.tolerance_page(study, drawn, image(drawn)), "tolerance") == (tolerance_page.TOLERANCE_CAPTION, True)
+    assert on_page(tolerance_page.tolerance_page(study, drawn, image(drawn)), "tolerance") == (
+        tolerance_page.TOLERANCE_CAPTION,
+        True,
+    )
 
 
 def a_band(low, high, nrmse, amplitude):

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from matching.match.result import AdapterTrade
-from matching.report.match import CAPTIONS, figures
-from matching.report.match import page
-from matching.report.match import trade_figure
+from matching.report.match import CAPTIONS, figures, page, trade_figure
 
 CURVE = ((1e5, 0.5), (4e5, 0.2), (6e5, 0.19), (1e6, 0.3))
 FLANGE = AdapterTrade("rig.shafts.flange.stiffness", "N*m/rad", 4e5, 6e5, (5e5, 7e5), 0.195, 0.19, CURVE, 0.2)

@@ -4,7 +4,19 @@ import math
 
 import pytest
 
-from matching.report.common import amount, change, component, counted, enough_digits, hertz, number, percent, practical, sentence, unit
+from matching.report.common import (
+    amount,
+    change,
+    component,
+    counted,
+    enough_digits,
+    hertz,
+    number,
+    percent,
+    practical,
+    sentence,
+    unit,
+)
 
 
 @pytest.mark.parametrize("value", [0.0, 3.0, -0.5, 438_500.0, 1.234e6, 12_345.678, 5e-4, 7.16e-6, -2.2e9, 99_999.6])

@@ -9,10 +9,9 @@ from scipy.integrate import solve_ivp
 
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.shaft_law import CONTACT_TIME
-from modelling.system import System
-from modelling.simulation.start import Inputs, checked
+from modelling.simulation.start import Inputs, Start, checked, start_state
 from modelling.simulation.stepping import Simulation, SimulationError
-from modelling.simulation.start import Start, start_state
+from modelling.system import System
 
 SHARP_CONTACT = 1e-6  # s
 

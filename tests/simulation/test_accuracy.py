@@ -9,8 +9,7 @@ from matching.diagnosis.fit import simulate_readings
 from modelling.equations.casadi_code import compiled
 from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
-from modelling.simulation.stepping import InitialValueProblem
-from modelling.simulation.stepping import Stepping
+from modelling.simulation.stepping import InitialValueProblem, Stepping
 from tests.simulation.drives import excitation, system_with
 
 RANGE_SHARE = 1e-3  # largest error allowed, of a reading's range

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from modelling.errors import InputError
 from modelling.equations.casadi_code import compiled
-from modelling.simulation.stepping import SimulationError
+from modelling.errors import InputError
 from modelling.simulation.simulate import sensitivities, simulate, simulate_batch
+from modelling.simulation.stepping import SimulationError
 from tests.simulation.drives import excitation, system_with
 
 TIME, INPUTS = excitation(0.1)

@@ -55,9 +55,9 @@ def test_without_a_compiler_the_virtual_machine_steps_in(monkeypatch):
 
 
 def test_a_compiler_that_fails_is_no_fault(monkeypatch, tmp_path):
+    from modelling.simulation import compiled as build
     from modelling.simulation import compiled as c_compiler
     from modelling.simulation import compiled as library_cache
-    from modelling.simulation import compiled as build
 
     time, inputs = excitation(0.1)
     expected = simulate(system_with(), time, inputs)

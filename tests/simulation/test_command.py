@@ -8,9 +8,8 @@ from result_schema import check_schema
 
 from matching.cli import main
 from matching.report.common import simulation_figure
-from modelling.recordings.read import read_recording
-from modelling.recordings.read import csv_text
 from modelling.model_file import dumps
+from modelling.recordings.read import csv_text, read_recording
 from modelling.simulation.simulate import simulate
 from tests.simulation.drives import excitation, system_with
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from modelling.errors import InputError
-from modelling.recordings.read import read_recording
+from modelling.recordings.read import csv_text, read_recording
 from modelling.recordings.recording import Recording
-from modelling.recordings.read import csv_text
 from tests.simulation.drives import system_with
 
 HEADER = "time [s],motor_torque [N*m],brake_torque [N*m],motor_speed [1/min],link_torque"

@@ -9,10 +9,9 @@ from scipy.io import savemat
 import rigmatch as rm
 from matching.cli import main
 from modelling.errors import InputError
-from modelling.recordings.read import read_recording
 from modelling.model_file import dumps
-from modelling.simulation.simulate import simulate
-from modelling.simulation.simulate import check_speed_units
+from modelling.recordings.read import read_recording
+from modelling.simulation.simulate import check_speed_units, simulate
 from tests.simulation.drives import excitation, system_with
 
 MODEL = system_with()

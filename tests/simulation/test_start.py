@@ -5,12 +5,11 @@ import tomllib
 import numpy as np
 import pytest
 
-from modelling.errors import InputError
 from modelling.equations.casadi_code import compiled
-from modelling.recordings.recording import Recording
+from modelling.errors import InputError
 from modelling.model_file import from_dict
-from modelling.simulation.simulate import _window, recorded_start
-from modelling.simulation.simulate import simulate, simulate_batch
+from modelling.recordings.recording import Recording
+from modelling.simulation.simulate import _window, recorded_start, simulate, simulate_batch
 from modelling.simulation.start import steady
 from tests.simulation.drives import EFFECTS, excitation, system_with
 

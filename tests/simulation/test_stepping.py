@@ -8,9 +8,18 @@ import pytest
 from modelling.equations.casadi_code import compiled
 from modelling.simulation import compiled as native
 from modelling.simulation import interpreted as virtual
+from modelling.simulation.stepping import (
+    FASTEST,
+    KINKED_ORDER,
+    SMOOTH_ORDER,
+    InitialValueProblem,
+    Stepping,
+    difference,
+    divisions,
+    local_errors,
+    run_to_tolerance,
+)
 from modelling.simulation.task import make_task
-from modelling.simulation.stepping import FASTEST, InitialValueProblem, run_to_tolerance
-from modelling.simulation.stepping import KINKED_ORDER, SMOOTH_ORDER, Stepping, difference, divisions, local_errors
 from tests.simulation.drives import excitation, system_with
 
 

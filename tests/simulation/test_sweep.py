@@ -9,10 +9,10 @@ import tomllib
 import numpy as np
 import pytest
 
-from modelling.errors import InputError
 from modelling.effects import EFFECTS as KINDS
-from modelling.equations.lagrange import STICK_SPEED
 from modelling.equations.casadi_code import compiled
+from modelling.equations.lagrange import STICK_SPEED
+from modelling.errors import InputError
 from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 from tests.simulation.adaptive import simulate_adaptive

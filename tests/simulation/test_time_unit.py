@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from modelling.errors import InputError
-from modelling.recordings.read import read_recording
 from modelling.model_file import from_dict
+from modelling.recordings.read import read_recording
 from tests.simulation.drives import system_with
 from tests.simulation.test_recording import HEADER, written
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from processes import started
 
-from matching.worker_pool import executor_of
 from matching.studies import run
+from matching.worker_pool import executor_of
 from modelling.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -5,8 +5,7 @@ import pytest
 
 from matching.fidelity import fidelity_from_tables, read_case
 from modelling.errors import InputError
-from modelling.fidelity.measures import fidelity_of_signals
-from modelling.fidelity.measures import SignalPair
+from modelling.fidelity.measures import SignalPair, fidelity_of_signals
 
 TIME = 0.01 * np.arange(200)
 STEP = np.tanh((TIME - 1) / 0.1)

@@ -5,8 +5,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from modelling.fidelity.delay import delay
-from modelling.fidelity.delay import step_delay
+from modelling.fidelity.delay import delay, step_delay
 
 COUNT, STEP = 2000, 1e-3
 

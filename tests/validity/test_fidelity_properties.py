@@ -8,15 +8,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from matching.fidelity import attribute
-from matching.fidelity import xil_fidelity
-from matching.fidelity import bands
-from modelling.fidelity.measures import fidelity_of_signals
+from matching.fidelity import attribute, bands, xil_fidelity
 from modelling.fidelity.delay import Delay
-from modelling.fidelity.measures import fidelity_distribution, probability_better
-from modelling.fidelity.measures import Fidelity, FidelityMethod, SignalFidelity, SignalPair
-from modelling.fidelity.measures import delay_fidelity
-from modelling.fidelity.measures import SmoothFidelity
+from modelling.fidelity.measures import (
+    Fidelity,
+    FidelityMethod,
+    SignalFidelity,
+    SignalPair,
+    SmoothFidelity,
+    delay_fidelity,
+    fidelity_distribution,
+    fidelity_of_signals,
+    probability_better,
+)
 
 COUNT, STEP = 400, 5e-3
 TIME = STEP * np.arange(COUNT)

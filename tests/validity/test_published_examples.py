@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.uncertainty.budget import budget_from_tables, read_budget
-from matching.uncertainty.budget import Distribution
+from matching.uncertainty.budget import Distribution, budget_from_tables, read_budget
 from matching.uncertainty.evaluate import evaluate
 from matching.uncertainty.propagate import written
 

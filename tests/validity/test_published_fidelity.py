@@ -5,11 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.fidelity import attribute
-from matching.fidelity import read_case
+from matching.fidelity import attribute, read_case
 from modelling.errors import InputError
-from modelling.fidelity.measures import FidelityMethod
-from modelling.fidelity.measures import chi, delay_fidelity, dynamics_fidelity, measurement_fidelity, nrmse_fidelity_of, representativeness, total_fidelity
+from modelling.fidelity.measures import (
+    FidelityMethod,
+    chi,
+    delay_fidelity,
+    dynamics_fidelity,
+    measurement_fidelity,
+    nrmse_fidelity_of,
+    representativeness,
+    total_fidelity,
+)
 
 TAB2 = Path(__file__).parents[2] / "examples" / "fidelity" / "tab2.toml"
 

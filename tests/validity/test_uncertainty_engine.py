@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from matching.uncertainty.budget import budget_from_tables
-from matching.uncertainty.budget import NAMES, Distribution
-from matching.uncertainty.propagate import sampler
+from matching.uncertainty.budget import NAMES, Distribution, budget_from_tables
 from matching.uncertainty.evaluate import evaluate
-from matching.uncertainty.propagate import required
-from matching.uncertainty.propagate import monte_carlo
-from matching.uncertainty.propagate import coverage_factor, propagate
-from matching.uncertainty.propagate import numerical_tolerance, written
+from matching.uncertainty.propagate import (
+    coverage_factor,
+    monte_carlo,
+    numerical_tolerance,
+    propagate,
+    required,
+    sampler,
+    written,
+)
 from modelling.errors import InputError
 
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from matching.uncertainty.budget import budget_from_tables
-from matching.uncertainty.budget import parse_formula
+from matching.uncertainty.budget import budget_from_tables, parse_formula
 from matching.uncertainty.propagate import required, wanted_uncertainty
 from modelling.errors import InputError
 

@@ -16,19 +16,15 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is importe
 import numpy as np
 from matplotlib.figure import Figure
 
-from matching.bed.verify import judge
-from matching.bed.verify import read_recordings
 from matching.bed.commission import Circle, CommissionOrder, plan_speed
-from matching.bed.simulated_bed import FmuBed, FmuController
-from matching.bed.simulated_bed import proof_recording
 from matching.bed.excite import plan_proof
-from matching.export import exported_controller
-from matching.export import tuned_case
+from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording
+from matching.bed.verify import judge, read_recordings
+from matching.export import exported_controller, tuned_case
 from matching.match.case import Case
 from matching.match.case_file import load_case
 from matching.report import common as style
-from modelling.controller.law import SPEED_HOLD
-from modelling.controller.law import Answer
+from modelling.controller.law import SPEED_HOLD, Answer
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drawn, drive_of
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"

@@ -13,9 +13,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is importe
 import numpy as np
 import tomli_w
 
-from matching.bed.simulated_bed import FmuBed, columns, held_as_linear
-from matching.bed.simulated_bed import excited_recording
 from matching.bed.excite import ExcitationOrder, plan_excitation
+from matching.bed.simulated_bed import FmuBed, columns, excited_recording, held_as_linear
 from matching.match.case_file import load_case
 from modelling.recordings.read import csv_text
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drive_of

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from modelling.errors import InputError
 from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.modal.modes import modes
 from modelling.model_file import dumps, from_dict
 from modelling.simulation.simulate import simulate

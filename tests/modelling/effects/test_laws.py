@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from modelling.errors import InputError
 from modelling.effects import EFFECTS
 from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.model_file import from_dict
 
 K, D, RATIO = 300.0, 0.6, 2.0

@@ -6,10 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from matching.diagnosis.screening import Screening
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import solve
-from matching.diagnosis.fit import base_problem
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.screening import Screening
 from matching.report.diagnosis import clause
 from modelling.effects import EFFECTS
 from modelling.model_file import from_dict

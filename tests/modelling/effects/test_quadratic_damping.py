@@ -7,8 +7,8 @@ from scipy.optimize import brentq
 
 from matching.diagnosis.diagnose import diagnose
 from modelling.errors import InputError
-from modelling.recordings.recording import Recording
 from modelling.model_file import from_dict
+from modelling.recordings.recording import Recording
 from modelling.simulation.simulate import simulate
 
 COEFFICIENT = 0.4

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from modelling.errors import InputError
 from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.model_file import from_dict
 
 TRAIN = {

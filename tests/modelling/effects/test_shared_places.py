@@ -5,10 +5,10 @@ import tomllib
 import numpy as np
 import pytest
 
-from modelling.errors import InputError
 from modelling.effects import EFFECTS
 from modelling.effects.effect import members, place_in_words, shared_place
 from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.model_file import dumps, from_dict
 
 BOTH = ["sensors.speed", "sensors.slow"]

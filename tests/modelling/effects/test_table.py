@@ -5,8 +5,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from modelling.errors import InputError
 from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.model_file import dumps, from_dict
 from modelling.simulation.simulate import simulate
 

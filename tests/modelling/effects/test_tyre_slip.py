@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from modelling.errors import InputError
 from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.linear.linearise import operating_point
 from modelling.linear.state_space import response
 from modelling.model_file import from_dict
