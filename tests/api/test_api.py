@@ -1,8 +1,6 @@
 """The functions behind the commands: same names, results that show themselves, nothing heavy before it is needed."""
 
-import argparse
 import dataclasses
-import inspect
 import json
 import subprocess
 import sys
@@ -15,7 +13,6 @@ from IPython.lib.pretty import pretty
 from matplotlib.figure import Figure
 
 import rigmatch as rm
-from matching import commands as explore
 from matching.commands import COMMANDS
 from modelling.errors import InputError
 from modelling.writing import strict_json
@@ -51,12 +48,6 @@ def test_a_recording_with_a_gap_is_not_simulated_across_it(recording, tmp_path):
     path.write_text("\n".join([*lines[:150], *lines[350:]]))
     with pytest.raises(InputError, match=r"has a gap from .* cut the recording there"):
         rm.simulate(EXAMPLES / "compact_bev" / "rig.toml", path)
-
-
-def test_the_explorer_writes_where_its_command_does():
-    parser = argparse.ArgumentParser()
-    explore.add_explore_arguments(parser)
-    assert inspect.signature(rm.explore).parameters["out"].default == parser.get_default("out")
 
 
 @pytest.mark.parametrize("name", RESULTS)

@@ -72,12 +72,3 @@ def test_a_simulation_in_native_code_ends():
         assert process.poll() is None  # well inside the run, which takes minutes
         _, said = ends(process, group=False)
     assert "KeyboardInterrupt" in said
-
-
-def test_an_interrupt_while_the_program_is_imported_is_one_line(tmp_path):
-    (tmp_path / "modelling").mkdir()
-    (tmp_path / "modelling" / "__init__.py").write_text("raise KeyboardInterrupt\n")
-    where = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
-    command = [sys.executable, "-m", "matching", "--version"]
-    done = subprocess.run(command, cwd=tmp_path, env=where, capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stderr.splitlines()) == (130, ["rigmatch: interrupted"])
