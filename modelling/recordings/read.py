@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from modelling.errors import InputError, listed, unknown
-from modelling.recordings.readers import Table, read_table, time_hint
+from modelling.recordings.readers import Column, Table, read_table, time_hint
 from modelling.recordings.recording import GAP_STEPS, Recording, bridged, longest_bridge, missing_note, rows_a_value
 from modelling.system import System
 from modelling.toml import read_toml
@@ -122,47 +122,34 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
     InputError
         If a channel is not in the file; with what it might be.
     """
-    if "time" in channels and channels["time"].name in table.names and table.names[0] != channels["time"].name:
-        table = _time_first(table, channels["time"].name)
-    names, units, values, notes = list(table.names), list(table.units), table.values.copy(), list(table.notes)
+    time, others, notes = channels.get("time"), table.others, list(table.notes)
+    own_time = time is not None and time.name != "time" and time.name in table and "time" in table
+    if own_time:  # another column is to be the time
+        table, others = replace(table, columns=tuple(c for c in table.columns if c.name != "time")), ("time", *others)
+    columns = dict(enumerate(table.columns))
     for name, channel in channels.items():
-        if channel.name not in table.names:
-            time_has_no_name = name == "time" and table.names[:1] == ["time"]
-            if channel.name in table.others or time_has_no_name:
+        index = next((i for i, column in enumerate(table.columns) if column.name == channel.name), None)
+        if index is None:
+            if channel.name in others or (name == "time" and name in table):
                 continue
-            fault = unknown(channel.name, [*table.names, *table.others], channel.where or f"channels.{name}")
+            fault = unknown(channel.name, [*table.names, *others], channel.where or f"channels.{name}")
             raise InputError(fault.where, f"{channel.name!r} does not exist in {source}", fault.right)
-        if name in table.names and name != channel.name:
+        if name in table and name != channel.name:
             wrong = f"has a column {name!r} beside {channel.name!r}, which is to be {name!r}"
             raise InputError(source, wrong, "drop one")
-        index = table.names.index(channel.name)
-        stated, unit = table.units[index], channel.unit if channel.unit is not None else table.units[index]
+        stated = table.columns[index].unit
+        unit = channel.unit if channel.unit is not None else stated
         if stated and not _same_unit(stated, unit):
             notes.append(f"{channel.name} is in {stated} by the file, taken in {unit or 'SI'} by the channel file")
-        names[index], units[index] = name, unit
-        values[:, index] *= channel.factor
-    return replace(table, names=names, units=units, values=values, notes=tuple(notes))
-
-
-def _time_first(table: Table, time: str) -> Table:
-    """The column that is to be time in front; another one called ``time`` is left out."""
-    first = table.names.index(time)
-    order = [first, *(i for i, name in enumerate(table.names) if name not in (time, "time"))]
-    left_out = ("time",) if "time" in table.names else ()
-    return replace(
-        table,
-        names=[table.names[i] for i in order],
-        units=[table.units[i] for i in order],
-        values=np.ascontiguousarray(table.values[:, order]),
-        others=(*left_out, *table.others),
-    )
+        columns[index] = Column(name, unit, table.columns[index].values * channel.factor)
+    return replace(table, columns=tuple(columns.values()), notes=tuple(notes), others=others)
 
 
 # --- Columns of a file: found by name, converted to SI.
 
 
 def check_header(table: Table, source: str) -> None:
-    """Check that the first column is time, that names differ, and that there are rows.
+    """Check that there is a column of time, that names differ, and that there are rows.
 
     Raises
     ------
@@ -172,15 +159,13 @@ def check_header(table: Table, source: str) -> None:
     columns = (*table.names, *table.others)
     if not columns:
         raise InputError(source, "has no columns", "'time [s]' and the inputs are needed")
-    if "time" not in table.names:
+    if "time" not in table:
         raise InputError(source, f"has no column 'time'; there are {listed(list(columns))}", time_hint(columns))
-    if table.names[0] != "time":
-        raise InputError(f"{source}: line 1", f"the first column is {columns[0]!r}", "it must be 'time [s]'")
     for i, name in enumerate(table.names):
         if name in table.names[:i]:
             raise InputError(f"{source}: line 1", f"column {name!r} is there twice", "names must differ")
-    if len(table.values) < 2:
-        rows = len(table.values)
+    if table.rows < 2:
+        rows = table.rows
         if table.others and len(table.names) == 1:
             there = f"has none of the channels that are asked for; there are {listed(list(table.others))}"
             raise InputError(source, there, "a channel file (--channels) maps names")
@@ -196,7 +181,7 @@ def column(table: Table, name: str, rows: np.ndarray, scale: float, source: str)
         If a value is infinite, or larger than any quantity.
     """
     with np.errstate(over="ignore"):
-        values = table.values[rows, table.names.index(name)] * scale
+        values = table[name].values[rows] * scale
     if np.isinf(values).any():
         row = int(rows[np.argmax(np.isinf(values))])
         raise InputError(
@@ -204,7 +189,7 @@ def column(table: Table, name: str, rows: np.ndarray, scale: float, source: str)
         )
     if (np.abs(values) > LARGEST).any():
         row = int(rows[np.nanargmax(np.abs(values))])
-        wrong = f"{name!r} is {table.values[row, table.names.index(name)]:g}"
+        wrong = f"{name!r} is {table[name].values[row]:g}"
         raise InputError(f"{source}: {table.place(row)}", wrong, f"at most {LARGEST:g} (SI) is read: leave it empty")
     return values
 
@@ -513,7 +498,7 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     check_header(table, source)
     _check_inputs(table, system, source)
     si_units = _units(system)
-    units = {name: unit for name, unit in zip(table.names, table.units, strict=True) if name in si_units}
+    units = {column.name: column.unit for column in table.columns if column.name in si_units}
     scales = {name: factor(unit, si_units[name], f"{source}: column {name!r}") for name, unit in units.items()}
     scales |= _references(table, system, source)
     base = _time_base(table, source)
@@ -527,7 +512,7 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
         raise InputError(source, "has fewer than two rows in which every input has a value", "record them together")
     time = base.time[complete]
     channels = {name: values[complete] for name, values in columns.items()}
-    if not table.units[0]:
+    if not table["time"].unit:
         check_seconds(time, channels, system, source)
     for name in dict.fromkeys([*(sensor.name for sensor in system.sensors), *_references(table, system)]):
         if name in channels:
@@ -562,7 +547,7 @@ def read_signals(path: Path, names: Collection[str], channels: Mapping[str, Chan
     base = _time_base(table, source)
     notes = [*table.notes, *base.notes]
     values, units = {}, {}
-    for name, unit in zip(table.names, table.units, strict=True):
+    for name, unit in ((each.name, each.unit) for each in table.columns):
         if name in names:
             scale = signal_unit(unit, f"{source}: column {name!r}").scale if unit else 1.0
             signal = column(table, name, base.rows, scale, source)
@@ -581,20 +566,20 @@ def _references(table: Table, system: System, source: str = "") -> dict[str, flo
     wanted = system.input_references
     return {
         name: signal_unit(unit, f"{source}: column {name!r}").scale if unit else 1.0
-        for name, unit in zip(table.names, table.units, strict=True)
+        for name, unit in ((each.name, each.unit) for each in table.columns)
         if name in wanted
     }
 
 
 def _time_base(table: Table, source: str) -> TimeBase:
-    scale = factor(table.units[0], "s", f"{source}: column 'time'")
-    return time_base(table.values[:, 0] * scale, table, source)
+    scale = factor(table["time"].unit, "s", f"{source}: column 'time'")
+    return time_base(table["time"].values * scale, table, source)
 
 
 def _check_inputs(table: Table, system: System, source: str) -> None:
     """Raise ``InputError`` for an input that was not recorded, with the most similar column."""
     known = _units(system)
-    columns = (*table.names[1:], *table.others)
+    columns = [name for name in (*table.names, *table.others) if name != "time"]
     for part in system.inputs:
         if part.name not in table.names:
             unused = [name for name in columns if name not in known]
@@ -656,7 +641,7 @@ def _note_missing_sensor(name: str, time: np.ndarray, channels: dict[str, np.nda
 def _unused_notes(table: Table, system: System) -> list[str]:
     """Notes of columns that the model does not have, and of sensors that may be among them."""
     known = {*_units(system), *system.input_references}
-    unused = [name for name in (*table.names[1:], *table.others) if name not in known]
+    unused = [name for name in (*table.names, *table.others) if name not in known and name != "time"]
     if not unused:
         return []
     notes = [f"not in the model, unused: {listed(unused)}"]

@@ -19,7 +19,6 @@ from typing import Any, TextIO
 import numpy as np
 
 from modelling.errors import InputError, listed
-from modelling.recordings.child import read_in_child
 
 # --- What a reader turns a file into: columns of numbers with names and units.
 
@@ -28,15 +27,21 @@ _NAME_AND_UNIT = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*", re.DOTALL)
 
 
 @dataclass(frozen=True)
+class Column:
+    """A channel of a file: name, unit (empty where the file states none) and values (t,), NaN where missing."""
+
+    name: str
+    unit: str
+    values: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True)
 class Table:
-    """Columns as a file holds them.
+    """Columns of one length, in any order.
 
     Attributes
     ----------
-    names, units : list of str
-        A unit is empty where the file states none.
-    values : ndarray (t, columns)
-        NaN where missing.
+    columns : tuple of Column
     place : function
         Where a row of values stands in the file, for error lines.
     notes : tuple of str
@@ -45,12 +50,26 @@ class Table:
         Columns that were not asked for and not read.
     """
 
-    names: list[str]
-    units: list[str]
-    values: np.ndarray = field(repr=False)
+    columns: tuple[Column, ...]
     place: Callable[[int], str] = field(default=lambda row: f"row {row + 1}", repr=False)
     notes: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns."""
+        return [column.name for column in self.columns]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.columns[0].values) if self.columns else 0
+
+    def __contains__(self, name: object) -> bool:
+        return any(column.name == name for column in self.columns)
+
+    def __getitem__(self, name: str) -> Column:
+        return next(column for column in self.columns if column.name == name)
 
 
 def name_and_unit(header: str) -> tuple[str, str]:
@@ -122,8 +141,9 @@ class _Layout:
         def place(row: int) -> str:
             return f"line {row + self.first_line if lines is None else lines[row]}"
 
-        names, units = ([texts[i] for i in self.columns] for texts in (self.names, self.units))
-        return Table(names, units, values.reshape(len(values), len(names)), place, others=self.others)
+        values = values.reshape(len(values), len(self.columns))
+        columns = [Column(self.names[i], self.units[i], values[:, k]) for k, i in enumerate(self.columns)]
+        return Table(tuple(columns), place, others=self.others)
 
 
 def _read(path: Path, encoding: str, used: Collection[str] | None) -> Table:
@@ -313,10 +333,8 @@ def read_matlab(path: Path, used: Collection[str] | None = None) -> Table:
     }
     if "time" in variables and "time" not in columns:
         raise InputError(str(path), "'time' holds no real numbers", "save it as a vector of seconds")
-    names = sorted(columns, key=lambda name: name != "time")
-    values = np.stack([columns[name] for name in names], axis=1) if names else np.empty((0, 0))
-    others = tuple(name for name in (*others, *variables) if name not in names and name != "units")
-    return Table(names, [units.get(name, "") for name in names], values, others=others)
+    others = tuple(name for name in (*others, *variables) if name not in columns and name != "units")
+    return Table(tuple(Column(name, units.get(name, ""), own) for name, own in columns.items()), others=others)
 
 
 def _units(struct: Any) -> dict[str, str]:
@@ -471,7 +489,7 @@ def read_mdf(path: Path, used: Collection[str] | None = None, groups: Mapping[st
     if not channels and used is None:
         raise InputError(str(path), "has no channel of numbers", "record inputs and sensors into it")
     if not channels:  # what is missing is told by who asked
-        return Table(["time"], ["s"], np.empty((0, 1)), others=others)
+        return Table((Column("time", "s", np.empty(0)),), others=others)
     return _table(channels, notes, others)
 
 
@@ -554,11 +572,10 @@ def _same(first: _Channel, second: _Channel) -> bool:
 
 def _table(channels: list[_Channel], notes: list[str], others: tuple[str, ...]) -> Table:
     time = max((channel.time for channel in channels), key=len)
-    values = np.full((len(time), len(channels) + 1), np.nan)
-    values[:, 0] = time
-    moved = []
-    for column, channel in enumerate(channels, 1):
-        values[:, column], between = _placed(time, channel.time, channel.samples)
+    columns, moved = [Column("time", "s", time)], []
+    for channel in channels:
+        values, between = _placed(time, channel.time, channel.samples)
+        columns.append(Column(channel.name, channel.unit, values))
         if between:
             moved.append(channel.name)
     if moved:
@@ -567,8 +584,7 @@ def _table(channels: list[_Channel], notes: list[str], others: tuple[str, ...]) 
             "lines between samples",
             *notes,
         ]
-    names, units = ["time", *(channel.name for channel in channels)], ["s", *(channel.unit for channel in channels)]
-    return Table(names, units, values, notes=tuple(notes), others=others)
+    return Table(tuple(columns), notes=tuple(notes), others=others)
 
 
 def _placed(time: np.ndarray, stamps: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, int]:
@@ -619,8 +635,6 @@ def read_parquet(path: Path, used: Collection[str] | None = None) -> Table:
         if isinstance(fault, OSError) and fault.strerror:
             raise
         raise InputError(str(path), f"is no Parquet file: {fault}", "write it as Parquet") from None
-    names: list[str] = []
-    units: list[str] = []
     columns = []
     for field, values in zip(table.schema, table.columns, strict=True):
         name, unit = name_and_unit(field.name)
@@ -634,14 +648,10 @@ def read_parquet(path: Path, used: Collection[str] | None = None) -> Table:
             raise InputError(str(path), f"column {field.name!r} holds {field.type}", "write time as seconds")
         else:
             continue  # e.g. a comment; a channel of the model that is missing is reported later
-        names.append(name)
-        units.append(unit)
-        columns.append(values)
-    if "time" in names:
-        for texts in (names, units, columns):  # an index is written last
-            texts.insert(0, texts.pop(names.index("time")))
-    others = tuple(name for name in (name_and_unit(field)[0] for field in fields) if name not in names)
-    return Table(names, units, np.stack(columns, axis=1) if columns else np.empty((0, 0)), others=others)
+        columns.append(Column(name, unit, values))
+    read = {column.name for column in columns}
+    others = tuple(name for name in (name_and_unit(field)[0] for field in fields) if name not in read)
+    return Table(tuple(columns), others=others)
 
 
 # --- Which reader takes which file
@@ -673,6 +683,8 @@ def read_table(path: str | Path, used: Collection[str] | None = None, groups: Ma
     InputError
         If the format is not known or the file cannot be read; if groups are named for a format without them.
     """
+    from modelling.recordings.child import read_in_child
+
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READERS:
@@ -683,7 +695,7 @@ def read_table(path: str | Path, used: Collection[str] | None = None, groups: Ma
     try:
         if READERS[suffix] is read_csv:
             return read_csv(path, used)
-        return Table(**read_in_child(path, used, options))  # a library in C, which a damaged file may crash
+        return read_in_child(path, used, options)  # a library in C, which a damaged file may crash
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
     except OSError as error:
@@ -691,3 +703,8 @@ def read_table(path: str | Path, used: Collection[str] | None = None, groups: Ma
     except ModuleNotFoundError as error:
         right = 'in rigmatch\'s folder: pip install -e ".[measurement]", or save as CSV'
         raise InputError(str(path), f"reading {suffix} needs the package {error.name}", right) from None
+
+
+def reader_of(path: Path) -> Callable[..., Table]:
+    """The reader of a file by its suffix."""
+    return READERS[path.suffix.lower()]
