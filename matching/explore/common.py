@@ -40,8 +40,9 @@ from modelling.linear.state_space import Response, response
 from modelling.modal.modes import LARGEST_WITH_ALL_MODES, damped_modes_of, modes_of
 from modelling.modal.result import Mode, Modes
 from modelling.recordings.read import Channel, read_recording
-from modelling.recordings.readers import TIME_NAMES, Column, Table, read_table, time_hint
+from modelling.recordings.readers import read_table
 from modelling.recordings.recording import Recording
+from modelling.recordings.table import TIME_NAMES, Column, Table, time_hint
 from modelling.system import Quantity, System
 from modelling.units import SENSOR_UNITS, factor
 from modelling.writing import write_all

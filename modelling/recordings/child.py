@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from modelling.errors import InputError
-from modelling.recordings.readers import READERS, Column, Table
+from modelling.recordings.readers import reader_of
+from modelling.recordings.table import Column, Table
 
 LEAST_SECONDS, BYTES_PER_SECOND = 120.0, 5e6  # time limit: at least, and by the file's size
 LEAST_BYTES, FILE_SIZES = 4_000_000_000, 30  # memory limit: at least, and in file sizes (files may be compressed)
@@ -73,7 +74,7 @@ def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
     """The table as text and numbers, or the line that says why there is none."""
     path = Path(request["path"])
     try:
-        table = READERS[path.suffix.lower()](path, request["used"], **request["options"])
+        table = reader_of(path)(path, request["used"], **request["options"])
     except InputError as error:
         return {"wrong": [error.where, error.wrong, error.right]}, b""
     except ModuleNotFoundError as error:

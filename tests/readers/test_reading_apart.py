@@ -16,7 +16,7 @@ import os, signal, tempfile, time
 import numpy as np
 from modelling.errors import InputError
 from modelling.recordings import readers
-from modelling.recordings.readers import Column, Table
+from modelling.recordings.table import Column, Table
 
 def read(path, used, kind):
     print("said by the library")
