@@ -77,7 +77,7 @@ def _resolution(values: np.ndarray) -> float:
     if len(levels) < 2:
         return 0.0
     small = levels[levels < 1e-3 * levels[-1]]  # their digits reach further
-    step, least = float(levels[0]), 1e-9 * float(levels[-1])
+    step, least = float(levels[0]), 1e-11 * float(levels[-1])
     for own in (small, levels):
         for _ in range(40):  # Euclid's algorithm
             left = np.abs(own - step * np.round(own / step))
