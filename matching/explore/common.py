@@ -151,7 +151,7 @@ class Job:
         self._last_line, self._out = "", b""
         paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "matching", *words, "--json"],
+            [sys.executable, "-P", "-m", "matching", *words, "--json"],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
             env=os.environ | {"PYTHONPATH": paths, PROGRESS_ALWAYS: "1"},
         )  # fmt: skip
