@@ -170,11 +170,13 @@ def check_inputs_kept(directory: str | os.PathLike[str], names: Iterable[str]) -
         Naming the first file that would be replaced.
     """
     for name in names if _inputs else ():
-        with contextlib.suppress(OSError, ValueError):
-            at = os.lstat(Path(directory) / name)
-            if (at.st_dev, at.st_ino) in (_inputs or ()):
-                place = str(Path(directory) / name)
-                raise InputError(place, "is read by this command and would be replaced", "name another --out")
+        place = Path(directory) / name
+        try:
+            at = os.lstat(place)
+        except (OSError, ValueError):
+            continue
+        if (at.st_dev, at.st_ino) in (_inputs or ()):
+            raise InputError(str(place), "is read by this command and would be replaced", "name another --out")
 
 
 # --- Results as strict JSON

@@ -7,10 +7,16 @@ format is one function here and one line in ``READERS``. All but CSV are read by
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -468,6 +474,56 @@ def read_parquet(path: Path, used: Collection[str] | None = None) -> Table:
     return Table(tuple(columns), others=others)
 
 
+# --- Libraries in C read in a process of their own
+
+CHILD = "modelling.recordings.child"
+LEAST_SECONDS, BYTES_PER_SECOND = 120.0, 5e6  # time limit: at least, and by the file's size
+LEAST_BYTES, FILE_SIZES = 4_000_000_000, 30  # memory limit: at least, and in file sizes (files may be compressed)
+DAMAGED = "it is probably damaged: save it again, or as CSV"
+
+
+def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str, Any]) -> Table:
+    """The table that the reader of this file makes.
+
+    Raises
+    ------
+    InputError
+        If the file is not right; if reading it crashes, takes too long or needs too much memory.
+    ModuleNotFoundError, FileNotFoundError
+        If the reader needs a package that is missing; if there is no such file.
+    """
+    size = path.stat().st_size
+    seconds, most = LEAST_SECONDS + size / BYTES_PER_SECOND, LEAST_BYTES + FILE_SIZES * size
+    request = {"path": str(path), "used": used if used is None else sorted(used), "options": options, "bytes": most}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(sys.path), "ARROW_DEFAULT_MEMORY_POOL": "system",
+        "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+    }  # fmt: skip
+    with TemporaryDirectory(prefix="rigmatch-") as temporary:  # asammdf leaves files there
+        try:
+            done = subprocess.run(
+                [sys.executable, "-P", "-m", CHILD], input=json.dumps(request).encode(), capture_output=True,
+                env=environment | {"TMPDIR": temporary}, timeout=seconds, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise InputError(str(path), f"is not read within {seconds:.0f} s", DAMAGED) from None
+    line, _, numbers = done.stdout.partition(b"\n")
+    if not line or done.returncode:
+        code = done.returncode
+        end = signal.Signals(-code).name if code < 0 and -code in set(signal.Signals) else f"exit {code}"
+        raise InputError(str(path), f"the library that reads it crashed ({end})", DAMAGED)
+    head = json.loads(line)
+    if "wrong" in head:
+        raise InputError(*head["wrong"])
+    if "needs" in head:
+        raise ModuleNotFoundError(name=head["needs"])
+    if "memory" in head:
+        raise InputError(str(path), f"needs more than {most / 1e9:.1f} GB to be read", DAMAGED)
+    values = np.frombuffer(numbers, dtype=np.float64).reshape(len(head["columns"]), -1).copy()
+    columns = [Column(name, unit, own) for (name, unit), own in zip(head["columns"], values, strict=True)]
+    return Table(tuple(columns), notes=tuple(head["notes"]), others=tuple(head["others"]))
+
+
 # --- Which reader takes which file
 
 READERS: dict[str, Callable[..., Table]] = {
@@ -521,8 +577,6 @@ def read_table(
     InputError
         If the format is not known or the file cannot be read; if groups or a header are named for a format without.
     """
-    from modelling.recordings.child import read_in_child
-
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READERS:

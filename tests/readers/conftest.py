@@ -2,7 +2,7 @@
 
 import pytest
 
-from modelling.recordings import child, readers
+from modelling.recordings import readers
 
 
 @pytest.fixture(autouse=True)
@@ -10,5 +10,5 @@ def in_this_process(request, monkeypatch):
     """All tests but those of ``test_reading_apart``."""
     if not request.module.__name__.endswith("test_reading_apart"):
         monkeypatch.setattr(
-            child, "read_in_child", lambda path, used, options: readers.reader_of(path)(path, used, **options)
+            readers, "read_in_child", lambda path, used, options: readers.reader_of(path)(path, used, **options)
         )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from modelling.errors import InputError
-from modelling.recordings import child
+from modelling.recordings import readers
 from modelling.recordings.readers import read_table
 
 READER = """
@@ -47,12 +47,12 @@ def reading(tmp_path, monkeypatch):
     """A function that reads by the reader above."""
     (tmp_path / "sitecustomize.py").write_text(READER, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(child, "LEAST_BYTES", 3_000_000_000)
+    monkeypatch.setattr(readers, "LEAST_BYTES", 3_000_000_000)
     path = tmp_path / "file.x"
     path.write_bytes(b"...")
 
     def read(kind):
-        return child.read_in_child(path, {"a"}, {"kind": kind})
+        return readers.read_in_child(path, {"a"}, {"kind": kind})
 
     return read
 
@@ -83,7 +83,7 @@ def test_what_goes_wrong_is_one_line(reading, kind, line, capfd):
 
 
 def test_a_hang_ends(reading, monkeypatch):
-    monkeypatch.setattr(child, "LEAST_SECONDS", 0.5)
+    monkeypatch.setattr(readers, "LEAST_SECONDS", 0.5)
     with pytest.raises(InputError, match=r"file.x: is not read within 0 s|file.x: is not read within 1 s"):
         reading("hang")
 
