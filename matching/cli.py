@@ -477,6 +477,7 @@ def supervised(command: Callable[[], int]) -> int:
     signal.setitimer(signal.ITIMER_REAL, 0)
     _kill_session(child)  # worker processes that are left
     if asked and code < 0:
+        print("\r", end="", file=sys.stderr)  # over a progress bar that was cut short
         return _say(_ended_by(asked[0]), 128 + asked[0])
     if code == -signal.SIGKILL:
         line = "killed from outside, perhaps because memory ran out; results are whole or not there: run it again"
