@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import tempfile
 
 import numpy as np
 import pytest
@@ -66,15 +65,6 @@ def test_a_table_comes_back_as_it_was_made(reading, kind, capfd):
     assert (got.names, got["a"].unit, got.notes, got.others) == (["time", "a"], "N*m", ("n",), ("o",))
     got["a"].values[0] = 5.0  # writable as any other table
     assert capfd.readouterr() == ("", "")
-
-
-def test_what_a_library_leaves_in_the_temporary_folder_is_removed(reading, tmp_path, monkeypatch):
-    """The reader of MDF leaves an empty file; in a notebook nobody else would remove it."""
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
-    assert reading("leaves").names == ["time", "a"]
-    assert list(temporary.iterdir()) == []
 
 
 @pytest.mark.parametrize(
