@@ -661,6 +661,7 @@ def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQu
 # --- Budget files (TOML) to ``Budget``; the format is described in ``examples/sensors/README.md``.
 
 MOST_INPUTS = 500  # matrices of second derivatives and correlations are full
+LARGEST_COVERAGE = 0.9999  # a hundred draws of a million lie outside: they tell where the interval ends
 TOP = ("title", "coverage", "coverage_factor", "measurand", "measurands", "inputs", "correlations", "lines")
 LONGEST_NAME = 100  # characters of a measurand's name: it stands in sentences and figures
 
@@ -676,6 +677,9 @@ def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
     coverage = number(tables, "coverage", where) if "coverage" in tables else 0.95
     if not 0 < coverage < 1:
         raise InputError(f"{where}: coverage", f"{coverage:g} is no probability", "give a number such as 0.95")
+    if coverage > LARGEST_COVERAGE:
+        wrong = f"{coverage:.10g} is more than draws can show"
+        raise InputError(f"{where}: coverage", wrong, f"give at most {LARGEST_COVERAGE}")
     factor = read_coverage_factor(tables, where) if "coverage_factor" in tables else None
     inputs, correlated = _inputs(tables, where)
     names = [quantity.name for quantity in inputs]
