@@ -325,7 +325,8 @@ def run_simulate(arguments: Arguments) -> dict[str, Any]:
 def _inaccurate(errors: dict[str, float], tolerance: float) -> list[str]:
     """A note on every reading whose estimated error is beyond the tolerance."""
     return [
-        f"{name}: the steps leave an estimated error of {error:.2g} of its range; the motion may be chaotic"
+        f"{name}: the steps leave an estimated error of {error:.2g} of its range: they do not resolve its fastest "
+        "vibration, or a motion that is chaotic"
         for name, error in errors.items()
         if error > tolerance
     ]

@@ -735,13 +735,25 @@ def _evidence(cause: Mapping[str, Any]) -> list[str]:
     return [*lines, f"    rivals: {', '.join(rivals)}"] if rivals else lines
 
 
+NEAR_NOISE = 3.0  # times the noise, held out: with a larger error a gain of -1 proves no reversed sign
+REVERSED_WITHIN = 0.05  # of -1, or three standard uncertainties: a gain may be off as well
+
+
+def _is_reversed(gain: Mapping[str, Any]) -> bool:
+    """Whether a gain is −1 within its uncertainty, which must tell it from nothing."""
+    u = gain.get("standard_uncertainty")
+    return u is not None and u < 1 / 6 and abs(gain["value"] + 1) <= max(3 * u, REVERSED_WITHIN)
+
+
 def to_correct(result: Mapping[str, Any]) -> list[str]:
     """What to correct in the model or channel file before the causes are believed: channels with a reversed sign, and
     ranges that are too narrow, for what a quantity at its bound cannot take a false cause may have taken."""
     steps = []
+    worst = _worst(result["errors"])
+    near_noise = worst is not None and worst[2] <= NEAR_NOISE
     for cause in result["causes"]:
         gain = cause["parameters"].get("factor")  # of an input or a sensor
-        if gain is not None and gain["value"] < 0:
+        if gain is not None and near_noise and _is_reversed(gain):
             steps.append(f"the sign of {place(cause['at'])} is probably reversed: change it in the channel file")
     at_bound = [name for name, estimate in result["parameters"].items() if "at the bound" in estimate.get("note", "")]
     if at_bound:

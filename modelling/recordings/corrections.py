@@ -190,3 +190,33 @@ def held_rows(values: np.ndarray, *, input_torque: bool) -> tuple[np.ndarray, in
     at = np.unique(at.astype(int))
     kept[at] = values[at]
     return kept, every
+
+
+# --- A speed without its sign.
+
+REBOUNDS = 3  # at least, from zero back to where the speed came from
+NEAR_ZERO = 0.03  # of the largest speed
+SHORT = 0.02  # of the samples, for one visit to zero
+
+
+def magnitude_note(name: str, values: np.ndarray) -> list[str]:
+    """A note of a speed (t,) that is never negative and again and again turns round at zero."""
+    own = values[np.isfinite(values)]
+    if len(own) < 100 or own.min() < 0:
+        return []
+    near = own < NEAR_ZERO * own.max()
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
+    visits = [
+        (begin, end) for begin, end in zip(ends[::2], ends[1::2], strict=True) if begin > 2 and end < len(own) - 2
+    ]
+    steep = 0.3 * float(np.quantile(np.abs(np.diff(own)), 0.95))
+    short = [
+        (begin, end)
+        for begin, end in visits
+        if end - begin <= max(3, SHORT * len(own))
+        and own[begin - 3] > own[begin] + 1.5 * steep
+        and own[end + 1] > own[end - 1] + steep
+    ]
+    if len(short) < REBOUNDS:
+        return []
+    return [f"{name} is never negative, and turns round at zero {len(short)} times: it may be a magnitude without sign"]

@@ -19,6 +19,7 @@ from modelling.recordings.corrections import (
     far_beyond_note,
     held_rows,
     jumps_note,
+    magnitude_note,
     unwrapped,
     without_overrange,
 )
@@ -628,6 +629,8 @@ def _corrected(time: np.ndarray, columns: dict[str, np.ndarray], system: System)
         columns[name], period, more = corrected_wraps(name, columns[name], angle=unit == "rad")
         if unit == "rad" and not more:
             more = jumps_note(name, columns[name])
+        if unit == "rad/s":
+            more += magnitude_note(name, columns[name])
         if period:
             _shift_by_turns(name, period, columns, system)
         notes += more

@@ -145,6 +145,15 @@ def test_a_staircase_that_is_real_is_kept(seed, every):
     np.testing.assert_array_equal(held_rows(coarse, input_torque=False)[0], coarse)
 
 
+@given(seeds)
+def test_a_speed_without_its_sign_is_noted(seed):
+    speed = smooth(np.random.default_rng(seed), 30.0)
+    turns = int((np.diff(np.sign(speed)) != 0).sum())
+    for values, expected in ((speed, False), (np.abs(speed), True), (speed + 60, False)):
+        said = any("magnitude without sign" in note for note in read({"torque": np.sin(TIME), "speed": values}).notes)
+        assert said == expected or (expected and turns < 8)
+
+
 @pytest.mark.parametrize("kind", [1, 2, 3, 4])
 def test_the_master_of_a_group_is_time(tmp_path, kind):
     asammdf = pytest.importorskip("asammdf")

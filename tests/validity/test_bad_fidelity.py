@@ -127,9 +127,7 @@ def test_cases(tmp_path, changes, words):
     ("header", "lines", "words"),
     [
         ("time [s],torque [N*m]", ["0,1", "0.01,x", "0.02,1"], "line 3: 'x' in column 'torque [N*m]'"),
-        ("time [s],torque [N*m]", ["0,1", "0.01,inf", "0.02,1"], "line 3: 'torque' is infinite"),
         ("time [s],torque [N*m]", ["0,1", "0.01", "0.02,1"], "line 3: 1 cells"),
-        ("torque [N*m],time [s]", ["0,1", "1,2", "3,4"], "first column is 'torque'"),
         ("time [s],torque [Nom]", ["0,1", "1,2", "3,4"], "unknown unit"),
         (
             "time [s],torque [N*m]",
