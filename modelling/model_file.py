@@ -203,7 +203,8 @@ def _effect_place(table: dict, possible: Collection[str], place: str, base: Syst
     several = table.get("at")
     names = several if isinstance(several, list) and several else [text(table, "at", place)]
     for name in names:
-        if isinstance(name, str) and name not in possible and _exists(name, base):
+        elsewhere = isinstance(name, str) and not any(own.startswith(name.partition(".")[0]) for own in possible)
+        if elsewhere and _exists(name, base):
             tables = sorted({own.partition(".")[0] for own in possible}) or ["something that this model does not have"]
             others = [kind for kind, law in sorted(EFFECTS.items()) if name in law.places(base)]
             wrong = f"{table.get('kind')} does not act at {name!r}, but at {' or '.join(tables)}"
