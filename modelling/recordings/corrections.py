@@ -113,7 +113,7 @@ def corrected_wraps(name: str, values: np.ndarray, *, angle: bool) -> tuple[np.n
     step = _resolution(own)
     jumps = int((np.abs(np.diff(own)) > 0.5 * span).sum())
     if angle:
-        for period in (TURN, *(2.0**bits * step for bits in COUNTER_BITS if step)):
+        for period in (TURN, 360.0, *(2.0**bits * step for bits in COUNTER_BITS if step)):
             if 0.5 * period < span <= period * 1.001 and _smooth_after(own, period):
                 said = "360°" if period == TURN else f"{period:g} rad"
                 note = f"{name} jumps by {said} {jumps} times: it starts anew after a period, and is unwrapped"

@@ -335,6 +335,8 @@ def _ranges(values: np.ndarray) -> np.ndarray:
 def _outliers_lowered(values: np.ndarray) -> np.ndarray:
     """(b, k, t) with the worst of every :data:`OUTLIERS_IN` samples as large as the second."""
     whole = values.shape[2] // OUTLIERS_IN * OUTLIERS_IN
+    if not values.size:
+        return values
     windows = values[:, :, :whole].reshape(*values.shape[:2], -1, OUTLIERS_IN)
     lowered = np.minimum(windows, np.partition(windows, -2, axis=3)[..., -2:-1])
     return np.concatenate([lowered.reshape(*values.shape[:2], whole), values[:, :, whole:]], axis=2)
