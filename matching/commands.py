@@ -897,6 +897,11 @@ class Command:
     hidden: tuple[str, ...] = ()
     further: Callable[[argparse.ArgumentParser], None] | None = None
 
+    @property
+    def calls(self) -> list[str]:
+        """The examples as one types them."""
+        return [call if call.startswith("python ") else f"rigmatch {call}" for call in self.examples]
+
 
 BEGIN, UNDERSTAND, MATCH, LACKS, TRUST, BED = (
     "begin, and look", "understand a model", "match", "find what a model lacks", "say how far it can be trusted",

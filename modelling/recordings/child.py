@@ -1,7 +1,7 @@
 """A process of its own that reads one file with a library in C: a damaged file may crash, stall or fill that process.
 
 :func:`read_in_child` starts it. Its standard input holds the request, its standard output the answer: a line of JSON,
-then the numbers as they lie in memory.
+then the numbers of one column after the other.
 """
 
 from __future__ import annotations
@@ -20,14 +20,16 @@ from typing import Any
 import numpy as np
 
 from modelling.errors import InputError
+from modelling.recordings.readers import reader_of
+from modelling.recordings.table import Column, Table
 
 LEAST_SECONDS, BYTES_PER_SECOND = 120.0, 5e6  # time limit: at least, and by the file's size
 LEAST_BYTES, FILE_SIZES = 4_000_000_000, 30  # memory limit: at least, and in file sizes (files may be compressed)
 DAMAGED = "it is probably damaged: save it again, or as CSV"
 
 
-def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Names, units, values, notes and others of a :class:`modelling.recordings.readers.Table`.
+def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str, Any]) -> Table:
+    """The table that the reader of this file makes.
 
     Raises
     ------
@@ -63,17 +65,16 @@ def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str
         raise ModuleNotFoundError(name=head["needs"])
     if "memory" in head:
         raise InputError(str(path), f"needs more than {most / 1e9:.1f} GB to be read", DAMAGED)
-    values = np.frombuffer(numbers, dtype=np.float64).reshape(head.pop("shape")).copy()
-    return {"values": values, **{name: tuple(v) if name in ("notes", "others") else v for name, v in head.items()}}
+    values = np.frombuffer(numbers, dtype=np.float64).reshape(len(head["columns"]), -1).copy()
+    columns = [Column(name, unit, own) for (name, unit), own in zip(head["columns"], values, strict=True)]
+    return Table(tuple(columns), notes=tuple(head["notes"]), others=tuple(head["others"]))
 
 
 def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
     """The table as text and numbers, or the line that says why there is none."""
-    from modelling.recordings.readers import READERS
-
     path = Path(request["path"])
     try:
-        table = READERS[path.suffix.lower()](path, request["used"], **request["options"])
+        table = reader_of(path)(path, request["used"], **request["options"])
     except InputError as error:
         return {"wrong": [error.where, error.wrong, error.right]}, b""
     except ModuleNotFoundError as error:
@@ -82,9 +83,9 @@ def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         return {"memory": True}, b""
     except OSError as error:
         return {"wrong": [str(path), error.strerror or "cannot be read", "name a readable file"]}, b""
-    values = np.ascontiguousarray(table.values, dtype=np.float64)
-    description = {name: list(getattr(table, name)) for name in ("names", "units", "notes", "others")}
-    return description | {"shape": values.shape}, values.tobytes()
+    head = {"columns": [(column.name, column.unit) for column in table.columns]}
+    numbers = b"".join(np.ascontiguousarray(column.values, dtype=np.float64).tobytes() for column in table.columns)
+    return head | {"notes": table.notes, "others": table.others}, numbers
 
 
 def main() -> None:

@@ -44,7 +44,7 @@ def test_both_paths_give_the_same_local_errors(implicit):
     task = make_task(
         given.model, given.time, given.inputs, given.p, given.start, 1000.0, refinement=2, implicit=implicit
     )
-    fast, slow = native.run(task, errors=True), virtual.run(task, errors=True)
+    fast, slow = native.run_compiled(task, errors=True), virtual.run(task, errors=True)
     if fast is None:
         pytest.skip("no compiler")
     assert fast.errors.shape[2] == len(given.model.sensors) + len(given.model.states) - given.model.n
