@@ -53,7 +53,7 @@ class FreshOrder:
 
 
 def fresh_cases(n: int, seed: int) -> list[FreshOrder]:
-    """n orders in random order: a third singles, a third on wrong models, the rest perfect (two of three) or outside."""
+    """n orders in random order: a third single, a third on wrong models, the rest perfect (two of three) or outside."""
     rng = np.random.default_rng([14, seed])
     kinds, wrong = itertools.cycle(rng.permutation(INSIDE)), itertools.cycle(rng.permutation(WRONG))
     outside, perfect = itertools.cycle(rng.permutation(OUTSIDE)), itertools.cycle(itertools.product(RATES, TORQUES))
