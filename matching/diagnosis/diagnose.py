@@ -201,6 +201,7 @@ def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
 def _eliminate(state: SearchState, unseen: UnseenData, rated: list[list[RatedCause]]) -> None:
     """Drop each final cause, the last first, without which the error of unseen data is not higher by more than chance;
     then all of them where even together they do not lower it."""
+    final = state.best
     for index in reversed(range(len(state.best.causes))):
         rest = _others(state, index)
         if rest is not None and not unseen.gains_beyond_chance(state.best, rest):
@@ -209,6 +210,10 @@ def _eliminate(state: SearchState, unseen: UnseenData, rated: list[list[RatedCau
     if state.best.causes and not unseen.gains_beyond_chance(state.best, state.base):
         state.best, state.rivals = state.base, []
         rated.clear()
+    if state.best is not final:
+        state.best = final_fit(state.best)
+    if not state.best.causes:
+        state.base = state.best
 
 
 def _drop_not_needed(state: SearchState) -> None:
