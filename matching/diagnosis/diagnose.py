@@ -342,10 +342,10 @@ def diagnose(
     remembered = RememberedHoldout(judge)
     progress("base model")
     compile_models([system])
-    base = solve(*base_problem(system, train))
-    smooth = _smooth_between_samples(system, base)
+    base_fit = solve(*base_problem(system, train))
+    smooth = _smooth_between_samples(system, base_fit)
     if smooth is None:
-        identified = identify_causes(system, base, remembered, progress)
+        identified = identify_causes(system, base_fit, remembered, progress)
         smooth = _smooth_between_samples(system, identified.state.best.fit) if identified.state.best.causes else None
     if smooth is not None:
         progress("inputs that are smooth between samples")
