@@ -199,15 +199,15 @@ def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
 
 
 def _eliminate(state: SearchState, unseen: UnseenData, rated: list[list[RatedCause]]) -> None:
-    """Drop each final cause, the last first, without which the error of unseen data is not higher by more than chance;
-    then all of them where even together they do not lower it."""
+    """Drop each final cause, the last first, without which the error of unseen data is no higher; then all of them where
+    even together they do not lower it."""
     final = state.best
     for index in reversed(range(len(state.best.causes))):
         rest = _others(state, index)
-        if rest is not None and not unseen.gains_beyond_chance(state.best, rest):
+        if rest is not None and not unseen.gains(state.best, rest):
             state.best = rest
             del state.rivals[index : index + 1], rated[index]
-    if state.best.causes and not unseen.gains_beyond_chance(state.best, state.base):
+    if state.best.causes and not unseen.gains(state.best, state.base):
         state.best, state.rivals = state.base, []
         rated.clear()
     if state.best is not final:

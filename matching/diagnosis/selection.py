@@ -258,8 +258,6 @@ def widened(estimates: Mapping[str, Estimate], fits: list[Fit]) -> dict[str, Est
 BLOCKS = 16  # of the unseen data, whose errors are compared in pairs
 CERTAIN = 2.0  # standard errors of the mean difference from which a sensor is worse
 WORSE_RATIO = 1.04  # mean square, from which it matters
-CHANCE = 0.05  # probability that a cause without effect on unseen data is accepted; chosen by trial
-RESAMPLES = 2000  # of the paired block bootstrap
 SLIGHT_RISE = 0.005  # of what all sensors together gain, in squares of shares of their ranges
 AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
 
@@ -330,24 +328,8 @@ class UnseenData:
         return bool(after.pooled < before.pooled)
 
     def earns_place(self, child: Hypothesis, parent: Hypothesis) -> bool:
-        """Whether the pooled error falls by more than chance and that of no sensor rises beyond its uncertainty."""
-        return self.gains_beyond_chance(child, parent) and not self.worse_sensors(child, parent)
-
-    def gains_beyond_chance(self, child: Hypothesis, parent: Hypothesis) -> bool:
-        """Whether the error of all sensors together, each over its range, falls by more than chance.
-
-        A paired block bootstrap (Künsch, Annals of Statistics 17, 1989): blocks of unseen data are drawn with
-        replacement, the same ones for both hypotheses; their mean difference has to be positive in all but the share
-        ``CHANCE`` of the draws.
-        """
-        after, before = self.error(child), self.error(parent)
-        if after is None or before is None or after.blocks.shape != before.blocks.shape:
-            return self.gains(child, parent)
-        pooled = np.isfinite(before.shares) & (before.mean_squares > 0)
-        weights = before.shares[pooled] ** 2 / before.mean_squares[pooled]  # (noise over range)²
-        fall = np.nansum((before.blocks - after.blocks)[:, pooled] * weights, axis=1)
-        draws = np.random.default_rng(0).integers(len(fall), size=(RESAMPLES, len(fall)))
-        return bool(np.mean(fall[draws].mean(axis=1) <= 0) < CHANCE)
+        """Whether the pooled error falls and that of no sensor rises beyond its uncertainty."""
+        return self.gains(child, parent) and not self.worse_sensors(child, parent)
 
     def worse_sensors(self, child: Hypothesis, parent: Hypothesis) -> list[int]:
         """Sensors (index) whose error is larger than that of another hypothesis beyond its uncertainty.

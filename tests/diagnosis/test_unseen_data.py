@@ -117,22 +117,3 @@ def test_nothing_measured_leaves_no_figure(unseen):
     found = unseen.of.error(hypothesis(1.0, 1.0))
     assert np.isnan(found.pooled)
     assert np.isnan(found.power_left)
-
-
-def test_a_gain_in_one_block_alone_is_chance_and_one_in_all_blocks_is_not(unseen):
-    parent = hypothesis(2.0, 2.0)
-    once = np.where(np.arange(SAMPLES) < SAMPLES // BLOCKS, 0.0, 2.0)
-    lucky, better = hypothesis(once, 2.0), hypothesis(1.9, 2.0)
-    assert unseen.of.gains(lucky, parent)
-    assert not unseen.of.gains_beyond_chance(lucky, parent)
-    assert unseen.of.gains_beyond_chance(better, parent)
-    assert not unseen.of.gains_beyond_chance(parent, better)
-    assert not unseen.of.gains_beyond_chance(parent, parent)
-
-
-def test_one_sensor_may_pay_for_another_by_its_share_of_the_range(unseen):
-    """A fall of the first, whose noise is 1/16 of its range, against a rise of the second, whose noise is 1/20."""
-    parent = hypothesis(3.0, 3.0)
-    falls, rises = hypothesis(np.sqrt(8.0), np.sqrt(10.5)), hypothesis(np.sqrt(8.0), np.sqrt(10.6))
-    assert unseen.of.gains_beyond_chance(falls, parent)  # −1/256 + 1.5/400 < 0
-    assert not unseen.of.gains_beyond_chance(rises, parent)  # −1/256 + 1.6/400 > 0
