@@ -199,8 +199,8 @@ def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
 
 
 def _eliminate(state: SearchState, unseen: UnseenData, rated: list[list[RatedCause]]) -> None:
-    """Drop each final cause, the last first, without which the error of unseen data is no higher; then all of them where
-    even together they do not lower it."""
+    """Drop each final cause, the last first, without which the error of unseen data is no higher; then all of them
+    where even together they do not lower it."""
     final = state.best
     for index in reversed(range(len(state.best.causes))):
         rest = _others(state, index)
