@@ -735,31 +735,35 @@ def _evidence(cause: Mapping[str, Any]) -> list[str]:
     return [*lines, f"    rivals: {', '.join(rivals)}"] if rivals else lines
 
 
-NEAR_NOISE = 3.0  # times the noise, held out: with a larger error a gain of -1 proves no reversed sign
-REVERSED_WITHIN = 0.05  # of -1, or three standard uncertainties: a gain may be off as well
-
-
-def _is_reversed(gain: Mapping[str, Any]) -> bool:
-    """Whether a gain is −1 within its uncertainty, which must tell it from nothing."""
-    u = gain.get("standard_uncertainty")
-    return u is not None and u < 1 / 6 and abs(gain["value"] + 1) <= max(3 * u, REVERSED_WITHIN)
-
-
 def to_correct(result: Mapping[str, Any]) -> list[str]:
     """What to correct in the model or channel file before the causes are believed: channels with a reversed sign, and
     ranges that are too narrow, for what a quantity at its bound cannot take a false cause may have taken."""
     steps = []
-    worst = _worst(result["errors"])
-    near_noise = worst is not None and worst[2] <= NEAR_NOISE
     for cause in result["causes"]:
-        gain = cause["parameters"].get("factor")  # of an input or a sensor
-        if gain is not None and near_noise and _is_reversed(gain):
+        if _sign_is_reversed(cause, result["errors"]):
             steps.append(f"the sign of {place(cause['at'])} is probably reversed: change it in the channel file")
     at_bound = [name for name, estimate in result["parameters"].items() if "at the bound" in estimate.get("note", "")]
     if at_bound:
         ends = "ends at the bound of its range" if len(at_bound) == 1 else "end at the bounds of their ranges"
         steps.append(f"{', '.join(at_bound)} {ends}: widen that in the model file, unless physics sets it")
     return [f"{step}, and run again" for step in steps]
+
+
+REVERSED = 0.05  # distance of a factor from −1 up to which it says that a sign is reversed
+NEAR_NOISE = 2.0  # error in times the noise up to which a reversed sign explains a channel
+
+
+def _sign_is_reversed(cause: Mapping[str, Any], errors: Mapping[str, Any]) -> bool:
+    """Whether a cause is a factor of −1 within its uncertainty, and leaves no more than noise of what it acts on."""
+    gain = cause["parameters"].get("factor")  # of an input or a sensor
+    if gain is None:
+        return False
+    uncertainty = gain.get("standard_uncertainty") or 0.0
+    if not (abs(gain["value"] + 1) <= max(2 * uncertainty, REVERSED) and gain["value"] < -2 * uncertainty):
+        return False
+    places = [cause["at"]] if isinstance(cause["at"], str) else cause["at"]
+    names = [at.split(".")[1] for at in places if at.startswith("sensors.")] or list(errors)
+    return all((errors[name]["after"] or 0.0) <= NEAR_NOISE * errors[name]["noise"] for name in names)
 
 
 def not_identifiable(result: Mapping[str, Any]) -> list[str]:

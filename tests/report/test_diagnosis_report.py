@@ -248,24 +248,23 @@ def test_files_of_a_diagnosis_are_the_model_the_channels_and_every_logger(folder
 def test_a_reversed_sign_and_a_range_that_is_too_narrow_are_corrected_first() -> None:
     bound, free = {"value": 0.95, "note": "at the bound of its range"}, {"value": 2.0}
     gains = [
-        ("input_gain", "inputs.motor", -0.98),
-        ("sensor_gain", "sensors.speed", 0.9),
-        ("sensor_gain", "sensors.torque", 1.1),
+        ("input_gain", "inputs.motor", -0.98, 0.02),
+        ("sensor_gain", "sensors.speed", 0.9, 0.02),
+        ("sensor_gain", "sensors.torque", 1.1, 0.02),
+        ("sensor_gain", ["sensors.speed", "sensors.torque"], -0.035, 0.062),  # the magnitude of a speed: no sign
+        ("sensor_gain", "sensors.torque", -0.4, 0.9),
     ]
     result = {
         "causes": [
-            {"kind": kind, "at": at, "parameters": {"factor": {"value": value, "standard_uncertainty": 0.01}}}
-            for kind, at, value in gains
+            {"kind": kind, "at": at, "parameters": {"factor": {"value": value, "standard_uncertainty": u}}}
+            for kind, at, value, u in gains
         ],
         "parameters": {"shafts.side.damping": bound, "inertias.rotor.J": free},
-        "errors": {"speed": {"before_holdout": 40.0, "after_holdout": 1.1, "noise": 1.0}},
+        "errors": {name: {"noise": 0.1, "after": 0.11} for name in ("speed", "torque")},
     }
     sign, widen = to_correct(result)
     assert sign == "the sign of inputs.motor is probably reversed: change it in the channel file, and run again"
     assert widen.startswith("shafts.side.damping ends at the bound of its range: widen that in the model file")
-    assert to_correct({"causes": [], "errors": {}, "parameters": {"inertias.rotor.J": free}}) == []
-    gain = result["causes"][0]["parameters"]["factor"]
-    for value, uncertainty, left in ((-0.035, 0.062, 1.1), (-0.01, 0.5, 1.1), (-0.7, 0.01, 1.1), (-1.0, 0.01, 900.0)):
-        gain |= {"value": value, "standard_uncertainty": uncertainty}
-        result["errors"]["speed"]["after_holdout"] = left
-        assert to_correct(result) == [widen]
+    result["errors"]["torque"]["after"] = 0.5  # the factor explains only part of it
+    assert to_correct(result) == [widen]
+    assert to_correct({"causes": [], "parameters": {"inertias.rotor.J": free}, "errors": {}}) == []
