@@ -6,18 +6,16 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long kept docs fuzz mutants faults bench campaign campaign-hard campaign-beds lock clean figures explore
+.PHONY: help run test test-long docs fuzz bench campaign campaign-hard campaign-beds lock wheels clean figures explore
 
 PYTHON ?= python3
 WORKERS ?= 2
-MUTANTS ?= --anew
 BIN := .venv/bin
-# Wheels only and by hash: no compiler is called and nothing unknown comes in. Bytecode is made where it is first used. No build isolation: the backend is in the lock.
+# Of the lock what a target needs. Wheels only and by hash: no compiler is called, and what the lock does not name is refused.
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-INSTALL := $(PIP) install --no-compile --quiet --only-binary :all: --require-hashes --requirement
+INSTALL := $(PIP) install --no-compile --quiet --only-binary :all: --require-hashes --constraint requirements.lock
+# The backend is in the lock: no build isolation.
 PROJECT := $(PIP) install --quiet --no-deps --no-build-isolation --no-index --editable .
-COMPILE := uv pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
-	--only-binary :all: --no-emit-index-url --no-annotate --custom-compile-command "make lock" --quiet --group build
 
 # One thread a process, so that two workers fit two cores; figures without a display.
 export OMP_NUM_THREADS ?= 1
@@ -44,25 +42,15 @@ test: .venv/test.stamp  ## set up, then lint, types and all tests
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 
-test-long: .venv/test.stamp  ## set up, then the tests that take more than half a minute each
+test-long: .venv/test.stamp  ## set up, then the tests that take a quarter of a minute or more each
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m long --timeout 1800 -o faulthandler_timeout=1860 \
 		|| [ $$? = 5 ]  # 5: there is none
-
-kept: .venv/test.stamp  ## set up, then renew the lists that tests compare results and figures with; the difference is in git
-	$(BIN)/python -m pytest -q --renew-kept
 
 docs: .venv/test.stamp  ## set up, then build the documentation site, out/docs/index.html
 	$(BIN)/python -m sphinx -q -W --keep-going -b html -d out/.doctrees docs out/docs
 
 fuzz: .venv/test.stamp  ## set up, then try 100 000 changed inputs of every kind; goes on where it was stopped
 	$(BIN)/python -m tests.fuzz --workers $(WORKERS) $(FUZZ)
-
-mutants: .venv/mutants.stamp  ## set up, then plant 300 faults at random and count how many the tests notice (an hour or two)
-	$(BIN)/python -m pytest -q tests/mutants
-	$(BIN)/python -m tests.mutants --workers $(WORKERS) $(MUTANTS)
-
-faults: .venv/test.stamp  ## set up, then end commands at random moments and take from them what they need (an hour; FAULTS="--moments 5 --quick": minutes)
-	$(BIN)/python -m tests.faults $(FAULTS)
 
 bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
 	$(BIN)/python -m tests.benchmarks
@@ -79,13 +67,16 @@ campaign-beds: .venv/test.stamp  ## set up, then the campaign of beds: drawn bed
 figures: .venv/test.stamp  ## set up, then make the generated files of this repository anew (half an hour)
 	$(BIN)/python docs/figures.py $(FIGURES)
 
-lock: .venv/pip.stamp  ## write the pinned requirements in locks/ anew
+lock: .venv/pip.stamp  ## write requirements.lock anew: the newest versions that all groups agree on, for every system and Python
 	$(PIP) install --quiet uv
-	$(BIN)/$(COMPILE) --upgrade --output-file locks/run.txt
-	$(BIN)/$(COMPILE) --upgrade --constraint locks/run.txt --group test --output-file locks/test.txt
-	$(BIN)/$(COMPILE) --upgrade --constraint locks/test.txt --extra explore --output-file locks/explore.txt
-	$(BIN)/$(COMPILE) --upgrade --constraint locks/test.txt --group test --group mutants --output-file locks/mutants.txt
-	$(BIN)/$(COMPILE) --upgrade --constraint locks/run.txt --group bench --output-file locks/bench.txt
+	$(BIN)/uv pip compile pyproject.toml --extra explore --group build --group test --group bench --universal \
+		--python-version 3.11 --fork-strategy fewest --generate-hashes --only-binary :all: --no-emit-index-url \
+		--no-annotate --custom-compile-command "make lock" --quiet --upgrade --output-file requirements.lock
+
+wheels: .venv/pip.stamp  ## download what running needs, for the Containerfile
+	$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")' \
+		| $(PIP) download --quiet --only-binary :all: --require-hashes --constraint requirements.lock --group build \
+			--requirement /dev/stdin --dest wheels
 
 clean:  ## remove the environment and everything made
 	rm -rf .venv out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
@@ -99,8 +90,13 @@ clean:  ## remove the environment and everything made
 	$(BIN)/python $</pip --disable-pip-version-check install --quiet --no-index $<
 	touch $@
 
-.venv/run.stamp .venv/explore.stamp .venv/test.stamp .venv/mutants.stamp .venv/bench.stamp: .venv/%.stamp: locks/%.txt pyproject.toml .venv/pip.stamp
-	@echo "installing $<"
-	$(INSTALL) $<
+.venv/run.stamp: NEEDS := rigmatch
+.venv/explore.stamp: NEEDS := "rigmatch[explore]"
+.venv/test.stamp: NEEDS := rigmatch --group test
+.venv/bench.stamp: NEEDS := rigmatch --group bench
+.venv/run.stamp .venv/explore.stamp .venv/test.stamp .venv/bench.stamp: requirements.lock pyproject.toml .venv/pip.stamp
+	@echo "installing $(NEEDS)"
+	$(INSTALL) --group build
 	$(PROJECT)
+	$(INSTALL) $(NEEDS)
 	touch $@

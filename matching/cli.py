@@ -151,6 +151,8 @@ def _counted(parts: Any, word: str) -> str:
 
 
 ABOUT = "Tunes a powertrain test bed until it reproduces the vehicle's response; checks models against recordings."
+HELP_AND_TAB = """rigmatch COMMAND --help explains a command.
+Tab in bash and zsh: eval "$(register-python-argcomplete rigmatch)"; other shells: docs/commands.md"""
 MADE_BY_MAKE_RUN = "out/road_to_rig"  # what examples of help take as there
 NARROWEST_TERMINAL = 40  # columns
 GO_ON_IN_PLACE = ("explore", "commission")  # commands that write to files they read
@@ -250,7 +252,7 @@ def build_parser(words: Sequence[str]) -> Parser:
             commands.add_parser(name, add_help=False)
             continue
         command = commands.add_parser(
-            name, allow_abbrev=False, formatter_class=HelpFormatter, epilog=_examples(known.examples),
+            name, allow_abbrev=False, formatter_class=HelpFormatter, epilog=_examples(known.calls),
             description=described(known.function).text,
         )  # fmt: skip
         add_arguments(command, known.function, known.required, known.hidden)
@@ -275,16 +277,13 @@ def _commands_in_groups() -> str:
             group = known.group
             lines += ["", f"{group}:"]
         lines.append(f"  {name:12}{described(known.function).line}")
-    return "\n".join(
-        [*lines[1:], "", "rigmatch COMMAND --help explains a command; docs/commands.md: completion on Tab"]
-    )
+    return "\n".join([*lines[1:], "", HELP_AND_TAB])
 
 
 def _examples(calls: Sequence[str]) -> str:
     """Calls as one types them, one after the other, and where."""
     before = f" ({MADE_BY_MAKE_RUN} is what make run writes)" if any(MADE_BY_MAKE_RUN in call for call in calls) else ""
-    lines = "".join(f"  {call if call.startswith('python ') else f'rigmatch {call}'}\n" for call in calls)
-    return f"examples, in the program's folder{before}:\n{lines}"
+    return f"examples, in the program's folder{before}:\n" + "".join(f"  {call}\n" for call in calls)
 
 
 def _add_check(command: argparse.ArgumentParser, words: Sequence[str]) -> None:
@@ -478,6 +477,7 @@ def supervised(command: Callable[[], int]) -> int:
     signal.setitimer(signal.ITIMER_REAL, 0)
     _kill_session(child)  # worker processes that are left
     if asked and code < 0:
+        print("\r", end="", file=sys.stderr)  # over a progress bar that was cut short
         return _say(_ended_by(asked[0]), 128 + asked[0])
     if code == -signal.SIGKILL:
         line = "killed from outside, perhaps because memory ran out; results are whole or not there: run it again"

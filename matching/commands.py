@@ -325,7 +325,8 @@ def run_simulate(arguments: Arguments) -> dict[str, Any]:
 def _inaccurate(errors: dict[str, float], tolerance: float) -> list[str]:
     """A note on every reading whose estimated error is beyond the tolerance."""
     return [
-        f"{name}: the steps leave an estimated error of {error:.2g} of its range; the motion may be chaotic"
+        f"{name}: the steps leave an estimated error of {error:.2g} of its range: they do not resolve its fastest "
+        "vibration, or a motion that is chaotic"
         for name, error in errors.items()
         if error > tolerance
     ]
@@ -896,6 +897,11 @@ class Command:
     required: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     further: Callable[[argparse.ArgumentParser], None] | None = None
+
+    @property
+    def calls(self) -> list[str]:
+        """The examples as one types them."""
+        return [call if call.startswith("python ") else f"rigmatch {call}" for call in self.examples]
 
 
 BEGIN, UNDERSTAND, MATCH, LACKS, TRUST, BED = (

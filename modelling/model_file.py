@@ -149,11 +149,15 @@ def _effect(table: dict, base: System, places_by_kind: dict[str, dict[str, None]
     law = EFFECTS[kind]
     if kind not in places_by_kind:
         places_by_kind[kind] = dict.fromkeys(law.places(base))
-    at = _effect_place(table, places_by_kind[kind], place)
+    at = _effect_place(table, places_by_kind[kind], place, base)
     parameters = _separate({key: value for key, value in table.items() if key not in ("kind", "at")}, law, place)
     for key in parameters:
         if key not in law.parameters:
             raise unknown(key, law.file_keys, f"{place} ({kind})")
+    for array in law.arrays:
+        numbers = sorted(int(key.rpartition("_")[2]) for key in parameters if key.rpartition("_")[0] == array)
+        if numbers != list(range(1, len(numbers) + 1)):
+            raise InputError(f"{place}.{array}", "has a gap", f"write all of it as {array} = [first, second, …]")
     quantities = (
         (key, quantity(value, law.unit(key, at, base), f"{place}.{key}")) for key, value in parameters.items()
     )
@@ -185,11 +189,26 @@ def _joined(effect: Effect) -> dict[str, Any]:
     return out
 
 
-def _effect_place(table: dict, possible: Collection[str], place: str) -> str:
+def _exists(name: str, base: System) -> bool:
+    """Whether a name such as ``shafts.link`` is one of a component of the system."""
+    table, _, own = name.partition(".")
+    return any(part.name == own for part in getattr(base, table, ()) if table in COMPONENTS)
+
+
+COMPONENTS = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
+
+
+def _effect_place(table: dict, possible: Collection[str], place: str, base: System) -> str:
     """The place of an effect; a list of inputs or sensors shares it."""
     several = table.get("at")
     names = several if isinstance(several, list) and several else [text(table, "at", place)]
     for name in names:
+        elsewhere = isinstance(name, str) and not any(own.startswith(name.partition(".")[0]) for own in possible)
+        if elsewhere and _exists(name, base):
+            tables = sorted({own.partition(".")[0] for own in possible}) or ["something that this model does not have"]
+            others = [kind for kind, law in sorted(EFFECTS.items()) if name in law.places(base)]
+            wrong = f"{table.get('kind')} does not act at {name!r}, but at {' or '.join(tables)}"
+            raise InputError(f"{place}.at", wrong, f"there act {', '.join(others)}" if others else "")
         if not isinstance(name, str) or name not in possible:
             raise unknown(str(name), list(possible), f"{place}.at")
     return shared_place(names)

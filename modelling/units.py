@@ -283,6 +283,8 @@ def _general_unit(text: str) -> Unit:
     base = product.to_base_units()
     counts = _counts(powers, base.dimensionality)
     scale = float(base.magnitude) * (2 * math.pi if counts == "turns" and "turn" not in dict(powers) else 1.0)
+    if dict(powers).get("minute", 0) > 0 and not _has_angle(powers):
+        scale /= _minutes_as_speed(base.dimensionality)
     return Unit(text, scale, 0.0, base.dimensionality, counts)
 
 
@@ -308,6 +310,49 @@ def _counts(powers: Powers, dimension: Any) -> str:
     if "minute" in names:
         return "turns"
     raise SpellingError("leaves open whether it counts turns, radians or cycles; write 1/min, rad/s or Hz")
+
+
+def _has_angle(powers: Powers) -> bool:
+    """Whether a unit has an angle in it."""
+    return any(_KINDS.get(name.removeprefix("milli").removeprefix("micro")) == "angle" for name, _ in powers)
+
+
+def counts_angle(text: str) -> bool:
+    """Whether a text names a unit with an angle in it, as deg, turn or rad/s."""
+    try:
+        return _has_angle(parse(text)) if text.strip() not in ("", "1", "-") else False
+    except SpellingError:
+        return False
+
+
+def _minutes_as_speed(dimension: Any) -> float:
+    """Radians of a turn where minutes stand for a division by a speed in 1/min, as in N*m*min of a damping; else 1.
+
+    Raises
+    ------
+    SpellingError
+        If they may be either, as in V*min.
+    """
+    units = registry()
+    if dimension == (units.newton * units.meter * units.second).dimensionality:
+        return 2 * math.pi
+    if dimension == (units.volt * units.second).dimensionality:
+        raise SpellingError(
+            "leaves open whether min is a time or 1/min a speed; write V*s for a time, V/rpm for a speed"
+        )
+    return 1.0
+
+
+def is_torque(text: str) -> bool:
+    """Whether a unit is written as a force times a length, in any spelling; an energy in J is none."""
+    units = registry()
+    try:
+        powers = parse(text)
+    except SpellingError:
+        return False
+    force, length = units.newton.dimensionality, units.meter.dimensionality
+    kinds = [(units.Unit(name).dimensionality, exponent) for name, exponent in powers]
+    return len(kinds) == 2 and (force, 1) in kinds and (length, 1) in kinds
 
 
 def _is_rate(name: str) -> bool:

@@ -8,7 +8,6 @@ import math
 import os
 import shutil
 import tempfile
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -16,7 +15,6 @@ from typing import Any
 from modelling.errors import InputError
 
 WRITING = ".writing-"  # prefix of the hidden folder that files are written to before they are moved
-LEFT_SECONDS = 3600.0  # after which such a folder was left by a run that was killed
 PICTURES_AND_PAGES = (".svg", ".png", ".html")
 LARGEST_BYTES = 50_000_000  # of a result file that is read for its list
 
@@ -44,20 +42,22 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
     made = sorted({place for name in files for place in (directory / name).parents if not place.exists()}, reverse=True)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        for left in directory.glob(f"{WRITING}*/"):
-            if time.time() - left.stat().st_mtime > LEFT_SECONDS and not left.is_symlink():
-                shutil.rmtree(left, ignore_errors=True)
-        with tempfile.TemporaryDirectory(prefix=WRITING, dir=directory, ignore_cleanup_errors=True) as folder:
+        _remove_left(directory)
+        prefix = f"{WRITING}{os.getpid()}-"
+        with tempfile.TemporaryDirectory(prefix=prefix, dir=directory, ignore_cleanup_errors=True) as folder:
             for name, content in files.items():
                 path = Path(folder, name)
                 path.parent.mkdir(parents=True, exist_ok=True)
-                # a page may show the name of a file that is no UTF-8
-                path.write_bytes(content.encode("utf-8", "replace") if isinstance(content, str) else content)
+                with path.open("wb") as file:
+                    # a page may show the name of a file that is no UTF-8
+                    file.write(content.encode("utf-8", "replace") if isinstance(content, str) else content)
+                    file.flush()
+                    os.fsync(file.fileno())
                 _make_place(directory, name)
             for path in _outdated(directory, Path(folder)):
                 path.unlink(missing_ok=True)
             for name in files:
-                os.replace(Path(folder, name), directory / name)
+                Path(folder, name).replace(directory / name)
     except BaseException as error:
         for place in made:
             with contextlib.suppress(OSError):  # not empty
@@ -70,6 +70,24 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
         if isinstance(error, OSError) and error.filename is None:  # of a write
             error.filename = str(directory)
         raise
+
+
+def _remove_left(directory: Path) -> None:
+    """Remove the hidden folders of runs that were killed."""
+    for left in directory.glob(f"{WRITING}*-*/"):
+        number = left.name.removeprefix(WRITING).partition("-")[0]
+        if number.isdecimal() and not left.is_symlink() and not _runs(int(number)):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # somebody else's
+        pass
+    return True
 
 
 def _make_place(directory: Path, name: str) -> None:
@@ -170,11 +188,13 @@ def check_inputs_kept(directory: str | os.PathLike[str], names: Iterable[str]) -
         Naming the first file that would be replaced.
     """
     for name in names if _inputs else ():
-        with contextlib.suppress(OSError, ValueError):
-            at = os.lstat(Path(directory) / name)
-            if (at.st_dev, at.st_ino) in (_inputs or ()):
-                place = str(Path(directory) / name)
-                raise InputError(place, "is read by this command and would be replaced", "name another --out")
+        place = Path(directory) / name
+        try:
+            at = os.lstat(place)
+        except (OSError, ValueError):
+            continue
+        if (at.st_dev, at.st_ino) in (_inputs or ()):
+            raise InputError(str(place), "is read by this command and would be replaced", "name another --out")
 
 
 # --- Results as strict JSON

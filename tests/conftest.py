@@ -1,16 +1,17 @@
 """What every test begins with."""
 
+import faulthandler
 import gc
+import os
 
-import kept_lists
 import matplotlib as mpl
 import pytest
 from hypothesis import settings
-from kept_words import same_line
 
 import matching  # noqa: F401  brings the views of results, whichever test runs first
-from modelling import interruption as floating_point
+from modelling.resources import restore_floating_point
 
+TEAR_DOWN_SECONDS = 3  # of a test that failed; then its process ends and says where
 mpl.use("agg")  # no display, whatever the machine has
 settings.register_profile("repeatable", derandomize=True, deadline=None)  # `make test`: the same examples every time
 settings.register_profile("search", deadline=None, max_examples=1000)  # on request: new ones each time
@@ -20,40 +21,18 @@ settings.load_profile("repeatable")
 @pytest.fixture(autouse=True)
 def ieee_arithmetic() -> None:
     """Hypothesis refuses to work where a library that an earlier test called left small numbers flushed to zero."""
-    floating_point.restore()
-
-
-@pytest.fixture
-def kept_line(request):
-    """Compare an error with the line that is kept under the test's name; of paths given beside it only their names."""
-
-    def compare(error, *places) -> None:
-        line = str(getattr(error, "value", error))
-        same_line(request.node.nodeid.removeprefix("tests/").replace("/", " / "), line, *places)
-
-    return compare
-
-
-def pytest_addoption(parser) -> None:
-    parser.addoption("--renew-kept", action="store_true", help="write the lists in tests/kept anew (make kept)")
+    restore_floating_point()
 
 
 def pytest_configure(config) -> None:
-    kept_lists.renewing = config.getoption("renew_kept")
-    if kept_lists.renewing and config.getoption("numprocesses", None):
-        raise pytest.UsageError("--renew-kept works in one process: leave out -n")
+    config.standard_error = os.dup(2)  # nothing is captured yet
 
 
-def pytest_collection_modifyitems(config, items) -> None:
-    if config.getoption("renew_kept"):
-        items[:] = [test for test in items if kept_lists.compares(test)]
-
-
-def pytest_sessionfinish(session, exitstatus) -> None:
-    if kept_lists.renewing:
-        complete = exitstatus == pytest.ExitCode.OK and session.config.args == session.config.getini("testpaths")
-        changed = kept_lists.write(complete)
-        print("\nchanged, see git diff:", *changed) if changed else print("\nthe kept lists are as they were")
+@pytest.hookimpl(trylast=True)
+def pytest_exception_interact(node) -> None:
+    """With a failure the limits of pytest-timeout and of faulthandler end: its tear-down gets another."""
+    if isinstance(node, pytest.Item):
+        faulthandler.dump_traceback_later(TEAR_DOWN_SECONDS, exit=True, file=node.config.standard_error)
 
 
 def pytest_collection_finish() -> None:

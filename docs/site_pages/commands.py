@@ -28,8 +28,9 @@ def _section(name: str) -> str:
     command = commands.choices[name]
     rows = list(_rows(command))
     table = ["| argument | means |", "|---|---|", *rows] if rows else []
-    calls = (call if call.startswith("python ") else f"rigmatch {call}" for call in COMMANDS[name].examples)
-    return "\n".join([f"## rigmatch {name}", "", command.description or "", "", "```", *calls, "```", "", *table, ""])
+    return "\n".join(
+        [f"## rigmatch {name}", "", command.description or "", "", "```", *COMMANDS[name].calls, "```", "", *table, ""]
+    )
 
 
 def _rows(command: argparse.ArgumentParser) -> Iterator[str]:

@@ -377,7 +377,7 @@ class Circle:
             return files, {"status": result.status, "limits": list(result.limits)}
 
         name = f"{number}_match"
-        self._found(match=self._stages.run(name, _of_case(case), work))
+        self._found(match=self._stages.run(name, checksum(f"{_of_case(case)} seed {self._order.seed}"), work))
         return self._folder / name
 
     def _exported(self, case: Case, number: int) -> None:
@@ -412,7 +412,7 @@ class Circle:
             files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
             return files | {"verification.json": strict_json(result)}, result
 
-        return self._stages.run(name, _of_case(case), work)
+        return self._stages.run(name, self._of_run(_of_case(case)), work)
 
     def _identified(self, matched: Path, number: int) -> dict[str, Any]:
         """Excite, record, diagnose."""
@@ -460,7 +460,12 @@ class Circle:
             keep_recording(self._folder / name, taken)
             return {taken.name: taken.content}, {}
 
-        self._stages.run(name, checksum(excitation), work)
+        self._stages.run(name, self._of_run(excitation + _of_case(case)), work)
+
+    def _of_run(self, plan: str) -> str:
+        """Checksum of what a run of the bed depends on: its plan, the order, and the bed itself."""
+        bed = self._stages.of_files(self._bed) if self._bed.is_file() else str(self._bed.resolve())
+        return checksum(f"{plan} {self._order.excitation!r} {bed}")
 
     def _fmu(self, case: Case) -> FmuBed:
         driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]

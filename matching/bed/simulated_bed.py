@@ -29,7 +29,8 @@ from modelling.effects.sensors_and_actuators import (
 )
 from modelling.errors import InputError
 from modelling.recordings.read import csv_text
-from modelling.recordings.readers import LARGEST_FILE, READERS, WINDOWS
+from modelling.recordings.readers import READERS
+from modelling.recordings.text import LARGEST_FILE, WINDOWS
 from modelling.system import Effect, Quantity, System
 from modelling.writing import write_all
 

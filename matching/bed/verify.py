@@ -22,8 +22,9 @@ from modelling.fidelity.measures import WEIGHTS, Fidelity, SignalPair, fidelity_
 from modelling.linear.state_space import state_space
 from modelling.modal.modes import modes
 from modelling.recordings.read import Channel, read_signals
-from modelling.recordings.readers import READERS, read_csv
+from modelling.recordings.readers import READERS
 from modelling.recordings.recording import Recording
+from modelling.recordings.text import read_csv
 from modelling.system import System
 
 # --- Frequency responses from recordings of any excitation, by local rational models, with their covariance.

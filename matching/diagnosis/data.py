@@ -285,6 +285,42 @@ def _noise(system: System, segments: Sequence[Segment]) -> tuple[np.ndarray, lis
     return np.array(noise), notes
 
 
+# --- Inputs between their samples.
+#
+# A simulation takes inputs as straight between samples. A signal that is smooth there loses the share 1 − sinc²(f·h) of
+# its component at f that way, 1.4 % at 12 Hz and 187 samples per second: 13 standard uncertainties of an inertia. The
+# samples whose straight lines have the moments of the smooth signal follow from the series of 1/sinc²,
+# 1 + x²/12 + x⁴/240 with x = 2π·f·h, by central differences, −Δ² = x² − x⁴/12.
+
+
+def with_smooth_inputs(data: FitData, columns: Sequence[int]) -> FitData:
+    """Data whose straight lines between the samples of some inputs act like the smooth signals through these samples.
+
+    Parameters
+    ----------
+    columns : sequence of int
+        Inputs, by index.
+    """
+    return replace(data, segments=tuple(_with_smooth_inputs(segment, columns) for segment in data.segments))
+
+
+def _with_smooth_inputs(segment: Segment, columns: Sequence[int]) -> Segment:
+    inputs, step = segment.inputs.copy(), float(np.median(np.diff(segment.time)))
+    for j in columns:
+        second = _second_difference(segment.time, segment.inputs[:, j], step)
+        fourth = _second_difference(segment.time, second, step)
+        inputs[:, j] += -second / 12 + fourth / 90
+    return replace(segment, inputs=inputs)
+
+
+def _second_difference(time: np.ndarray, values: np.ndarray, step: float) -> np.ndarray:
+    """Second derivative (t,) of values (t,) times the square of a step, s; 0 at both ends."""
+    out = np.zeros_like(values)
+    slope = np.diff(values) / np.diff(time)
+    out[1:-1] = 2 * np.diff(slope) / (time[2:] - time[:-2]) * step**2
+    return out
+
+
 # --- How residuals are weighted where the model is not perfect: model error is no white noise.
 #
 # Each sensor has a scale and a memory of its own: what the model leaves of it is taken as a first-order autoregressive

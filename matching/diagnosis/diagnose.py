@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from matching.diagnosis.causes import extended_system, simulated_motion
-from matching.diagnosis.data import FitData, prepare_data
+from matching.diagnosis.causes import ExtendedModel, extended_system, simulated_motion
+from matching.diagnosis.data import FitData, prepare_data, with_smooth_inputs
 from matching.diagnosis.fit import Fit, balanced_fit, base_problem, compile_models, solve
 from matching.diagnosis.holdout import (
     RESTART_SECONDS,
@@ -176,6 +176,8 @@ def _search_and_rate(system: System, base: Fit, holdout: Holdout, progress: Prog
     for index in range(len(state.best.causes)):
         progress("rivals")
         rated.append(rate_rivals(state, index, holdout))
+    if not at_noise(state.best):
+        _eliminate(state, unseen, rated)
     return IdentifiedCauses(state, rated, fitted_candidates(state, holdout))
 
 
@@ -194,6 +196,24 @@ def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
     if len(state.best.causes) == 1 and state.with_one_cause[:1] != [state.best]:
         others = [hypothesis for hypothesis in state.with_one_cause if hypothesis.places != state.best.places]
         state.rivals = [[state.best, *others]]
+
+
+def _eliminate(state: SearchState, unseen: UnseenData, rated: list[list[RatedCause]]) -> None:
+    """Drop each final cause, the last first, without which the error of unseen data is no higher; then all of them
+    where even together they do not lower it."""
+    final = state.best
+    for index in reversed(range(len(state.best.causes))):
+        rest = _others(state, index)
+        if rest is not None and not unseen.gains(state.best, rest):
+            state.best = rest
+            del state.rivals[index : index + 1], rated[index]
+    if state.best.causes and not unseen.gains(state.best, state.base):
+        state.best, state.rivals = state.base, []
+        rated.clear()
+    if state.best is not final:
+        state.best = final_fit(state.best)
+    if not state.best.causes:
+        state.base = state.best
 
 
 def _drop_not_needed(state: SearchState) -> None:
@@ -254,6 +274,39 @@ def _others(state: SearchState, index: int) -> Hypothesis | None:
     return with_sharpest_friction(Hypothesis(model, fit))
 
 
+# --- Inputs between their samples: straight, as recordings have them, or smooth, where that is what the readings say.
+
+NOTICED = 0.05  # change of the readings, root mean square of the worst sensor in times the noise; chosen by trial
+LIKELIER = 25.0  # decrease of χ², over its mean per reading, from which inputs are taken as smooth; chosen by trial
+
+
+def _smooth_between_samples(system: System, fit: Fit) -> Fit | None:
+    """A fit with inputs that are smooth between samples, where it is likelier than with straight ones and leaves
+    nothing but noise; else None.
+
+    It has no parameter more. Where more than noise is left, it could stand for what the model lacks.
+    """
+    data = fit.problem.data
+    problem = replace(fit.problem, data=_with_smooth_inputs(system, data))
+    change = problem.by_sensor(problem.residuals(fit.v[None])[0] - fit.residual)
+    squares = np.sum([np.sum(part**2, axis=0) for part in change], axis=0)
+    if np.sqrt(squares / np.maximum(data.readings_by_sensor, 1)).max(initial=0.0) < NOTICED:
+        return None
+    try:
+        smooth = solve(problem, fit.v)
+    except FIT_ERRORS:
+        return None
+    if fit.cost - smooth.cost < LIKELIER * max(1.0, smooth.cost / data.readings_count):
+        return None
+    model = ExtendedModel(system, (), dict(problem.bounds), smooth.values)
+    return smooth if at_noise(Hypothesis(model, smooth)) else None
+
+
+def _with_smooth_inputs(system: System, data: FitData) -> FitData:
+    """Data with torque inputs that are smooth between samples."""
+    return with_smooth_inputs(data, [j for j, part in enumerate(system.inputs) if part.name not in system.imposed_by])
+
+
 # --- Diagnosis
 
 EXPLAINED_HOLDOUT_RATIO = 1.25  # error on held-out data, in times the noise, up to which causes count as explaining all
@@ -289,7 +342,21 @@ def diagnose(
     remembered = RememberedHoldout(judge)
     progress("base model")
     compile_models([system])
-    identified = identify_causes(system, solve(*base_problem(system, train)), remembered, progress)
+    base_fit = solve(*base_problem(system, train))
+    smooth = _smooth_between_samples(system, base_fit)
+    if smooth is None:
+        identified = identify_causes(system, base_fit, remembered, progress)
+        smooth = _smooth_between_samples(system, identified.state.best.fit) if identified.state.best.causes else None
+    if smooth is not None:
+        progress("inputs that are smooth between samples")
+        whole, train = (_with_smooth_inputs(system, data) for data in (whole, train))
+        if isinstance(judge, RestOfRecordings):
+            judge = RestOfRecordings(whole, judge.counts)
+        else:
+            judge = OtherRecordings(_with_smooth_inputs(system, judge.data))
+        remembered = RememberedHoldout(judge)
+        identified = identify_causes(system, solve(*base_problem(system, train)), remembered, progress)
+        notes.append("inputs are taken as smooth between samples, not as straight lines: the model fits better so")
     state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
     base, final = state.base, replace(state.best, fit=fits[0])
     state.best = final

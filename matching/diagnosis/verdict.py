@@ -407,7 +407,7 @@ def _reason(state: SearchState, hypothesis: Hypothesis, misfit_holdout: float, b
     notes = estimates(hypothesis.fit)
     if any(notes[name].note.startswith("at the bound") for name in cause.names().values()):
         return "at_bound"
-    return "rival"
+    return "rival" if state.best.causes else "not_better"  # without a cause there is none that it rivals
 
 
 # --- What to record to tell rivals apart: both are simulated over several manoeuvres.

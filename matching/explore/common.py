@@ -40,8 +40,9 @@ from modelling.linear.state_space import Response, response
 from modelling.modal.modes import LARGEST_WITH_ALL_MODES, damped_modes_of, modes_of
 from modelling.modal.result import Mode, Modes
 from modelling.recordings.read import Channel, read_recording
-from modelling.recordings.readers import TIME_NAMES, Table, read_table, time_hint
+from modelling.recordings.readers import read_table
 from modelling.recordings.recording import Recording
+from modelling.recordings.table import TIME_NAMES, Column, Table, time_hint
 from modelling.system import Quantity, System
 from modelling.units import SENSOR_UNITS, factor
 from modelling.writing import write_all
@@ -150,7 +151,7 @@ class Job:
         self._last_line, self._out = "", b""
         paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "matching", *words, "--json"],
+            [sys.executable, "-P", "-m", "matching", *words, "--json"],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
             env=os.environ | {"PYTHONPATH": paths, PROGRESS_ALWAYS: "1"},
         )  # fmt: skip
@@ -1133,20 +1134,20 @@ def channel_list(path: str | Path, system: System | None = None) -> dict[str, An
     notes = list(table.notes)
     if not time:
         notes.append(f"no channel is called time: {time_hint(table.names)}")
-    stamps = table.values[:, table.names.index(time)] if time else np.arange(len(table.values), dtype=float)
-    channels = [_channel(table, index, stamps) for index in range(len(table.names))]
+    stamps = table[time].values if time else np.arange(table.rows, dtype=float)
+    channels = [_channel(column, stamps) for column in table.columns]
     suggested = ""
     if system is not None:
-        columns = {name: unit for name, unit in zip(table.names, table.units, strict=True) if name != time}
+        columns = {column.name: column.unit for column in table.columns if column.name != time}
         chosen = {name: (found.column, found.unit) for name, found in suggestions(system, columns).items()}
         suggested = channel_file(chosen, time or "NAME")
     return {"channels": channels, "notes": notes, "channel_file": suggested}
 
 
-def _channel(table: Table, index: int, stamps: np.ndarray) -> dict[str, Any]:
-    values = table.values[:, index]
+def _channel(column: Column, stamps: np.ndarray) -> dict[str, Any]:
+    values = column.values
     there = np.isfinite(values)
-    found: dict[str, Any] = {"name": table.names[index], "unit": table.units[index], "samples": int(there.sum())}
+    found: dict[str, Any] = {"name": column.name, "unit": column.unit, "samples": int(there.sum())}
     if not there.any():
         return found | dict.fromkeys(("from", "to", "least", "largest"))
     recorded = stamps[there & np.isfinite(stamps)]
@@ -1218,9 +1219,7 @@ class Measurement:
     @property
     def columns(self) -> dict[str, str]:
         """Unit of every column but time, empty where the file states none."""
-        units = dict(zip(self.table.names, self.table.units, strict=True))
-        units.pop(self.time, None)
-        return units
+        return {column.name: column.unit for column in self.table.columns if column.name != self.time}
 
     @property
     def span(self) -> tuple[float, float]:
@@ -1247,7 +1246,7 @@ class Measurement:
         return folder / name
 
     def _column(self, name: str) -> np.ndarray:
-        return self.table.values[:, self.table.names.index(name)]
+        return self.table[name].values
 
 
 def opened_measurement(path: str | Path) -> Measurement:

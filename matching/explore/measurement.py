@@ -101,7 +101,7 @@ class MeasurementTab:
             return
         file, system = self.file, self.workspace.models[self.role.value].system
         self.workspace.recordings = [path, *(each for each in self.workspace.recordings if each != path)]
-        self.message.say(f"{path.name}: {len(file.table.values)} samples, columns {', '.join(file.columns)}")
+        self.message.say(f"{path.name}: {file.table.rows} samples, columns {', '.join(file.columns)}")
         suggested = file.suggestions(system)
         self._choosers: dict[str, tuple[Any, Any]] = {}
         for wanted in wanted_channels(system):

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -22,7 +23,7 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 import sympy as sm
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib import rc_context
+from matplotlib import rc_context, rcParamsDefault
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -372,9 +373,15 @@ def figure(width: float = 6.4, height: float = 4.0) -> Figure:
     return empty
 
 
+@cache
+def _defaults() -> dict[str, Any]:
+    """Matplotlib's own settings: a file matplotlibrc in the working folder does not count."""
+    return {name: rcParamsDefault[name] for name in rcParamsDefault if not name.startswith(("backend", "interactive"))}
+
+
 def styled() -> Any:
     """A context in which axes are made with the settings of this module."""
-    return rc_context(SETTINGS)
+    return rc_context(_defaults() | SETTINGS)
 
 
 def image(fig: Figure, kind: str = "svg", metadata: Mapping[str, str] | None = None) -> bytes:

@@ -740,14 +740,30 @@ def to_correct(result: Mapping[str, Any]) -> list[str]:
     ranges that are too narrow, for what a quantity at its bound cannot take a false cause may have taken."""
     steps = []
     for cause in result["causes"]:
-        gain = cause["parameters"].get("factor")  # of an input or a sensor
-        if gain is not None and gain["value"] < 0:
+        if _sign_is_reversed(cause, result["errors"]):
             steps.append(f"the sign of {place(cause['at'])} is probably reversed: change it in the channel file")
     at_bound = [name for name, estimate in result["parameters"].items() if "at the bound" in estimate.get("note", "")]
     if at_bound:
         ends = "ends at the bound of its range" if len(at_bound) == 1 else "end at the bounds of their ranges"
         steps.append(f"{', '.join(at_bound)} {ends}: widen that in the model file, unless physics sets it")
     return [f"{step}, and run again" for step in steps]
+
+
+REVERSED = 0.05  # distance of a factor from −1 up to which it says that a sign is reversed
+NEAR_NOISE = 2.0  # error in times the noise up to which a reversed sign explains a channel
+
+
+def _sign_is_reversed(cause: Mapping[str, Any], errors: Mapping[str, Any]) -> bool:
+    """Whether a cause is a factor of −1 within its uncertainty, and leaves no more than noise of what it acts on."""
+    gain = cause["parameters"].get("factor")  # of an input or a sensor
+    if gain is None:
+        return False
+    uncertainty = gain.get("standard_uncertainty") or 0.0
+    if not (abs(gain["value"] + 1) <= max(2 * uncertainty, REVERSED) and gain["value"] < -2 * uncertainty):
+        return False
+    places = [cause["at"]] if isinstance(cause["at"], str) else cause["at"]
+    names = [at.split(".")[1] for at in places if at.startswith("sensors.")] or list(errors)
+    return all((errors[name]["after"] or 0.0) <= NEAR_NOISE * errors[name]["noise"] for name in names)
 
 
 def not_identifiable(result: Mapping[str, Any]) -> list[str]:

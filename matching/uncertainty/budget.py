@@ -18,7 +18,7 @@ import sympy
 from modelling.errors import InputError
 from modelling.escape import single_line
 from modelling.toml import check_keys, number, numbers, one_of, read_toml, text, title
-from modelling.units import Unit, registry, unit_of
+from modelling.units import Unit, counts_angle, is_torque, registry, unit_of
 
 # --- The distributions an input can have: standard uncertainty from half-width (Eq. 12), fast draws, exact quantiles.
 #
@@ -276,7 +276,7 @@ def check_turns(expression: Any, units: Mapping[str, Unit], result: Unit, where:
                 f"multiplies {name} by pi, but {name} in {units[name].text} is taken in rad/s already",
                 f"leave out the factor 2*pi, or give {name} in Hz",
             )
-        torques = [symbol for symbol in factors if symbol.is_Symbol and _is_torque(units[symbol.name])]
+        torques = [symbol for symbol in factors if symbol.is_Symbol and is_torque(units[symbol.name].text)]
         power = unit_of("W", where).dimension
         if "cycles" in counted and torques and result.dimension == power and not expression.has(sympy.pi):
             raise InputError(
@@ -311,19 +311,17 @@ def _is_rate(unit: Unit) -> bool:
     return unit.dimension == unit_of("Hz", "").dimension
 
 
-def result_unit(expression: Any, unit: Unit) -> Unit:
-    """The unit of a measurand: 1/min of a formula that divides by pi, as angle/(2·pi·time) does, counts cycles."""
+def result_unit(expression: Any, unit: Unit, units: Mapping[str, Unit]) -> Unit:
+    """The unit of a measurand: 1/min of a formula that divides by pi, as angle/(2·pi·time) does, counts cycles; so does
+    1/min of a number over a time, without an angle or a speed in it."""
     divides = any(
         factor.is_Pow and factor.base == sympy.pi and factor.exp == -1 for factor in expression.atoms(sympy.Pow)
     )
-    if unit.counts != "turns" or not divides:
+    used = [units[symbol.name] for symbol in expression.free_symbols]
+    number_over_time = not expression.has(sympy.pi) and not any(part.counts or counts_angle(part.text) for part in used)
+    if unit.counts != "turns" or not (divides or number_over_time):
         return unit
     return replace(unit, scale=unit.scale / (2 * math.pi), counts="cycles")
-
-
-def _is_torque(unit: Unit) -> bool:
-    """Whether it is written as a force times a length; an energy in J is none."""
-    return unit.dimension == unit_of("N*m", "").dimension and "N" in unit.text
 
 
 # --- From the text of a formula to a SymPy expression, without evaluating any of the text.
@@ -663,6 +661,7 @@ def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQu
 # --- Budget files (TOML) to ``Budget``; the format is described in ``examples/sensors/README.md``.
 
 MOST_INPUTS = 500  # matrices of second derivatives and correlations are full
+LARGEST_COVERAGE = 0.9999  # a hundred draws of a million lie outside: they tell where the interval ends
 TOP = ("title", "coverage", "coverage_factor", "measurand", "measurands", "inputs", "correlations", "lines")
 LONGEST_NAME = 100  # characters of a measurand's name: it stands in sentences and figures
 
@@ -678,6 +677,9 @@ def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
     coverage = number(tables, "coverage", where) if "coverage" in tables else 0.95
     if not 0 < coverage < 1:
         raise InputError(f"{where}: coverage", f"{coverage:g} is no probability", "give a number such as 0.95")
+    if coverage > LARGEST_COVERAGE:
+        wrong = f"{coverage:.10g} is more than draws can show"
+        raise InputError(f"{where}: coverage", wrong, f"give at most {LARGEST_COVERAGE}")
     factor = read_coverage_factor(tables, where) if "coverage_factor" in tables else None
     inputs, correlated = _inputs(tables, where)
     names = [quantity.name for quantity in inputs]
@@ -798,7 +800,7 @@ def _measurands(tables: dict[str, Any], inputs: list[InputQuantity], where: str)
         expression = parse_formula(text(table, "formula", here), dimensions, f"{here}.formula")
         dimension = dimension_of(expression, dimensions, f"{here}.formula")
         check_turns(expression, units, unit, f"{here}.formula")
-        unit = result_unit(expression, unit)
+        unit = result_unit(expression, unit, units)
         if dimension != unit.dimension:
             raise InputError(
                 f"{here}.formula",

@@ -86,7 +86,7 @@ def rank(rows: np.ndarray | scipy.sparse.sparray) -> int:
 def _entries(rows: np.ndarray | scipy.sparse.sparray) -> Iterator[dict[int, float]]:
     """What is not zero in each row (r, n), by column, at length one."""
     if isinstance(rows, np.ndarray):
-        for row in rows / np.linalg.norm(rows, axis=1, keepdims=True):
+        for row in unit_rows(rows):
             columns = np.flatnonzero(row)
             yield dict(zip(columns.tolist(), row[columns].tolist(), strict=True))
         return
@@ -97,8 +97,10 @@ def _entries(rows: np.ndarray | scipy.sparse.sparray) -> Iterator[dict[int, floa
 
 
 def unit_rows(rows: np.ndarray) -> np.ndarray:
-    """Rows (r, n) at length one."""
-    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    """Rows (r, n) at length one; nothing of a shaft that a rigid gear beside it does not let twist."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    twists = length > 1e-14 * length.max(initial=0.0)
+    return np.where(twists, rows / np.where(twists, length, 1.0), 0.0)
 
 
 def null_space(rows: np.ndarray) -> np.ndarray:

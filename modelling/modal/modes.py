@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import scipy
@@ -315,9 +316,44 @@ def modes_of(model: Model, p: np.ndarray, state: np.ndarray | None = None) -> Mo
         raise InputError("values", "a parameter is not finite", "give finite numbers")
     parts = elements(model, p, reference_states(model, p) if state is None else state)
     squares, shapes = _eigen(parts)
+    _correct_wide(parts, squares, shapes)
     if np.any(squares < -1e-11 * np.abs(squares).max(axis=1, keepdims=True)):
         raise InputError("", "the stiffness at this state is negative: no mode oscillates", "choose another state")
     return _completed(model, parts, squares, shapes)
+
+
+WIDE = 1e-10  # of the largest ω²: below, rounding in the stiffest shaft shows in the sixth digit
+MOST_WITH_MORE_DIGITS, MOST_CASES = 24, 4  # degrees of freedom and cases; some seconds
+DIGITS = 60
+
+
+def _correct_wide(parts: Elements, squares: np.ndarray, shapes: np.ndarray) -> None:
+    """Replace modes over more than five decades of frequency by those of a calculation with more digits, in place."""
+    count = squares.shape[1]
+    if not count or count > MOST_WITH_MORE_DIGITS or len(squares) > MOST_CASES:
+        return
+    rigid = parts.rigid()
+    for case in range(len(squares)):
+        elastic = squares[case, int(rigid[case]) :]
+        if len(elastic) > 1 and elastic[0] < WIDE * elastic[-1]:
+            squares[case], shapes[case] = _with_more_digits(parts, case)
+
+
+def _with_more_digits(parts: Elements, case: int) -> tuple[np.ndarray, np.ndarray]:
+    """ω² (m,) and shapes (n, m) of one case with :data:`DIGITS` digits, from the inertias and springs themselves."""
+    from mpmath import mp
+
+    def quadratic(rows: np.ndarray, sizes: np.ndarray) -> Any:
+        own = mp.matrix((rows[case] if rows.ndim > 2 else rows).tolist())
+        return own.T * mp.diag([mp.mpf(float(size)) for size in sizes]) * own
+
+    with mp.workdps(DIGITS):
+        mass = quadratic(parts.mass_transformation, parts.J[case])
+        stiffness = quadratic(parts.spring_transformation, parts.stiffness[case])
+        inverse = mp.inverse(mp.cholesky(mass))
+        squares, vectors = mp.eigsy(inverse * stiffness * inverse.T)
+        shapes = inverse.T * vectors
+        return np.array([float(value) for value in squares]), np.array(shapes.tolist(), dtype=float)
 
 
 def _completed(model: Model, parts: Elements | SparseElements, squares: np.ndarray, shapes: np.ndarray) -> Modes:
@@ -343,7 +379,12 @@ def _eigen(parts: Elements) -> tuple[np.ndarray, np.ndarray]:
         scale = 1 / np.sqrt(diagonal)
         squares, shapes = np.linalg.eigh(stiffness * scale[:, :, None] * scale[:, None, :])
         return squares, shapes * scale[:, :, None]
-    inverse = np.linalg.inv(np.linalg.cholesky(mass))
+    scale = 1 / np.sqrt(diagonal)
+    try:
+        inverse = np.linalg.inv(np.linalg.cholesky(mass * scale[:, :, None] * scale[:, None, :])) * scale[:, None, :]
+    except np.linalg.LinAlgError:
+        wrong = "the inertias at one shaft differ too much for the digits of a computer"
+        raise InputError("", wrong, "check inertias and gear ratios") from None
     across = np.swapaxes(inverse, -1, -2)
     white = inverse @ stiffness @ across
     squares, shapes = np.linalg.eigh((white + np.swapaxes(white, -1, -2)) / 2)
@@ -478,6 +519,7 @@ def reduced(modes: Modes, ratios: Mapping[str, float]) -> Modes:
     """
     at_reference = modes.mass_amplitudes * np.array([ratios.get(name, 1.0) for name in modes.masses])[:, None]
     peak = at_reference[np.argmax(np.abs(at_reference), axis=0), range(len(modes))]
+    peak = np.where(np.abs(peak) > 0, peak, 1.0)  # a mode that moves no inertia
     size = np.abs(peak) ** 2
     return dataclasses.replace(
         modes,

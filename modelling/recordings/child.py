@@ -1,79 +1,29 @@
-"""A process of its own that reads one file with a library in C: a damaged file may crash, stall or fill that process.
+"""A process of its own that reads one file with a library in C, which a damaged file may crash, stall or fill.
 
-:func:`read_in_child` starts it. Its standard input holds the request, its standard output the answer: a line of JSON,
-then the numbers as they lie in memory.
+:func:`modelling.recordings.readers.read_in_child` starts it. Standard input holds the request, standard output the
+answer: a line of JSON, then the numbers as they lie in memory.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import signal
-import subprocess
 import sys
-from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from modelling.errors import InputError
-
-LEAST_SECONDS, BYTES_PER_SECOND = 120.0, 5e6  # time limit: at least, and by the file's size
-LEAST_BYTES, FILE_SIZES = 4_000_000_000, 30  # memory limit: at least, and in file sizes (files may be compressed)
-DAMAGED = "it is probably damaged: save it again, or as CSV"
-
-
-def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Names, units, values, notes and others of a :class:`modelling.recordings.readers.Table`.
-
-    Raises
-    ------
-    InputError
-        If the file is not right; if reading it crashes, takes too long or needs too much memory.
-    ModuleNotFoundError, FileNotFoundError
-        If the reader needs a package that is missing; if there is no such file.
-    """
-    size = path.stat().st_size
-    seconds, most = LEAST_SECONDS + size / BYTES_PER_SECOND, LEAST_BYTES + FILE_SIZES * size
-    request = {"path": str(path), "used": used if used is None else sorted(used), "options": options, "bytes": most}
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join(sys.path), "ARROW_DEFAULT_MEMORY_POOL": "system",
-        "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
-    }  # fmt: skip
-    with TemporaryDirectory(prefix="rigmatch-") as temporary:  # asammdf leaves files there
-        try:
-            done = subprocess.run(
-                [sys.executable, "-P", "-m", __name__], input=json.dumps(request).encode(), capture_output=True,
-                env=environment | {"TMPDIR": temporary}, timeout=seconds, check=False,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
-            raise InputError(str(path), f"is not read within {seconds:.0f} s", DAMAGED) from None
-    line, _, numbers = done.stdout.partition(b"\n")
-    if not line or done.returncode:
-        code = done.returncode
-        end = signal.Signals(-code).name if code < 0 and -code in set(signal.Signals) else f"exit {code}"
-        raise InputError(str(path), f"the library that reads it crashed ({end})", DAMAGED)
-    head = json.loads(line)
-    if "wrong" in head:
-        raise InputError(*head["wrong"])
-    if "needs" in head:
-        raise ModuleNotFoundError(name=head["needs"])
-    if "memory" in head:
-        raise InputError(str(path), f"needs more than {most / 1e9:.1f} GB to be read", DAMAGED)
-    values = np.frombuffer(numbers, dtype=np.float64).reshape(head.pop("shape")).copy()
-    return {"values": values, **{name: tuple(v) if name in ("notes", "others") else v for name, v in head.items()}}
+from modelling.recordings.readers import reader_of
 
 
 def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
     """The table as text and numbers, or the line that says why there is none."""
-    from modelling.recordings.readers import READERS
-
     path = Path(request["path"])
     try:
-        table = READERS[path.suffix.lower()](path, request["used"], **request["options"])
+        table = reader_of(path)(path, request["used"], **request["options"])
     except InputError as error:
         return {"wrong": [error.where, error.wrong, error.right]}, b""
     except ModuleNotFoundError as error:
@@ -82,9 +32,9 @@ def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         return {"memory": True}, b""
     except OSError as error:
         return {"wrong": [str(path), error.strerror or "cannot be read", "name a readable file"]}, b""
-    values = np.ascontiguousarray(table.values, dtype=np.float64)
-    description = {name: list(getattr(table, name)) for name in ("names", "units", "notes", "others")}
-    return description | {"shape": values.shape}, values.tobytes()
+    head = {"columns": [(column.name, column.unit) for column in table.columns]}
+    numbers = b"".join(np.ascontiguousarray(column.values, dtype=np.float64).tobytes() for column in table.columns)
+    return head | {"notes": table.notes, "others": table.others}, numbers
 
 
 def main() -> None:

@@ -14,8 +14,27 @@ from typing import Any
 import numpy as np
 
 from modelling.errors import InputError, listed, unknown
-from modelling.recordings.readers import Table, read_table, time_hint
-from modelling.recordings.recording import GAP_STEPS, Recording, bridged, longest_bridge, missing_note, rows_a_value
+from modelling.recordings.corrections import (
+    corrected_wraps,
+    far_beyond_note,
+    held_rows,
+    jumps_note,
+    magnitude_note,
+    unwrapped,
+    without_overrange,
+)
+from modelling.recordings.readers import read_table
+from modelling.recordings.recording import (
+    GAP_STEPS,
+    Recording,
+    bridge_of,
+    bridged,
+    longest_bridge,
+    missing_note,
+    own_interval,
+    rows_a_value,
+)
+from modelling.recordings.table import Column, Table, time_hint
 from modelling.system import System
 from modelling.toml import read_toml
 from modelling.units import LARGEST, factor, signal_unit, to_si
@@ -28,24 +47,37 @@ from modelling.units import LARGEST, factor, signal_unit, to_si
 # flange_torque = { channel = "M_dyno", sign = -1 }             # positive in the other direction
 # load_speed = { channel = "n_load", group = 3, factor = 1.02 } # of an MDF: the group; times a factor
 # time = "t"
+# motor_angle = { channel = "phi", period = 360 }               # starts anew after so much, in the file's unit
+#
+# Above [channels] may stand ``header = 3``, the line of a table's header, and ``sampling_rate = 1000`` (Hz) of a file
+# without a column of time.
 
-KEYS = ("channel", "unit", "sign", "factor", "group")
+KEYS = ("channel", "unit", "sign", "factor", "group", "period")
 CHANNEL_UNITS = ("rad/s", "N*m", "rad", "rad/s^2", "s")  # SI units of sensors, inputs and time
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel of a measurement file: its name there, its unit (None: as the file says), what it is multiplied by, and
-    the group it is in where several have it (MDF), and where the channel file says so: ``FILE: channels.NAME``."""
+    """A channel of a measurement file: its name there, its unit (None: as the file says), what it is multiplied by,
+    the group it is in where several have it (MDF), after how much it starts anew (in the file's unit), and where the
+    channel file says so: ``FILE: channels.NAME``."""
 
     name: str
     unit: str | None = None
     factor: float = 1.0
     group: int | None = None
+    period: float | None = None
     where: str = field(default="", compare=False)
 
 
-def read_channels(path: str | PathLike[str]) -> dict[str, Channel]:
+class ChannelFile(dict[str, Channel]):
+    """Channel by the model's name; the line of the header and the sampling rate (Hz) where the file states them."""
+
+    header: int | None = None
+    sampling_rate: float | None = None
+
+
+def read_channels(path: str | PathLike[str]) -> ChannelFile:
     """Read a channel file: Channel by the model's name.
 
     Raises
@@ -56,12 +88,22 @@ def read_channels(path: str | PathLike[str]) -> dict[str, Channel]:
     path = Path(path)
     data = read_toml(path)
     for key in data:
-        if key != "channels":
-            raise unknown(key, ["channels"], f"{path}")
-    table = data.get("channels")
-    if not isinstance(table, dict) or not table:
+        if key not in ("channels", "header", "sampling_rate"):
+            raise unknown(key, ["channels", "header", "sampling_rate"], f"{path}")
+    table = data.get("channels", {})
+    if not isinstance(table, dict) or (not table and len(data) <= ("channels" in data)):
         raise InputError(f"{path}: channels", "is missing or empty", 'write [channels] with NAME = "channel" rows')
-    channels = {name: _channel(value, f"{path}: channels.{name}") for name, value in table.items()}
+    channels = ChannelFile({name: _channel(value, f"{path}: channels.{name}") for name, value in table.items()})
+    if "sampling_rate" in data:
+        rate = to_si(data["sampling_rate"], "Hz", f"{path}: sampling_rate")
+        if rate <= 0:
+            raise InputError(f"{path}: sampling_rate", "is not positive", "write samples per second, in Hz")
+        channels.sampling_rate = rate
+    if "header" in data:
+        header = data["header"]
+        if isinstance(header, bool) or not isinstance(header, int) or not 1 <= header <= 100_000:
+            raise InputError(f"{path}: header", f"{header!r} is no line", "write the number of its line, from 1")
+        channels.header = header
     first_use: dict[str, str] = {}
     for name, channel in channels.items():
         if channel.name in first_use:
@@ -91,7 +133,12 @@ def _channel(value: Any, where: str) -> Channel:
         raise InputError(f"{where}.factor", "is 0", "write what the channel is to be multiplied by")
     if group is not None and (isinstance(group, bool) or not isinstance(group, int) or group < 0):
         raise InputError(f"{where}.group", f"{group!r} is no group", "write its number, counted from 0")
-    return Channel(name.strip(), unit, sign * multiplier, group, where)
+    period = to_si(table["period"], "1", f"{where}.period") if "period" in table else None
+    if period is not None and period <= 0:
+        raise InputError(
+            f"{where}.period", "is not positive", "write after how much it starts anew, in the file's unit"
+        )
+    return Channel(name.strip(), unit, sign * multiplier, group, period, where)
 
 
 def _same_unit(first: str, second: str) -> bool:
@@ -109,9 +156,18 @@ def names_in_file(names: Iterable[str], channels: Mapping[str, Channel] | None) 
     return {channels[name].name if channels and name in channels else name for name in [*names, "time"]}
 
 
-def groups_in_file(channels: Mapping[str, Channel] | None) -> dict[str, int]:
-    """The group of every channel for which one is named, by the channel's name in the file."""
-    return {channel.name: channel.group for channel in (channels or {}).values() if channel.group is not None}
+def read_columns(path: str | Path, used: set[str], channels: Mapping[str, Channel] | None) -> Table:
+    """The columns of a file that are used, as :func:`read_table`; with what a channel file says of the file."""
+    groups = {channel.name: channel.group for channel in (channels or {}).values() if channel.group is not None}
+    stated = channels if isinstance(channels, ChannelFile) else ChannelFile()
+    table = read_table(path, used, groups, stated.header)
+    if stated.sampling_rate is None:
+        return table
+    if "time" in table or not table.rows:
+        wrong = "has a column 'time'" if "time" in table else "has none of the channels that are asked for"
+        raise InputError(str(path), wrong, "drop sampling_rate in the channel file" if "time" in table else "")
+    time = Column("time", "s", np.arange(table.rows) / stated.sampling_rate)
+    return replace(table, columns=(time, *table.columns))
 
 
 def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table:
@@ -122,47 +178,38 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
     InputError
         If a channel is not in the file; with what it might be.
     """
-    if "time" in channels and channels["time"].name in table.names and table.names[0] != channels["time"].name:
-        table = _time_first(table, channels["time"].name)
-    names, units, values, notes = list(table.names), list(table.units), table.values.copy(), list(table.notes)
+    time, others, notes = channels.get("time"), table.others, list(table.notes)
+    own_time = time is not None and time.name != "time" and time.name in table and "time" in table
+    if own_time:  # another column is to be the time
+        table, others = replace(table, columns=tuple(c for c in table.columns if c.name != "time")), ("time", *others)
+    columns = dict(enumerate(table.columns))
     for name, channel in channels.items():
-        if channel.name not in table.names:
-            time_has_no_name = name == "time" and table.names[:1] == ["time"]
-            if channel.name in table.others or time_has_no_name:
+        index = next((i for i, column in enumerate(table.columns) if column.name == channel.name), None)
+        if index is None:
+            if channel.name in others or (name == "time" and name in table):
                 continue
-            fault = unknown(channel.name, [*table.names, *table.others], channel.where or f"channels.{name}")
+            fault = unknown(channel.name, [*table.names, *others], channel.where or f"channels.{name}")
             raise InputError(fault.where, f"{channel.name!r} does not exist in {source}", fault.right)
-        if name in table.names and name != channel.name:
+        if name in table and name != channel.name:
             wrong = f"has a column {name!r} beside {channel.name!r}, which is to be {name!r}"
             raise InputError(source, wrong, "drop one")
-        index = table.names.index(channel.name)
-        stated, unit = table.units[index], channel.unit if channel.unit is not None else table.units[index]
+        stated = table.columns[index].unit
+        unit = channel.unit if channel.unit is not None else stated
         if stated and not _same_unit(stated, unit):
             notes.append(f"{channel.name} is in {stated} by the file, taken in {unit or 'SI'} by the channel file")
-        names[index], units[index] = name, unit
-        values[:, index] *= channel.factor
-    return replace(table, names=names, units=units, values=values, notes=tuple(notes))
-
-
-def _time_first(table: Table, time: str) -> Table:
-    """The column that is to be time in front; another one called ``time`` is left out."""
-    first = table.names.index(time)
-    order = [first, *(i for i, name in enumerate(table.names) if name not in (time, "time"))]
-    left_out = ("time",) if "time" in table.names else ()
-    return replace(
-        table,
-        names=[table.names[i] for i in order],
-        units=[table.units[i] for i in order],
-        values=np.ascontiguousarray(table.values[:, order]),
-        others=(*left_out, *table.others),
-    )
+        values = table.columns[index].values
+        if channel.period is not None:
+            values = unwrapped(values, channel.period)
+            notes.append(f"{name} is unwrapped: it starts anew after {channel.period:g} by the channel file")
+        columns[index] = Column(name, unit, values * channel.factor)
+    return replace(table, columns=tuple(columns.values()), notes=tuple(notes), others=others)
 
 
 # --- Columns of a file: found by name, converted to SI.
 
 
 def check_header(table: Table, source: str) -> None:
-    """Check that the first column is time, that names differ, and that there are rows.
+    """Check that there is a column of time, that names differ, and that there are rows.
 
     Raises
     ------
@@ -172,39 +219,37 @@ def check_header(table: Table, source: str) -> None:
     columns = (*table.names, *table.others)
     if not columns:
         raise InputError(source, "has no columns", "'time [s]' and the inputs are needed")
-    if "time" not in table.names:
+    if "time" not in table:
         raise InputError(source, f"has no column 'time'; there are {listed(list(columns))}", time_hint(columns))
-    if table.names[0] != "time":
-        raise InputError(f"{source}: line 1", f"the first column is {columns[0]!r}", "it must be 'time [s]'")
     for i, name in enumerate(table.names):
         if name in table.names[:i]:
             raise InputError(f"{source}: line 1", f"column {name!r} is there twice", "names must differ")
-    if len(table.values) < 2:
-        rows = len(table.values)
+    if table.rows < 2:
+        rows = table.rows
         if table.others and len(table.names) == 1:
             there = f"has none of the channels that are asked for; there are {listed(list(table.others))}"
             raise InputError(source, there, "a channel file (--channels) maps names")
         raise InputError(source, f"has {rows} row{'s' * (rows != 1)} of numbers", "at least two are needed")
 
 
-def column(table: Table, name: str, rows: np.ndarray, scale: float, source: str) -> np.ndarray:
-    """Values (t,) of a column in the rows (t,), times ``scale``; NaN where missing.
+def column(
+    table: Table, name: str, rows: np.ndarray, scale: float, source: str, notes: list[str] | None = None
+) -> np.ndarray:
+    """Values (t,) of a column in the rows (t,), times ``scale``; NaN where missing or overrange (noted).
 
     Raises
     ------
     InputError
-        If a value is infinite, or larger than any quantity.
+        If a value is larger than any quantity.
     """
-    with np.errstate(over="ignore"):
-        values = table.values[rows, table.names.index(name)] * scale
-    if np.isinf(values).any():
-        row = int(rows[np.argmax(np.isinf(values))])
-        raise InputError(
-            f"{source}: {table.place(row)}", f"{name!r} is infinite", "write a finite number or leave it empty"
-        )
+    read, over = without_overrange(table[name].values[rows])
+    if over and notes is not None:
+        first = table.place(int(rows[np.argmax(np.isnan(read) & ~np.isnan(table[name].values[rows]))]))
+        notes.append(f"{name}: {over} numbers of 1e30 or more stand for missing values, first in {first}")
+    values = read * scale
     if (np.abs(values) > LARGEST).any():
         row = int(rows[np.nanargmax(np.abs(values))])
-        wrong = f"{name!r} is {table.values[row, table.names.index(name)]:g}"
+        wrong = f"{name!r} is {table[name].values[row]:g}"
         raise InputError(f"{source}: {table.place(row)}", wrong, f"at most {LARGEST:g} (SI) is read: leave it empty")
     return values
 
@@ -302,7 +347,7 @@ def _on_grid(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
         deviation = float(np.abs(time - grid).max())
         if deviation <= ON_GRID * usual:
             return grid, []
-        if np.abs(step / usual - 1).max() < JITTER:
+        if np.abs(step / usual - 1).max() < JITTER and deviation < JITTER * usual:
             return time, [f"time stamps jitter by up to {deviation * 1e3:.3g} ms about steps of {usual * 1e3:g} ms"]
     return time, [f"uneven time steps, {step.min():g} to {step.max():g} s"]
 
@@ -496,7 +541,7 @@ def read_recording(path: str | Path, system: System, channels: Mapping[str, Chan
     """
     source = str(path)
     names = [*_units(system), *system.input_references]
-    table = read_table(path, names_in_file(names, channels), groups_in_file(channels))
+    table = read_columns(path, names_in_file(names, channels), channels)
     return recording_from_table(renamed(table, channels, source) if channels else table, system, source)
 
 
@@ -513,12 +558,13 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     check_header(table, source)
     _check_inputs(table, system, source)
     si_units = _units(system)
-    units = {name: unit for name, unit in zip(table.names, table.units, strict=True) if name in si_units}
+    units = {column.name: column.unit for column in table.columns if column.name in si_units}
     scales = {name: factor(unit, si_units[name], f"{source}: column {name!r}") for name, unit in units.items()}
     scales |= _references(table, system, source)
     base = _time_base(table, source)
-    columns = {name: column(table, name, base.rows, scale, source) for name, scale in scales.items()}
     notes = [*table.notes, *base.notes]
+    columns = {name: column(table, name, base.rows, scale, source, notes) for name, scale in scales.items()}
+    notes += _corrected(base.time, columns, system)
     complete = np.ones(len(base.time), dtype=bool)
     for part in system.inputs:
         columns[part.name] = _bridged_input(part.name, base.time, columns[part.name], source, notes)
@@ -527,7 +573,7 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
         raise InputError(source, "has fewer than two rows in which every input has a value", "record them together")
     time = base.time[complete]
     channels = {name: values[complete] for name, values in columns.items()}
-    if not table.units[0]:
+    if not table["time"].unit:
         check_seconds(time, channels, system, source)
     for name in dict.fromkeys([*(sensor.name for sensor in system.sensors), *_references(table, system)]):
         if name in channels:
@@ -552,23 +598,65 @@ def read_signals(path: Path, names: Collection[str], channels: Mapping[str, Chan
         As :func:`read_recording`; and if a gap in a signal is too long to bridge.
     """
     source = str(path)
-    wanted = {name: channel for name, channel in (channels or {}).items() if name in names or name == "time"}
-    table = read_table(path, {*names_in_file(names, wanted), *names, "time"}, groups_in_file(wanted))
-    wanted = {
-        name: channel for name, channel in wanted.items() if channel.name in table.names or name not in table.names
-    }
-    table = renamed(table, wanted, source) if wanted else table
+    wanted = ChannelFile({name: own for name, own in (channels or {}).items() if name in names or name == "time"})
+    if isinstance(channels, ChannelFile):
+        wanted.header, wanted.sampling_rate = channels.header, channels.sampling_rate
+    table = read_columns(path, {*names_in_file(names, wanted), *names, "time"}, wanted)
+    present = {name: channel for name, channel in wanted.items() if channel.name in table or name not in table}
+    table = renamed(table, present, source) if present else table
     check_header(table, source)
     base = _time_base(table, source)
     notes = [*table.notes, *base.notes]
     values, units = {}, {}
-    for name, unit in zip(table.names, table.units, strict=True):
+    for name, unit in ((each.name, each.unit) for each in table.columns):
         if name in names:
             scale = signal_unit(unit, f"{source}: column {name!r}").scale if unit else 1.0
-            signal = column(table, name, base.rows, scale, source)
+            signal = column(table, name, base.rows, scale, source, notes)
+            signal, _, more = corrected_wraps(name, signal, angle=False)
+            notes += more
             values[name] = _bridged_signal(name, base.time, signal, source, notes)
             units[name] = unit
     return Recording(base.time, values, tuple(notes), source, units)
+
+
+def _corrected(time: np.ndarray, columns: dict[str, np.ndarray], system: System) -> list[str]:
+    """Correct in place what loggers do to channels (t,) in SI, and say so."""
+    notes: list[str] = []
+    inputs = {part.name for part in system.inputs}
+    for name, unit in _units(system).items():
+        if name not in columns:
+            continue
+        columns[name], period, more = corrected_wraps(name, columns[name], angle=unit == "rad")
+        if unit == "rad" and not more:
+            more = jumps_note(name, columns[name])
+        if unit == "rad/s":
+            more += magnitude_note(name, columns[name])
+        if period:
+            _shift_by_turns(name, period, columns, system)
+        notes += more
+        columns[name], every = held_rows(columns[name], input_torque=name in inputs)
+        if every:
+            notes.append(f"{name} repeats every value over {every} rows: it is taken as sampled slower")
+        notes += far_beyond_note(name, time, columns[name])
+    return notes
+
+
+def _shift_by_turns(name: str, period: float, columns: dict[str, np.ndarray], system: System) -> None:
+    """Shift an angle that was unwrapped by whole periods: near another angle of the drivetrain, else near 0."""
+    of = {sensor.name: sensor.of for sensor in system.sensors if sensor.measures == "angle"}
+    values = columns[name]
+    if name not in of:
+        return
+    near = 0.0
+    first = int(np.argmax(np.isfinite(values)))
+    for other, place in of.items():
+        if other == name:
+            break
+        ratio = _speed_ratios(system, of[name]).get(place)
+        if other in columns and ratio and np.isfinite(columns[other][first]):
+            near = float(columns[other][first]) / ratio
+            break
+    columns[name] = values - period * round((float(values[first]) - near) / period)
 
 
 def _units(system: System) -> dict[str, str]:
@@ -581,20 +669,20 @@ def _references(table: Table, system: System, source: str = "") -> dict[str, flo
     wanted = system.input_references
     return {
         name: signal_unit(unit, f"{source}: column {name!r}").scale if unit else 1.0
-        for name, unit in zip(table.names, table.units, strict=True)
+        for name, unit in ((each.name, each.unit) for each in table.columns)
         if name in wanted
     }
 
 
 def _time_base(table: Table, source: str) -> TimeBase:
-    scale = factor(table.units[0], "s", f"{source}: column 'time'")
-    return time_base(table.values[:, 0] * scale, table, source)
+    scale = factor(table["time"].unit, "s", f"{source}: column 'time'")
+    return time_base(without_overrange(table["time"].values)[0] * scale, table, source)
 
 
 def _check_inputs(table: Table, system: System, source: str) -> None:
     """Raise ``InputError`` for an input that was not recorded, with the most similar column."""
     known = _units(system)
-    columns = (*table.names[1:], *table.others)
+    columns = [name for name in (*table.names, *table.others) if name != "time"]
     for part in system.inputs:
         if part.name not in table.names:
             unused = [name for name in columns if name not in known]
@@ -616,9 +704,17 @@ def _bridged_input(name: str, time: np.ndarray, values: np.ndarray, source: str,
     _check_any_value(name, values, source)
     filled = bridged(time, values)
     left = int(np.isnan(filled).sum())
+    own, longest = own_interval(time, values), bridge_of(time, values)
+    if own > longest_bridge(time):
+        lost = f", {left} rows left out" if left else ""
+        notes.append(
+            f"{name} is sampled slower: one value in {own:g} s; straight lines between them{lost}, and nothing above "
+            f"{0.5 / own:.3g} Hz is known of it"
+        )
+        return filled
     treatment = "bridged by straight lines"
     if left:
-        treatment = f"bridged by straight lines up to {longest_bridge(time):g} s, {left} rows left out"
+        treatment = f"bridged by straight lines up to {longest:g} s, {left} rows left out"
     notes.append(missing_note(name, time, values, treatment))
     return filled
 
@@ -629,7 +725,7 @@ def _bridged_signal(name: str, time: np.ndarray, values: np.ndarray, source: str
         return values
     _check_any_value(name, values, source)
     known = np.flatnonzero(np.isfinite(values))
-    longest, first = longest_bridge(time), time[np.argmin(np.isfinite(values))]
+    longest, first = bridge_of(time, values), time[np.argmin(np.isfinite(values))]
     missing = max(float(np.diff(time[known]).max(initial=0.0)), time[known[0]] - time[0], time[-1] - time[known[-1]])
     if missing > longest:
         raise InputError(
@@ -656,7 +752,7 @@ def _note_missing_sensor(name: str, time: np.ndarray, channels: dict[str, np.nda
 def _unused_notes(table: Table, system: System) -> list[str]:
     """Notes of columns that the model does not have, and of sensors that may be among them."""
     known = {*_units(system), *system.input_references}
-    unused = [name for name in (*table.names[1:], *table.others) if name not in known]
+    unused = [name for name in (*table.names, *table.others) if name not in known and name != "time"]
     if not unused:
         return []
     notes = [f"not in the model, unused: {listed(unused)}"]

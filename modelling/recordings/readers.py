@@ -7,250 +7,23 @@ format is one function here and one line in ``READERS``. All but CSV are read by
 
 from __future__ import annotations
 
-import csv
+import json
+import os
 import re
-import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from itertools import islice
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from modelling.errors import InputError, listed
-from modelling.recordings.child import read_in_child
-
-# --- What a reader turns a file into: columns of numbers with names and units.
-
-TIME_NAMES = {"t", "time", "zeit", "times", "timestamp", "timestamps", "time_s", "t_s"}
-_NAME_AND_UNIT = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*", re.DOTALL)
-
-
-@dataclass(frozen=True)
-class Table:
-    """Columns as a file holds them.
-
-    Attributes
-    ----------
-    names, units : list of str
-        A unit is empty where the file states none.
-    values : ndarray (t, columns)
-        NaN where missing.
-    place : function
-        Where a row of values stands in the file, for error lines.
-    notes : tuple of str
-        What the reader had to do.
-    others : tuple of str
-        Columns that were not asked for and not read.
-    """
-
-    names: list[str]
-    units: list[str]
-    values: np.ndarray = field(repr=False)
-    place: Callable[[int], str] = field(default=lambda row: f"row {row + 1}", repr=False)
-    notes: tuple[str, ...] = ()
-    others: tuple[str, ...] = ()
-
-
-def name_and_unit(header: str) -> tuple[str, str]:
-    """Name and unit of a header ``name [unit]``; the unit is empty where none stands there."""
-    match = _NAME_AND_UNIT.fullmatch(header)
-    return (match[1], (match[2] or "").strip()) if match else ("", "")
-
-
-def time_hint(names: Collection[str]) -> str:
-    """What to do where no column is called ``time``, with the one that may well be it."""
-    likely = next((name for name in names if name.strip().lower() in TIME_NAMES), "NAME")
-    return f'call it time, or write time = "{likely}" into a channel file (--channels)'
-
-
-# --- CSV: a header row, then numbers; separated by commas, or by semicolons or tabs, and then with decimal commas too.
-
-LONGEST_LINE = 65_536  # characters
-LARGEST_FILE = 2_000_000_000  # bytes
-SEPARATORS = ",;\t"
-WINDOWS = "cp1252"  # what spreadsheets write where UTF-8 is not chosen: ° and µ in units
-TIME_UNITS = {"s", "sec", "ms", "us", "µs", "min", "h"}  # below the name of time in a row of units
-MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--"}
-
-
-def read_csv(path: Path, used: Collection[str] | None = None) -> Table:
-    """Read a CSV file; empty cells and ``nan`` are missing values, units may stand in a row of their own.
-
-    Text in columns that are not used, columns without a name and blank lines do not matter.
-
-    Raises
-    ------
-    InputError
-        Naming the line: no header, text among numbers, a row of another length, a used column that is there twice;
-        neither UTF-8 nor Windows-1252; too large.
-    """
-    size = path.stat().st_size
-    if size > LARGEST_FILE:
-        raise InputError(str(path), f"{size / 1e9:.1f} GB are too much", "cut the recording: at most 2 GB are read")
-    try:
-        return _read(path, "utf-8-sig", used)
-    except UnicodeDecodeError as error:
-        try:
-            table = _read(path, WINDOWS, used)
-        except UnicodeDecodeError:
-            raise InputError(str(path), f"is not UTF-8 text: {error.reason}", "save it as UTF-8 CSV") from None
-    return replace(table, notes=("is not UTF-8 text, read as Windows-1252",))
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """How a file is laid out: names and units of all columns, the columns (by index) to read, the first line after."""
-
-    path: Path
-    separator: str
-    names: list[str]
-    units: list[str]
-    columns: list[int]
-    first_line: int
-
-    @property
-    def others(self) -> tuple[str, ...]:
-        return tuple(name for i, name in enumerate(self.names) if name and i not in self.columns)
-
-    def header(self, column: int) -> str:
-        unit = self.units[column]
-        return f"{self.names[column]} [{unit}]" if unit else self.names[column]
-
-    def table(self, values: np.ndarray, lines: list[int] | None) -> Table:
-        def place(row: int) -> str:
-            return f"line {row + self.first_line if lines is None else lines[row]}"
-
-        names, units = ([texts[i] for i in self.columns] for texts in (self.names, self.units))
-        return Table(names, units, values.reshape(len(values), len(names)), place, others=self.others)
-
-
-def _read(path: Path, encoding: str, used: Collection[str] | None) -> Table:
-    with path.open(encoding=encoding, newline="") as file:
-        layout = _layout(path, file, used)
-        begin = file.tell()
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of no rows: the caller says so
-                values = np.loadtxt(
-                    _regular_lines(file, layout), delimiter=layout.separator, ndmin=2, comments=None, dtype=float,
-                    usecols=layout.columns,
-                )  # fmt: skip
-        except ValueError:
-            file.seek(begin)
-            return _read_row_by_row(file, layout)
-    return layout.table(values, None)
-
-
-def _layout(path: Path, file: TextIO, used: Collection[str] | None) -> _Layout:
-    """Read the header, and the row of units if there is one; the file is left at the first row of numbers."""
-    line, number = "\n", 0
-    while line and not line.strip():
-        line, number = file.readline(LONGEST_LINE), number + 1
-    if not line:
-        raise InputError(str(path), "is empty", "a header row 'time [s],name [unit],…' is needed")
-    if "\0" in line or (len(line) >= LONGEST_LINE and not line.endswith("\n")):
-        raise InputError(str(path), f"line {number} is no header row", "'time [s],name [unit],…' is needed")
-    separator = max(SEPARATORS, key=line.count)
-    headers = [name_and_unit(cell) for cell in next(csv.reader([line], delimiter=separator))]
-    names, units = [name for name, _ in headers], [unit for _, unit in headers]
-    begin = file.tell()
-    if not any(units) and (below := _units_below(file.readline(LONGEST_LINE), len(names), separator)):
-        units, number = below, number + 1
-    else:
-        file.seek(begin)
-    columns = [i for i, name in enumerate(names) if name and (used is None or name in used)]
-    for place, i in enumerate(columns):
-        if names[i] in [names[j] for j in columns[:place]]:
-            raise InputError(f"{path}: line {number}", f"column {names[i]!r} is there twice", "names must differ")
-    return _Layout(path, separator, names, units, columns, number + 1)
-
-
-def _units_below(line: str, count: int, separator: str) -> list[str]:
-    """The units in the row below the header; empty if none stand there."""
-    cells = [cell.strip().strip("[]()") for cell in line.split(separator)]
-    if cells[0] not in TIME_UNITS or len(cells) != count:
-        return []
-    return [unit if unit.lower() not in MISSING else "" for unit in cells]
-
-
-def _regular_lines(file: TextIO, layout: _Layout) -> Iterator[str]:
-    """Lines with decimal points for decimal commas, as long as all are alike.
-
-    Raises
-    ------
-    ValueError
-        If a line has another number of cells than the header, or the file both points and commas.
-    """
-    separators, comma = len(layout.names) - 1, layout.separator != ","
-    decimal: set[str] = set()
-    if not layout.columns:
-        raise ValueError
-    for line in file:
-        if line.count(layout.separator) != separators:
-            raise ValueError
-        if comma:
-            decimal |= {",", "."} & {*line}
-            if len(decimal) > 1:
-                raise ValueError
-            line = line.replace(",", ".")
-        yield line
-
-
-def _read_row_by_row(file: TextIO, layout: _Layout) -> Table:
-    """Slower: takes missing values, quotes and blank lines, finds the line of a fault."""
-    rows: list[list[float | None]] = []
-    lines: list[int] = []
-    decimal: set[str] = set()
-    for line, cells in _rows(file, layout):
-        where = f"{layout.path}: line {line}"
-        used = [cells[i] for i in layout.columns]
-        if layout.separator != ",":
-            decimal |= {",", "."} & {*"".join(used)}
-            if len(decimal) > 1:
-                raise InputError(where, "numbers have points here and commas there", "write one kind, ungrouped")
-            used = [cell.replace(",", ".") for cell in used]
-        row = [_number(cell) for cell in used]
-        if None in row:
-            wrong = row.index(None)
-            text = used[wrong] if len(used[wrong]) <= 30 else used[wrong][:27] + "..."
-            header = layout.header(layout.columns[wrong])
-            raise InputError(where, f"{text!r} in column {header!r}", "write a number or leave it empty")
-        rows.append(row)
-        lines.append(line)
-    return layout.table(np.array(rows, dtype=float), lines)
-
-
-def _rows(file: TextIO, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers and cells of the rows that are not blank; empty cells beyond the header are left out."""
-    number, count = layout.first_line - 1, len(layout.names)
-    while text := file.readline(LONGEST_LINE):
-        number += 1
-        where = f"{layout.path}: line {number}"
-        if len(text) >= LONGEST_LINE and not text.endswith("\n"):
-            raise InputError(where, "is longer than any row of numbers", "correct the file")
-        if not text.strip():
-            continue
-        try:
-            cells = next(csv.reader([text], strict=True, delimiter=layout.separator))
-        except (csv.Error, StopIteration) as error:
-            raise InputError(where, f"is no row of a CSV file: {error}", "correct that line") from None
-        if len(cells) < count or any(cell.strip() for cell in islice(cells, count, None)):
-            raise InputError(where, f"{len(cells)} cells", f"the header has {count} columns")
-        yield number, cells
-
-
-def _number(cell: str) -> float | None:
-    """The number in a cell, NaN where it is missing, None if it is text."""
-    cell = cell.strip().lower()
-    if cell in MISSING:
-        return np.nan
-    try:
-        return float(cell) if "_" not in cell else None
-    except ValueError:
-        return None
-
+from modelling.recordings.table import Column, Table, name_and_unit
+from modelling.recordings.text import is_text, read_csv
 
 # --- MATLAB .mat files: one vector a channel, or one struct of them; version 7.3, which is HDF5, by h5py.
 
@@ -313,10 +86,8 @@ def read_matlab(path: Path, used: Collection[str] | None = None) -> Table:
     }
     if "time" in variables and "time" not in columns:
         raise InputError(str(path), "'time' holds no real numbers", "save it as a vector of seconds")
-    names = sorted(columns, key=lambda name: name != "time")
-    values = np.stack([columns[name] for name in names], axis=1) if names else np.empty((0, 0))
-    others = tuple(name for name in (*others, *variables) if name not in names and name != "units")
-    return Table(names, [units.get(name, "") for name in names], values, others=others)
+    others = tuple(name for name in (*others, *variables) if name not in columns and name != "units")
+    return Table(tuple(Column(name, units.get(name, ""), own) for name, own in columns.items()), others=others)
 
 
 def _units(struct: Any) -> dict[str, str]:
@@ -353,12 +124,39 @@ def _version_5(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tup
     """Values by name, structs as dicts, and the names of what is not read."""
     from scipy.io import loadmat, whosmat  # for the process that reads alone
 
-    names = {name: kind for name, _, kind in whosmat(path)}
-    read = [name for name, kind in names.items() if wanted is None or name in wanted or kind == "struct"]
+    try:
+        kinds = {name: kind for name, _, kind in whosmat(path)}
+    except TypeError:  # an object (a string "…", a table, a datetime) is in the file: SciPy cannot list it
+        kinds = {}
+    if not kinds:
+        return _beside_objects(path, loadmat(path, simplify_cells=True)), ()
+    read = [name for name, kind in kinds.items() if wanted is None or name in wanted or kind == "struct"]
     variables = loadmat(path, simplify_cells=True, variable_names=read) if read else {}
     return {name: variables[name] for name in read if name in variables}, tuple(
-        name for name in names if name not in read
+        name for name in kinds if name not in read
     )
+
+
+OBJECTS = "save plain vectors, for example time = seconds(tt.Time - tt.Time(1)); motor_torque = tt.motor_torque; …"
+
+
+def _beside_objects(path: Path, variables: dict[str, Any]) -> dict[str, Any]:
+    """The vectors and structs in a file that holds MATLAB objects too.
+
+    Raises
+    ------
+    InputError
+        If there are objects alone.
+    """
+    plain = {
+        name: value
+        for name, value in variables.items()
+        if isinstance(value, dict | str) or (isinstance(value, np.ndarray) and value.dtype.kind in "fiub")
+    }
+    plain = {name: value for name, value in plain.items() if not name.startswith("__")}
+    if not any(isinstance(value, dict) or np.size(np.asarray(value)) > 1 for value in plain.values()):
+        raise InputError(str(path), "holds MATLAB objects only (timetable, table or timeseries)", OBJECTS)
+    return plain
 
 
 def _version_7_3(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -369,10 +167,35 @@ def _version_7_3(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], t
         raise InputError(str(path), "is a .mat file of version 7.3, which needs h5py", right) from None
     with h5py.File(path) as file:
         others: list[str] = []
-        return _members(file, wanted, others), tuple(others)
+        members = _members(path, file, wanted, others)
+        if not members and not others and any("MATLAB_object_decode" in item.attrs for item in file.values()):
+            raise InputError(str(path), "holds MATLAB objects only (timetable, table or timeseries)", OBJECTS)
+        return members, tuple(others)
 
 
-def _members(group: Any, wanted: set[str] | None, others: list[str]) -> dict[str, Any]:
+NUMBERS = {"", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+
+
+def _member(path: Path, group: Any, name: str) -> Any:
+    """A member of a group.
+
+    Raises
+    ------
+    InputError
+        If its values lie outside the file: another file's content is nobody's recording.
+    """
+    import h5py
+
+    link = group.get(name, getlink=True)
+    if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
+        raise InputError(f"{path}: {name!r}", "is a link", "save the values themselves")
+    member = group[name]
+    if isinstance(member, h5py.Dataset) and (member.external or member.is_virtual):
+        raise InputError(f"{path}: {name!r}", "has its values in another file", "save the values themselves")
+    return member
+
+
+def _members(path: Path, group: Any, wanted: set[str] | None, others: list[str]) -> dict[str, Any]:
     """Numbers, texts and structs of a group, as ``loadmat`` would give them; other classes are left out.
 
     Names of numbers that are not ``wanted`` are added to ``others``.
@@ -380,15 +203,16 @@ def _members(group: Any, wanted: set[str] | None, others: list[str]) -> dict[str
     import h5py
 
     members: dict[str, Any] = {}
-    for name, member in group.items():
+    for name in group:
+        member = _member(path, group, name)
         kind = member.attrs.get("MATLAB_class", b"")
         kind = kind.decode() if isinstance(kind, bytes) else str(kind)
         if isinstance(member, h5py.Group):
             if not name.startswith("#"):
-                members[name] = _members(member, wanted, others)
+                members[name] = _members(path, member, wanted, others)
         elif kind == "char":
             members[name] = "" if "MATLAB_empty" in member.attrs else member[()].tobytes().decode("utf-16-le")
-        elif member.dtype.kind in "fiu" and "MATLAB_empty" not in member.attrs:
+        elif kind in NUMBERS and member.dtype.kind in "fiu" and "MATLAB_empty" not in member.attrs:
             if wanted is None or name in wanted:
                 members[name] = np.asarray(member)
             else:
@@ -450,6 +274,7 @@ def read_mdf(path: Path, used: Collection[str] | None = None, groups: Mapping[st
                 ]
                 for name in wanted
             }
+            _check_masters(path, signals)
     except (InputError, MemoryError):
         raise
     except Exception as fault:  # asammdf raises many kinds for what is not MDF
@@ -471,8 +296,21 @@ def read_mdf(path: Path, used: Collection[str] | None = None, groups: Mapping[st
     if not channels and used is None:
         raise InputError(str(path), "has no channel of numbers", "record inputs and sensors into it")
     if not channels:  # what is missing is told by who asked
-        return Table(["time"], ["s"], np.empty((0, 1)), others=others)
+        return Table((Column("time", "s", np.empty(0)),), others=others)
     return _table(channels, notes, others)
+
+
+OTHER_MASTERS = {2: "an angle", 3: "a distance", 4: "an index"}  # by MDF's sync type; 1 is time
+
+
+def _check_masters(path: Path, signals: Mapping[str, list[tuple[int, Any]]]) -> None:
+    """Raise ``InputError`` for a channel that is not recorded over time."""
+    for name, versions in signals.items():
+        for group, signal in versions:
+            master, kind = signal.master_metadata or ("", 1)
+            if kind in OTHER_MASTERS:
+                wrong = f"group {group} is recorded over {OTHER_MASTERS[kind]} ({master!r}), not over time"
+                raise InputError(f"{path}: channel {name!r}", wrong, "record it over time, or name another group")
 
 
 def _check_group(path: Path, name: str, group: int | None, there: list[int]) -> None:
@@ -554,11 +392,10 @@ def _same(first: _Channel, second: _Channel) -> bool:
 
 def _table(channels: list[_Channel], notes: list[str], others: tuple[str, ...]) -> Table:
     time = max((channel.time for channel in channels), key=len)
-    values = np.full((len(time), len(channels) + 1), np.nan)
-    values[:, 0] = time
-    moved = []
-    for column, channel in enumerate(channels, 1):
-        values[:, column], between = _placed(time, channel.time, channel.samples)
+    columns, moved = [Column("time", "s", time)], []
+    for channel in channels:
+        values, between = _placed(time, channel.time, channel.samples)
+        columns.append(Column(channel.name, channel.unit, values))
         if between:
             moved.append(channel.name)
     if moved:
@@ -567,8 +404,7 @@ def _table(channels: list[_Channel], notes: list[str], others: tuple[str, ...]) 
             "lines between samples",
             *notes,
         ]
-    names, units = ["time", *(channel.name for channel in channels)], ["s", *(channel.unit for channel in channels)]
-    return Table(names, units, values, notes=tuple(notes), others=others)
+    return Table(tuple(columns), notes=tuple(notes), others=others)
 
 
 def _placed(time: np.ndarray, stamps: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, int]:
@@ -619,8 +455,6 @@ def read_parquet(path: Path, used: Collection[str] | None = None) -> Table:
         if isinstance(fault, OSError) and fault.strerror:
             raise
         raise InputError(str(path), f"is no Parquet file: {fault}", "write it as Parquet") from None
-    names: list[str] = []
-    units: list[str] = []
     columns = []
     for field, values in zip(table.schema, table.columns, strict=True):
         name, unit = name_and_unit(field.name)
@@ -634,14 +468,60 @@ def read_parquet(path: Path, used: Collection[str] | None = None) -> Table:
             raise InputError(str(path), f"column {field.name!r} holds {field.type}", "write time as seconds")
         else:
             continue  # e.g. a comment; a channel of the model that is missing is reported later
-        names.append(name)
-        units.append(unit)
-        columns.append(values)
-    if "time" in names:
-        for texts in (names, units, columns):  # an index is written last
-            texts.insert(0, texts.pop(names.index("time")))
-    others = tuple(name for name in (name_and_unit(field)[0] for field in fields) if name not in names)
-    return Table(names, units, np.stack(columns, axis=1) if columns else np.empty((0, 0)), others=others)
+        columns.append(Column(name, unit, values))
+    read = {column.name for column in columns}
+    others = tuple(name for name in (name_and_unit(field)[0] for field in fields) if name not in read)
+    return Table(tuple(columns), others=others)
+
+
+# --- Libraries in C read in a process of their own
+
+CHILD = "modelling.recordings.child"
+LEAST_SECONDS, BYTES_PER_SECOND = 120.0, 5e6  # time limit: at least, and by the file's size
+LEAST_BYTES, FILE_SIZES = 4_000_000_000, 30  # memory limit: at least, and in file sizes (files may be compressed)
+DAMAGED = "it is probably damaged: save it again, or as CSV"
+
+
+def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str, Any]) -> Table:
+    """The table that the reader of this file makes.
+
+    Raises
+    ------
+    InputError
+        If the file is not right; if reading it crashes, takes too long or needs too much memory.
+    ModuleNotFoundError, FileNotFoundError
+        If the reader needs a package that is missing; if there is no such file.
+    """
+    size = path.stat().st_size
+    seconds, most = LEAST_SECONDS + size / BYTES_PER_SECOND, LEAST_BYTES + FILE_SIZES * size
+    request = {"path": str(path), "used": used if used is None else sorted(used), "options": options, "bytes": most}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(sys.path), "ARROW_DEFAULT_MEMORY_POOL": "system",
+        "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+    }  # fmt: skip
+    with TemporaryDirectory(prefix="rigmatch-") as temporary:  # asammdf leaves files there
+        try:
+            done = subprocess.run(
+                [sys.executable, "-P", "-m", CHILD], input=json.dumps(request).encode(), capture_output=True,
+                env=environment | {"TMPDIR": temporary}, timeout=seconds, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise InputError(str(path), f"is not read within {seconds:.0f} s", DAMAGED) from None
+    line, _, numbers = done.stdout.partition(b"\n")
+    if not line or done.returncode:
+        code = done.returncode
+        end = signal.Signals(-code).name if code < 0 and -code in set(signal.Signals) else f"exit {code}"
+        raise InputError(str(path), f"the library that reads it crashed ({end})", DAMAGED)
+    head = json.loads(line)
+    if "wrong" in head:
+        raise InputError(*head["wrong"])
+    if "needs" in head:
+        raise ModuleNotFoundError(name=head["needs"])
+    if "memory" in head:
+        raise InputError(str(path), f"needs more than {most / 1e9:.1f} GB to be read", DAMAGED)
+    values = np.frombuffer(numbers, dtype=np.float64).reshape(len(head["columns"]), -1).copy()
+    columns = [Column(name, unit, own) for (name, unit), own in zip(head["columns"], values, strict=True)]
+    return Table(tuple(columns), notes=tuple(head["notes"]), others=tuple(head["others"]))
 
 
 # --- Which reader takes which file
@@ -649,16 +529,38 @@ def read_parquet(path: Path, used: Collection[str] | None = None) -> Table:
 READERS: dict[str, Callable[..., Table]] = {
     ".csv": read_csv,
     ".txt": read_csv,
+    ".tsv": read_csv,
+    ".lvm": read_csv,
     ".mat": read_matlab,
     ".parquet": read_parquet,
     ".mf4": read_mdf,
     ".mdf": read_mdf,
     ".dat": read_mdf,
 }
+MAGIC: dict[bytes, Callable[..., Table]] = {
+    b"MDF     ": read_mdf, b"UnFinMF ": read_mdf, b"PAR1": read_parquet, b"MATLAB 5.0": read_matlab,
+    b"MATLAB 7.3": read_matlab,
+}  # fmt: skip
 
 
-def read_table(path: str | Path, used: Collection[str] | None = None, groups: Mapping[str, int] | None = None) -> Table:
-    """Read a file by its suffix.
+def reader_of(path: Path) -> Callable[..., Table]:
+    """The reader of a file: by its first bytes, else by its suffix; a ``.dat`` or ``.mat`` that is text is a table."""
+    suffix = path.suffix.lower()
+    with path.open("rb") as file:
+        start = file.read(16)
+    found = next((reader for magic, reader in MAGIC.items() if start.startswith(magic)), None)
+    if found is None and suffix == ".dat" and start and is_text(path):
+        return read_csv
+    return found or READERS[suffix]
+
+
+def read_table(
+    path: str | Path,
+    used: Collection[str] | None = None,
+    groups: Mapping[str, int] | None = None,
+    header: int | None = None,
+) -> Table:
+    """Read a file by its suffix and its first bytes.
 
     Parameters
     ----------
@@ -667,23 +569,29 @@ def read_table(path: str | Path, used: Collection[str] | None = None, groups: Ma
         Channels to read, by their names in the file; by default all.
     groups : mapping of str to int, optional
         Of a file with groups (MDF): the group to take a channel from.
+    header : int, optional
+        Of a table in text: the line of its header, from 1.
 
     Raises
     ------
     InputError
-        If the format is not known or the file cannot be read; if groups are named for a format without them.
+        If the format is not known or the file cannot be read; if groups or a header are named for a format without.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READERS:
         raise InputError(str(path), f"{suffix or 'no suffix'!r} is no known format", f"read are {', '.join(READERS)}")
-    options = {"groups": dict(groups)} if groups else {}
-    if groups and READERS[suffix] is not read_mdf:
-        raise InputError(str(path), f"{suffix} files have no groups", "drop group in the channel file")
     try:
-        if READERS[suffix] is read_csv:
-            return read_csv(path, used)
-        return Table(**read_in_child(path, used, options))  # a library in C, which a damaged file may crash
+        reader = reader_of(path)
+        if groups and reader is not read_mdf:
+            raise InputError(str(path), f"{suffix} files have no groups", "drop group in the channel file")
+        if reader is read_csv:
+            return read_csv(path, used, header)
+        if header is not None:
+            raise InputError(str(path), "has no header line", "drop header in the channel file")
+        return read_in_child(
+            path, used, {"groups": dict(groups)} if groups else {}
+        )  # a damaged file may crash a library
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
     except OSError as error:

@@ -21,6 +21,7 @@ from modelling.system import System
 # - A longer gap in an input divides the recording: the rows without the input are left out, and noted. A diagnosis
 # takes
 #   the parts as separate recordings; a simulation and a fidelity refuse the recording.
+# - A channel that is sampled slower than the others has no gap between its own samples.
 # - In a sensor, values that are missing are left out of every comparison; nothing is bridged.
 
 LONGEST_BRIDGE = 0.1  # s: a torque of drivability, below 30 Hz and sampled at 1 kHz, hardly changes its course in it
@@ -40,6 +41,22 @@ def long_gaps(time: np.ndarray) -> list[tuple[float, float]]:
     return [(float(time[i]), float(time[i + 1])) for i in index]
 
 
+def own_interval(time: np.ndarray, values: np.ndarray) -> float:
+    """The time in s between two values (t,) of a channel that is sampled slower than the rows; 0 where it is not."""
+    apart = np.diff(time[np.isfinite(values)])
+    usual = float(np.median(apart)) if len(apart) > 1 else 0.0
+    slower = usual > GAP_STEPS * float(np.median(np.diff(time)))
+    return usual if slower and np.mean(apart <= GAP_STEPS * usual) >= REGULAR else 0.0
+
+
+def bridge_of(time: np.ndarray, values: np.ndarray) -> float:
+    """The longest gap in s between two values (t,) of this channel that a straight line bridges.
+
+    A slower channel misses nothing between its own samples.
+    """
+    return max(longest_bridge(time), GAP_STEPS * own_interval(time, values))
+
+
 def bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (t,), not all NaN, at times (t,) in s with short gaps filled by straight lines.
 
@@ -47,7 +64,7 @@ def bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """
     known = np.flatnonzero(np.isfinite(values))
     filled = np.interp(time, time[known], values[known], left=np.nan, right=np.nan)
-    longest = longest_bridge(time)
+    longest = bridge_of(time, values)
     for first, last in pairwise(known):
         if last > first + 1 and time[last] - time[first] > longest:
             filled[first + 1 : last] = np.nan

@@ -387,43 +387,49 @@ def _share_of_range(values: np.ndarray) -> float:
     return float(np.nanmax(values) - np.nanmin(values)) * SHARE_OF_RANGE or 1.0
 
 
-# --- Speeds without a unit that fit the model in 1/min and not in rad/s.
+# --- Speeds and angles without a unit that fit the model in 1/min or degrees and not in SI.
 
-PER_MINUTE = 2 * pi / 60  # rad/s
+OTHER_UNITS = {"speed": ("1/min", 2 * pi / 60, "rad/s"), "angle": ("deg", pi / 180, "rad")}  # and their size in SI
 FITS, FAR_OFF = 0.25, 0.5  # misfit over the standard deviation: of a model about right; where the unit may be wrong
 CLEARLY = 3.0  # times better in 1/min
 SPEED_UNIT_TOLERANCE = 1e-2  # of the simulations here
 
 
 def check_speed_units(model: System | Model, recording: Recording) -> None:
-    """Check that the speeds for which the file states no unit can be in rad/s.
+    """Check that the speeds and angles for which the file states no unit can be in rad/s and rad.
 
     The model is simulated on the recorded inputs of the longest part without a long gap, begun as recorded: once with
-    the speeds as they stand, and if they are far off, once more with them as 1/min.
+    the values as they stand, and if they are far off, once more with them as 1/min or degrees.
 
     Raises
     ------
     InputError
-        If they fit the model in 1/min only; says what to write.
+        If they fit the model in 1/min or degrees only; says what to write.
     """
-    names = [
-        sensor.name
-        for sensor in (model if isinstance(model, System) else model.system).sensors
-        if sensor.measures == "speed" and recording.units.get(sensor.name) == "" and sensor.name in recording.channels
-    ]
-    if not names:
-        return
-    model = compiled(model) if isinstance(model, System) else model
-    recording = _longest_part(recording)
+    system = model if isinstance(model, System) else model.system
+    for measures, (unit, in_si, si) in OTHER_UNITS.items():
+        names = [
+            sensor.name
+            for sensor in system.sensors
+            if sensor.measures == measures
+            and recording.units.get(sensor.name) == ""
+            and sensor.name in recording.channels
+        ]
+        if names:
+            model = compiled(model) if isinstance(model, System) else model
+            _check_unit(model, _longest_part(recording), names, unit, in_si, si)
+
+
+def _check_unit(model: Model, recording: Recording, names: list[str], unit: str, in_si: float, si: str) -> None:
     as_read = min(_misfits(model, recording, names))
     if as_read <= FAR_OFF:
         return
-    scaled = {name: values * (PER_MINUTE if name in names else 1.0) for name, values in recording.channels.items()}
+    scaled = {name: values * (in_si if name in names else 1.0) for name, values in recording.channels.items()}
     if max(_misfits(model, replace(recording, channels=scaled), names)) < min(FITS, as_read / CLEARLY):
         raise InputError(
             f"{recording.source}: {', '.join(names)}",
-            "no unit is stated, and the values fit the model in 1/min only, not in rad/s",
-            f'state the unit, for example {names[0]} = {{ channel = "{names[0]}", unit = "1/min" }} in a channel file',
+            f"no unit is stated, and the values fit the model in {unit} only, not in {si}",
+            f'state the unit, for example {names[0]} = {{ channel = "{names[0]}", unit = "{unit}" }} in a channel file',
         )
 
 
@@ -450,7 +456,11 @@ def _misfits(model: Model, recording: Recording, names: list[str]) -> list[float
     misfits = []
     for name in names:
         there = np.isfinite(recording[name])
-        spread = float(np.std(recording[name][there])) if there.any() else 0.0
-        error = float(np.sqrt(np.mean((done[name] - recording[name])[there] ** 2))) if there.any() else 0.0
+        recorded, apart = recording[name][there], (done[name] - recording[name])[there]
+        if done.units[name] == "rad" and there.sum() > 2:  # even rotation is in every unit what the start makes it
+            at = recording.time[there]
+            recorded, apart = (each - np.polyval(np.polyfit(at, each, 1), at) for each in (recorded, apart))
+        spread = float(np.std(recorded)) if there.any() else 0.0
+        error = float(np.sqrt(np.mean(apart**2))) if there.any() else 0.0
         misfits.append(error / spread if spread else np.inf)
     return misfits

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import ceil, log2
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,7 @@ ACCURATE_STEP = 0.6  # |λ|·h of the fastest vibration: 0.1 % of phase error a 
 FREE_CONTACT_STEP = 0.2  # ω·h of the vibration of two inertias on the spring of a lash alone
 WELL_DAMPED = 0.7  # −Re λ/|λ| from which on an eigenvalue decays before it vibrates
 MAX_STEPS_PER_SECOND = 2e6
+LARGEST_PHASE = 0.2  # rad
 PROBED_STATES = 48  # along a motion
 
 
@@ -227,6 +229,22 @@ def _rates(A: np.ndarray, contact: float) -> Rates:
     return Rates(float(size.max(initial=0.0)), float(vibrating.max(initial=0.0)), contact)
 
 
+def resolving_rate(model: Model, p: np.ndarray, seconds: float) -> float:
+    """Steps a second with which no vibration's phase is wrong by more than :data:`LARGEST_PHASE` before it decays.
+
+    Classical Runge-Kutta turns a vibration of ω·h = z by z⁵/120 too far in a step. With steps twice as coarse that is
+    a turn, so the readings of two runs differ by as much as the vibration is large. About rest; p (b, p).
+    """
+    if not model.n:
+        return 0.0
+    values = np.linalg.eigvals(_state_matrices(model, np.zeros((len(model.states), len(p))),
+                               np.zeros((len(model.inputs), len(p))), p.T)).ravel()  # fmt: skip
+    size = np.abs(values)
+    lasting = size * np.minimum(seconds, 1 / np.maximum(-values.real, 1e-300))
+    rates = size * (lasting / (120 * LARGEST_PHASE)) ** 0.25
+    return float(rates[-values.real < WELL_DAMPED * size].max(initial=0.0))
+
+
 def _state_matrices(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
     """A (k, x, x) at several points, given by columns."""
     n, k = x.shape
@@ -317,6 +335,8 @@ def _ranges(values: np.ndarray) -> np.ndarray:
 def _outliers_lowered(values: np.ndarray) -> np.ndarray:
     """(b, k, t) with the worst of every :data:`OUTLIERS_IN` samples as large as the second."""
     whole = values.shape[2] // OUTLIERS_IN * OUTLIERS_IN
+    if not values.size:
+        return values
     windows = values[:, :, :whole].reshape(*values.shape[:2], -1, OUTLIERS_IN)
     lowered = np.minimum(windows, np.partition(windows, -2, axis=3)[..., -2:-1])
     return np.concatenate([lowered.reshape(*values.shape[:2], whole), values[:, :, whole:]], axis=2)
@@ -339,6 +359,8 @@ FASTEST = 8 * MAX_STEPS_PER_SECOND  # mean steps a second of a refined run: some
 CALMER = 4  # refinement where a state is not finite
 SAME_MOMENT, SAME_MOMENT_RELATIVE = 2, 0.02  # samples, of the time: so near, two runs end at the same moment
 CALIBRATED_SHARE = 1 / 16  # of the local errors that are left before two runs show what they do: halved steps
+HALVED, HALVED_IMPLICIT = 2 / (2**4 - 1), 2 / (2**3 - 1)  # of what halved steps change, twice what theory says is left
+ROUNDING = 1e-9  # of the range: what sums of many steps lose
 AIM = 0.5  # of the tolerance
 ROUNDS = 12
 NOTHING_GAINED = 1e6  # times the difference of two runs: the error where divided steps have no smaller local errors
@@ -491,25 +513,37 @@ def run_to_tolerance(
     first, local = _fitting_first_run(problem, tolerance, order, rough, compiled)
     stepping, done = first.stepping, first.trajectories
     most = min(FINEST * stepping.count(time), max(FASTEST * float(np.ptp(time)), stepping.count(time)))
-    error = np.full(max(1, len(model.sensors)), np.inf if rough and local.any() else local.sum())
+    error = np.full(max(1, len(model.sensors)), np.inf if local.any() else 0.0)
     allowed = _first_allowed(local, tolerance)
+    least = 1 if rough else 2 ** max(1, ceil(log2(_resolving(problem) / stepping.mean_rate(time))))
+    unresolved = stepping.count(time) * least > most
+    least = min(least, 2) if unresolved else least
     for _ in range(ROUNDS):
         if error.max() <= tolerance:
             break
-        finer = stepping.finer(np.minimum(divisions(local, allowed, order), MOST_AT_ONCE))
+        divided = np.minimum(divisions(local, allowed, order), MOST_AT_ONCE)
+        finer = stepping.finer(np.maximum(divided, least))
         if finer.count(time) > most and np.isfinite(error).all():
             break
         fine = problem.run(finer, compiled, errors=True)
         raise_if_failed(fine.failed, time, model.states)
         left = local_errors(fine, model.n, rough)
         before, after = float(local.sum()), float(left.sum())
-        share = max(after / (before - after), CALIBRATED_SHARE) if after < before else NOTHING_GAINED
+        if rough:
+            share = max(after / (before - after), CALIBRATED_SHARE) if after < before else NOTHING_GAINED
+        else:
+            share = HALVED_IMPLICIT if stepping.implicit else HALVED
         error = difference(done, fine, rough) * share
-        if not rough:
-            error = np.minimum(error, after)
+        error = np.maximum(error, before if unresolved else ROUNDING)
+        least = 1 if rough else 2
         stepping, done, local = finer, fine, left
         allowed = after * float(np.clip(AIM * tolerance / max(error.max(), 1e-300), CALIBRATED_SHARE, 0.5))
     return Controlled(done, stepping, error)
+
+
+def _resolving(problem: InitialValueProblem) -> float:
+    """See :func:`resolving_rate`; at least 1."""
+    return max(1.0, resolving_rate(problem.model, problem.p, float(np.ptp(problem.time))))
 
 
 def _first_allowed(local: np.ndarray, tolerance: float) -> float:

@@ -1,8 +1,6 @@
 """The functions behind the commands: same names, results that show themselves, nothing heavy before it is needed."""
 
-import argparse
 import dataclasses
-import inspect
 import json
 import subprocess
 import sys
@@ -15,8 +13,7 @@ from IPython.lib.pretty import pretty
 from matplotlib.figure import Figure
 
 import rigmatch as rm
-from matching import commands as explore
-from matching.commands import available
+from matching.commands import COMMANDS
 from modelling.errors import InputError
 from modelling.writing import strict_json
 
@@ -53,12 +50,6 @@ def test_a_recording_with_a_gap_is_not_simulated_across_it(recording, tmp_path):
         rm.simulate(EXAMPLES / "compact_bev" / "rig.toml", path)
 
 
-def test_the_explorer_writes_where_its_command_does():
-    parser = argparse.ArgumentParser()
-    explore.add_explore_arguments(parser)
-    assert inspect.signature(rm.explore).parameters["out"].default == parser.get_default("out")
-
-
 @pytest.mark.parametrize("name", RESULTS)
 def test_results_are_frozen_and_show_themselves(name, recording):
     result = RESULTS[name](recording)
@@ -79,7 +70,7 @@ def test_results_are_frozen_and_show_themselves(name, recording):
 
 
 def test_every_command_has_its_function_and_every_function_is_offered():
-    assert set(available()) - {"new"} <= set(rm.__all__)
+    assert set(COMMANDS) - {"new"} <= set(rm.__all__)
     assert set(rm.__all__) <= set(dir(rm))
     assert all(callable(getattr(rm, name)) and getattr(rm, name).__doc__ for name in rm.__all__)
     with pytest.raises(AttributeError, match="it has commission, diagnose"):
@@ -173,13 +164,3 @@ def test_a_damped_mode_swings_out_of_step():
     assert out_of_step >= 2
     axes = drawn.plot().axes
     assert [one.get_ylabel().split(" ")[0] for one in axes] == ["amplitude", "phase"]
-
-
-def test_figures_keep_to_the_colours_of_the_house():
-    from matching.report import common as style
-
-    responses = rm.response(VEHICLE, np.array([1.0, 8.0]))
-    curves = responses.plot().axes[0].lines
-    assert {line.get_color() for line in curves} <= set(style.CURVE_COLOURS)
-    looks = [tuple(style.curve(place).values()) for place in range(32)]
-    assert len(set(looks)) == 32

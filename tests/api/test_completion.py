@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from matching import cli as completion
-from matching.cli import parameters_of_model, quantities_of_case
+from matching import commands as completion
+from matching.commands import parameters_of_model, quantities_of_case
 from matching.match.case_file import is_case, load_case
 from matching.match.map import quantities
 from modelling.bed.controllers import STRUCTURES

@@ -143,6 +143,7 @@ def test_at_5_ms_the_reference_keeps_opened_shafts_stable(late, monkeypatch):
     assert weights["command_weight"] < 1e-9  # beyond it the emulated mode of 1.6 Hz is damped too much
 
 
+@pytest.mark.long
 def test_shorter_dead_times_lead_to_opened_shafts_that_are_stable(late):
     """From weights for 3 ms that know no opened shafts, with few beds: to 5 ms over 2.5, 3, 3.5, 4 and 4.5 ms."""
     search, effort = tuner(late, 8, 16), TuningEffort(drawn=8, pool=16)

@@ -12,12 +12,10 @@ from small_bed import CASE, RIG, VEHICLE
 
 from matching.match.attempt import question_of
 from matching.match.case_file import case_files, load_case
-from matching.match.in_time import TruthInTime
 from matching.match.loop import control_law, linear_bed
 from matching.match.match import match_with_observer, with_simple_vehicle
 from matching.match.responses import SimpleVehicle, fitted_simple_vehicle
 from matching.match.tune_observer import TuningEffort
-from matching.report.match import context
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
 from modelling.linear.state_space import state_space
@@ -29,12 +27,6 @@ J = { value = 30, lower = 5, upper = 100 }
 drag = 0.5
 [inputs.road]
 on = "wheel"
-"""
-LINK = """
-[shafts.link]
-between = ["wheel", "car"]
-stiffness = 1e6
-damping = 20
 """
 AS_THE_VEHICLE = """
 [inertias.wheel]
@@ -106,24 +98,6 @@ def test_a_match_with_a_rigid_body_says_how_near_it_comes(tmp_path):
         question_of(case), 0, lambda _: None, TuningEffort(drawn=2, rounds=1, steps=1, fresh=2)
     )
     assert result.response_error.after == pytest.approx(found.fitted, rel=0.2)  # what is missing, and nothing else
-
-
-def test_a_part_with_a_name_of_its_own_stands_in_the_page_with_what_its_file_says(tmp_path):
-    """No part of the vehicle is called so; and its lack of a tyre is the first reason, not the dead time."""
-    own = RIGID_BODY + "[inertias.car]\nJ = { value = 2, lower = 1, upper = 3 }\n" + LINK
-    case, found = fitted_simple_vehicle(written(tmp_path, own))
-    result = match_with_observer(
-        question_of(case), 0, lambda _: None, TuningEffort(drawn=2, rounds=1, steps=1, fresh=2)
-    )
-    result = replace(with_simple_vehicle(result, found), simulated_in_time=TruthInTime(not_simulated="not asked here"))
-    assert result.status == "limited"
-    assert result.limits[0] == found.sentence()
-    assert result.response_error.bound < 0.02 < case.tolerance < found.fitted
-    rows = {row["name"]: row for row in context(result, {})["residual"]}
-    assert rows["inertias.car.J"]["before"] == 2
-    assert rows["inertias.wheel.J"]["before"] == 30
-    assert rows["inertias.wheel.J"]["moved"]
-    assert not rows["shafts.link.stiffness"]["moved"]
 
 
 @pytest.mark.parametrize(

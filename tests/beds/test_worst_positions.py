@@ -24,17 +24,6 @@ def test_the_room_of_a_plane_is_least_in_its_corner():
     np.testing.assert_array_equal(worst_positions(lambda at: 1 + at @ slopes, pool), [[-1, 1, -1]])
 
 
-def test_no_descent_ends_above_the_bed_that_it_began_at():
-    """Every corner is worse than what lies between: the least bed of the pool stays."""
-    pool = np.array([[0.01, -0.01], [0.5, 0.5], [0.9, -0.9]])
-    found = worst_positions(lambda at: (at**2).sum(axis=1), pool)
-    assert (found**2).sum(axis=1).max() <= 0.5
-
-
-def test_what_is_known_exactly_has_no_worst_bed():
-    assert worst_positions(lambda at: np.ones(len(at)), np.zeros((4, 0))).shape == (0, 0)
-
-
 @pytest.fixture
 def begun(small_search, small_case):
     """The search on the small bed, and where it begins."""
@@ -68,23 +57,6 @@ def test_the_search_sees_the_worst_beds_where_they_miss_what_they_need(begun):
     np.testing.assert_allclose(np.sort(of_added), np.sort(STABLE_SHARE * (ratios / least - 1)), rtol=1e-6)
     _, slopes = search.slopes(start)
     assert np.isfinite(slopes).all()
-
-
-def test_the_search_sees_further_beds_where_they_miss_what_they_need(begun):
-    """Of 108 beds beyond a pool of 20, those damped by less than the fifth of them, less the reserve."""
-    search, start = begun
-    box, controller = search.case.uncertainty, search.gains.controller(start)
-    further = box.spread(128)[20:]
-    poles = np.linalg.eigvals(closed_matrices(sampled_beds(search.case, [box.at(at) for at in further]), controller))
-    ratios = damping(poles, search.model.sample_time)[1]
-    fifth = np.sort(ratios)[4:6].mean()
-    needed = fifth / ((1 + DAMPING_RESERVE) * (1 - DAMPING_RESERVE / 2))
-    search.required = replace(search.required, damping_ratio=needed, rolled_off_from=NOWHERE_HZ)
-    assert add_scenarios(
-        search, TuningEnd(start, replace(search.judged(start), least=np.ones(4))), TuningEffort(pool=20)
-    )
-    added = search.positions[[i for i in search.guarded if search.shares.get(i) == 1.0]]
-    np.testing.assert_array_equal(added, further[np.argsort(ratios)[:5]])
 
 
 def test_no_bed_is_looked_at_outside_the_box():

@@ -1,11 +1,10 @@
-"""A diagnosis: time over the length of the recording and over the number of candidates, and a large case.
+"""A diagnosis: time over the length of the recording, and the exponent of a power law fitted to it.
 
-``python -m tests.benchmarks.diagnosis_growth [length] [candidates] [large]`` prints a table of each (default: all) and
-the exponent of a power law fitted to it. Times are processor times of one diagnosis, all threads and the compiler of
+Times are processor times of one diagnosis, all threads and the compiler of
 the models included, and what a clock on the wall says beside them. The recordings are made by the truth plant of the
 tests, which shares no code with the models: a chain of inertias driven at both ends, with dry friction on an inertia in
-its middle or free play in a shaft there. Long recordings begin as short ones. Of candidates, a quarter, half and all of
-the kinds are admitted to the screening of one system. ``large`` is ten inertias, twelve sensors, 60 s at 1 kHz.
+its middle or free play in a shaft there. Long recordings begin as short ones; the
+longest is ten inertias, twelve sensors, 60 s at 1 kHz.
 """
 
 import resource
@@ -13,11 +12,9 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 
-from matching.diagnosis import screening
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.result import Diagnosis
 from modelling.effects import EFFECTS
@@ -36,7 +33,6 @@ STEP = 1e-3  # s
 PIECE = 7.5  # s of a manoeuvre, one after another
 NOISE = 1e-3  # of a sensor's range
 LENGTHS = (7.5, 15.0, 30.0, 60.0)
-EVERY = (4, 2, 1)  # kinds of the vocabulary admitted: every so-manieth
 
 
 def chain(count: int, sensors: int) -> Drive:
@@ -107,17 +103,14 @@ def processor() -> float:
     return sum(own.ru_utime + own.ru_stime for own in every)
 
 
-def timed(count: int, sensors: int, seconds: float, kind: str, every: int = 1) -> tuple[float, int]:
-    """Prints a line; processor time of one diagnosis, and how many candidates (kind and place) there were."""
+def timed(count: int, sensors: int, seconds: float, kind: str) -> float:
+    """Prints a line; processor time of one diagnosis."""
     drive = chain(count, sensors)
     hidden = hidden_in(drive, kind)
     system, recording = made(drive, hidden, seconds)
-    others = [own for own in EFFECTS if own != kind]
-    kinds = {own: EFFECTS[own] for own in [kind, *others[every - 1 :: every]]}
-    candidates = sum(len(own.places(system)) for own in kinds.values())
+    candidates = sum(len(own.places(system)) for own in EFFECTS.values())
     clock, began = time.perf_counter(), processor()
-    with patch.object(screening, "EFFECTS", kinds):
-        found = diagnose(system, [recording])
+    found = diagnose(system, [recording])
     took, wall = processor() - began, time.perf_counter() - clock
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(
@@ -125,7 +118,7 @@ def timed(count: int, sensors: int, seconds: float, kind: str, every: int = 1) -
         f"  {judged(found, hidden)}",
         flush=True,
     )
-    return took, candidates
+    return took
 
 
 def judged(found: Diagnosis, hidden: Hidden) -> str:
@@ -147,20 +140,13 @@ def exponent(over: Sequence[float], took: Sequence[float]) -> float:
 
 
 def main() -> None:
-    asked = sys.argv[1:] or ["length", "candidates", "large"]
     print(
         f"{'inertias':>8} {'sensors':>7} {'length':>8} {'candidates':>10} {'processor':>10} {'wall':>10} memory  answer"
     )
     timed(3, 4, 2.0, "coulomb_friction")  # what is compiled once for all
     for kind in ("coulomb_friction", "backlash"):
-        if "length" in asked:
-            took = [timed(10, 12, seconds, kind)[0] for seconds in LENGTHS]
-            print(f"{kind}: time ~ length ^ {exponent(LENGTHS, took):.2f}", flush=True)
-        elif "large" in asked:
-            timed(10, 12, 60.0, kind)
-        if "candidates" in asked:
-            took, candidates = zip(*(timed(10, 12, PIECE, kind, every) for every in EVERY), strict=True)
-            print(f"{kind}: time ~ candidates ^ {exponent(candidates, took):.2f}", flush=True)
+        took = [timed(10, 12, seconds, kind) for seconds in LENGTHS]
+        print(f"{kind}: time ~ length ^ {exponent(LENGTHS, took):.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from matching.studies import finished, whole_lines
+from matching.studies import finished
 from tests.campaign.work import Prepared, diagnosed, prepared
 
 
@@ -40,6 +40,12 @@ class Campaign:
 def record_of(campaign: Campaign, out: Path) -> Path:
     """The file of a campaign's rows, one a line."""
     return out / f"cases_{campaign.name}.jsonl"
+
+
+def whole_lines(record: Path) -> list[str]:
+    """Lines of a record, without one that a kill left half written."""
+    text = record.read_text(encoding="utf-8") if record.exists() else ""
+    return text[: text.rfind("\n") + 1].splitlines()
 
 
 def run(

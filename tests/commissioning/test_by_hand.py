@@ -66,23 +66,6 @@ def test_a_recording_in_the_encoding_of_a_spreadsheet_is_taken_and_no_text_is_on
         hand.recording("1_verify", {}, "", never)
 
 
-def test_a_growing_recording_that_is_no_text_is_taken_as_it_is(tmp_path, monkeypatch):
-    """An MDF file: bytes after its last line feed belong to it."""
-    place, whole = tmp_path / "1_verify.mf4", b"MDF     4.10\n\x00\x01"
-    clock = Clock(lambda: place.write_bytes(whole[:9]), lambda: place.write_bytes(whole))
-    monkeypatch.setattr("matching.bed_test.growing.time", clock)
-    sizes = []
-
-    def estimate(copy):
-        assert copy.name == place.name
-        sizes.append(copy.stat().st_size)
-        return ""
-
-    taken = ByHand(tmp_path, 2.0, lambda _: None).recording("1_verify", {}, "run it", estimate)
-    assert taken == HandedRecording("recording.mf4", whole)
-    assert sizes == [9, len(whole)]
-
-
 def test_a_recording_in_two_formats_is_one_line(tmp_path):
     for suffix in (".csv", ".mf4"):
         (tmp_path / f"1_verify{suffix}").write_bytes(b"a\n1\n")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from result_keys import same_keys
+from result_schema import check_schema
 
 from matching.bed.identify import recorded_vehicle
 from matching.bed.simulated_bed import with_quantities
@@ -52,7 +52,7 @@ def test_what_was_not_recorded_is_said_and_every_step_is_kept(out):
     assert {path.name for path in (out / "vehicle").iterdir()} >= {"diagnosis.json", "extended.toml", "case.toml"}
     before = {row["name"]: row["before"] for row in result["vehicle"]["values"]}
     assert before["vehicle.inertias.body.J"] == 40
-    same_keys("identify", result)
+    check_schema("identify", result)
 
 
 def test_a_diagnosis_whose_time_is_over_says_so_and_leaves_a_case(tmp_path, out):

@@ -9,7 +9,7 @@ import pytest
 from small_bed import write
 
 from matching.bed import commission as module
-from matching.bed.commission import RECORD, Circle, CommissionOrder, Stages
+from matching.bed.commission import Circle, CommissionOrder, Stages
 from matching.bed.excite import Proof
 from matching.bed.identify import COVERAGE, LEAST_SHARE, bed_from_recordings, identified_case
 from matching.bed.simulated_bed import (
@@ -22,8 +22,6 @@ from matching.bed.simulated_bed import (
 )
 from matching.diagnosis.statistics import Estimate
 from matching.match.case_file import case_files, load_case
-from matching.report.bed import round_lines
-from modelling.errors import InputError
 from modelling.system import Effect, Quantity
 
 
@@ -48,69 +46,6 @@ def test_a_step_is_done_once_and_again_where_its_files_or_inputs_changed(tmp_pat
     stages.run("1_step", "other", work)
     assert len(calls) == 3
     assert (tmp_path / "1_step" / "a.txt").read_text() == "text"
-
-
-def test_a_damaged_record_is_never_a_wrong_answer(tmp_path):
-    """Every byte changed, left out or doubled, lines swapped and cut: figures as they were written, or none."""
-    stages = Stages(tmp_path)
-    steps = {"1_match": ({"a.txt": "text"}, {"status": "matched"}), "1_verify": ({}, {"errors": {"é": 0.125}})}
-    for name, step in steps.items():
-        stages.run(name, "same", lambda step=step: step)
-    record = tmp_path / RECORD
-    whole = record.read_bytes()
-    lines = whole.splitlines(keepends=True)
-    damaged = [
-        b"".join(lines[::-1]),
-        b"".join(lines * 2),
-        b"",
-        b"\n",
-        b"[" * 9999,
-        b"null\n1\n[]\n{}\n",
-        b"\xef" + whole,
-    ]
-    for place in range(0, len(whole), 3):
-        before, letter, after = whole[:place], whole[place : place + 1], whole[place + 1 :]
-        damaged += [before + new + after for new in (b"", letter * 2, b"\n", b"9", b"\xff", bytes([letter[0] ^ 1]))]
-        damaged.append(before)
-    kept = 0
-    for content in damaged:
-        record.write_bytes(content)
-        for name, (_, figures) in steps.items():
-            found = stages.done(name, "same")
-            assert found in (figures, None)
-            kept += found is not None
-    assert 0.4 < kept / (2 * len(damaged)) < 0.6  # the line that is not damaged
-    record.write_bytes(whole)
-    (tmp_path / "1_match" / "a.txt").write_text("tex")
-    assert stages.done("1_match", "same") is None
-
-
-def test_a_step_is_not_written_through_a_link(tmp_path):
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "1_step").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(InputError, match="1_step: is a link"):
-        Stages(tmp_path).run("1_step", "same", lambda: ({"a.txt": ""}, {}))
-    assert not list((tmp_path / "elsewhere").iterdir())
-
-
-def test_a_step_that_ended_early_is_done_again_where_it_may_take_longer(tmp_path):
-    def step(seconds, enough):
-        return Stages(tmp_path).run("2_step", "same", lambda: ({"a.txt": f"{seconds}"}, {"s": seconds}), enough)["s"]
-
-    assert step(10.0, lambda _: True) == 10.0
-    assert step(20.0, lambda figures: figures["s"] >= 5.0) == 10.0
-    assert step(30.0, lambda figures: figures["s"] >= 30.0) == 30.0
-    assert step(40.0, lambda _: True) == 30.0
-    assert (tmp_path / "2_step" / "a.txt").read_text() == "30.0"
-
-
-@pytest.mark.parametrize(("had", "limit", "enough"), [
-    (None, 10.0, True), (None, None, True), (10.0, 10.0, True),
-    (10.0, 5.0, True), (10.0, 20.0, False), (10.0, None, False),
-])  # fmt: skip
-def test_a_diagnosis_is_long_enough_unless_it_may_take_longer_now(had, limit, enough, tmp_path):
-    circle = Circle(tmp_path, tmp_path, CommissionOrder(diagnosis_limit=limit))
-    assert circle._long_enough({"ended_early": had}) is enough
 
 
 def test_a_bed_that_falls_short_is_diagnosed_from_its_own_recording(case, tmp_path, monkeypatch):
@@ -281,15 +216,3 @@ def test_a_proof_records_held_torques_as_what_they_do_and_road_torques_as_they_a
     np.testing.assert_array_equal(recorded[:, 2], torques[:, 1])
     np.testing.assert_allclose(np.array(controller.known)[before:], recorded[:, [2, 1]], rtol=1e-6, atol=1e-9)
     np.testing.assert_array_equal(np.array(bed.given)[before:, 1], torques[:, 0])
-
-
-def test_a_round_says_what_a_measured_error_is_judged_by():
-    error = {
-        "name": "measured", "error": 0.0562, "standard_uncertainty": 0.0004, "predicted": 0.00183, "expected": 0.121,
-        "allowed": 0.1,
-    }  # fmt: skip
-    lines = round_lines({"verification": {"status": "as_predicted", "errors": [error], "notes": [], "fidelity": []}})
-    assert lines == [
-        "as predicted: response error to measured torques 0.0562 ± 0.0008 "
-        "(predicted 0.00183, on 95 % of drawn beds below 0.121, allowed 0.1)"
-    ]

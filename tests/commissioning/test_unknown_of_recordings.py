@@ -21,7 +21,6 @@ from matching.bed.simulated_bed import FIT_RANGE_RATIO
 from matching.diagnosis.statistics import Estimate
 from matching.match.case import LARGEST_SHARE, Box, Move, Uncertain
 from matching.match.case_file import load_case
-from matching.report.bed import commissioning_page as page
 from matching.report.bed import gain
 from modelling.system import Effect, Quantity
 
@@ -117,13 +116,3 @@ def test_the_gain_is_the_first_error_over_the_last():
     assert gain({"rounds": [a_round(1, 0.4), a_round(2, None)]}) is None
     judged_again = {**a_round(1, 0.4), "against_last_vehicle": {"errors": [{"error": 0.8}]}}
     assert gain({"rounds": [judged_again, a_round(2, 0.1)]}) == pytest.approx(8)
-
-
-def test_the_page_lists_what_was_found_of_the_vehicle():
-    value = {"name": "vehicle.inertias.body.J", "before": 40.0, "after": 43.25, "half_width": 0.5}
-    vehicle = {"verdict": "adequate", "causes": [], "notes": [], "values": [value], "torque_gains": {}}
-    result = {"status": "waiting", "rounds": [], "waiting_for": "run it", "end": "", "best_round": None}
-    html = page(result | {"vehicle": vehicle})
-    assert 'id="vehicle"' in html
-    assert "inertias.body.J" in html
-    assert "43.25" in html

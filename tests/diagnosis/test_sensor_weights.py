@@ -11,7 +11,7 @@ from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import LARGEST_MEMORY, FitData, Segment
 from matching.diagnosis.fit import balanced_fit, base_problem, innovation_power, iteratively_reweighted, solve
 from matching.diagnosis.search import _Screenings as screenings
-from matching.diagnosis.selection import Hypothesis, with_balanced_sensors
+from matching.diagnosis.selection import Hypothesis
 from modelling.model_file import from_dict
 
 
@@ -44,21 +44,6 @@ def identified(monkeypatch: pytest.MonkeyPatch):
         return answer.weights, searches
 
     return run
-
-
-def test_one_search_where_the_noise_is_reached_or_nearly(identified) -> None:
-    assert identified(50.0, 1.0) == ("noise", ["noise"])
-    assert identified(50.0, 2.0) == ("noise", ["noise"])
-
-
-def test_a_second_search_is_taken_only_where_unseen_data_gain(identified) -> None:
-    assert identified(50.0, 20.0) == ("balanced", ["noise", "balanced"])
-    assert identified(50.0, 20.0, gains=False) == ("noise", ["noise", "balanced"])
-
-
-def test_far_from_the_noise_only_the_second_is_made_and_with_one_sensor_only_the_first(identified) -> None:
-    assert identified(500.0, 20.0) == ("balanced", ["balanced"])
-    assert identified(500.0, 20.0, sensors=1) == ("noise", ["noise"])
 
 
 @pytest.mark.parametrize("angle_uncertainty", [6e-6, 2e-3])
@@ -115,21 +100,6 @@ def test_what_lets_an_angle_drift_away_leads_among_the_slow_candidates() -> None
     slow = screenings({}).slow(Hypothesis(model, balanced_fit(by_noise, v)))
     assert ("constant_torque", "inertias.rotor") in [candidate.kind_and_place for candidate in slow[:2]]
     assert screenings({}).slow(Hypothesis(model, by_noise)) == []
-
-
-@pytest.mark.parametrize(("grown", "taken"), [(0.5, True), (1.49, True), (1.51, False)])
-def test_a_fit_that_its_own_weights_make_worse_is_not_taken(monkeypatch, grown: float, taken: bool) -> None:
-    """All errors grow alike, and with them the pooled error; 1.5 times it is the limit."""
-    white = np.random.default_rng(0).normal(size=(200, 2))
-
-    def left(size: float) -> SimpleNamespace:
-        segments = [SimpleNamespace(measured=np.ones(white.shape, bool), readings=np.cumsum(white, axis=0))]
-        data = SimpleNamespace(noise=np.array([0.1, 2.0]), segments=segments)
-        return SimpleNamespace(errors=[size * white], problem=SimpleNamespace(data=data, weighting="by what is left"))
-
-    before, after = left(4.0), left(4.0 * grown)
-    monkeypatch.setattr(hypotheses, "iteratively_reweighted", lambda _: after)
-    assert with_balanced_sensors(Hypothesis(None, before)).fit is (after if taken else before)
 
 
 def test_the_pooled_error_is_that_of_readings_over_their_ranges() -> None:

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from matching.diagnosis import holdout
-from matching.diagnosis import search as refinement
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.fit import Fit, base_problem, fastest_rate, solve
 from matching.diagnosis.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other, split_holdout
-from matching.diagnosis.screening import _pairs, window_uncertainties
+from matching.diagnosis.screening import window_uncertainties
 from matching.diagnosis.selection import Hypothesis
 from matching.diagnosis.statistics import estimates
 from modelling.equations.casadi_code import compiled
@@ -24,19 +23,6 @@ OFFSET = {"value": 0, "lower": -1, "upper": 1}  # N·m
 def window(first, last, name="a"):
     samples = slice(first, last)
     return Segment(TIME[samples], TIME[samples, None], 2 * TIME[samples, None], name)
-
-
-def test_windows_that_share_a_sample_become_one_and_others_do_not():
-    """Three windows of one recording, then two of another after a gap: the odd one stays as it is."""
-    windows = [window(0, 101), window(100, 201), window(200, 301), window(0, 51, "b"), window(50, 91, "b")]
-    starts = [np.array([float(i)]) for i in range(5)]
-    fit = SimpleNamespace(problem=SimpleNamespace(data=SimpleNamespace(segments=windows)), starts=starts)
-    segments, kept = _pairs(fit)
-    assert [(len(s.time), s.name) for s in segments] == [(201, "a"), (101, "a"), (91, "b")]
-    assert [int(start[0]) for start in kept] == [0, 2, 3]
-    for segment in segments:
-        np.testing.assert_allclose(np.diff(segment.time), 5e-3)
-        np.testing.assert_array_equal(segment.readings, 2 * segment.inputs)
 
 
 def rotor(offset=0.0):
@@ -109,62 +95,10 @@ def test_held_out_rest_begins_again_every_second(fit):
     assert rms_by_sensor(residuals) == pytest.approx(1.0, abs=0.2)
 
 
-@pytest.mark.parametrize(("reached", "tried"), [(True, ["first"]), (False, ["first", "second"])])
-def test_no_further_windows_once_one_hypothesis_is_at_the_noise(monkeypatch, reached, tried):
-    problem = SimpleNamespace(states=lambda v: [np.zeros((3, 1))], model=SimpleNamespace(states=["speed"]))
-    parent = SimpleNamespace(fit=SimpleNamespace(problem=problem, v=None))
-    screening = SimpleNamespace(balance=SimpleNamespace(added_to=lambda names, states: states))
-    first, second, better = (
-        SimpleNamespace(causes=name, fit=SimpleNamespace(cost=cost), cost=cost)
-        for name, cost in (("first", 5.0), ("second", 6.0), ("better", 1.0))
-    )
-    made = []
-    monkeypatch.setattr(refinement, "in_local_minimum", lambda *_: [first, second])
-    monkeypatch.setattr(refinement, "_from_windows", lambda _, one, __: made.append(one.causes) or better)
-    monkeypatch.setattr(refinement, "at_noise", lambda one: reached)
-    found = refinement.refitted_over_windows(parent, [first, second], screening, set(), refinement.RefitBudget())
-    assert made == tried
-    assert found[0] is better
-
-
 def hypothesis(causes, cost):
     model = SimpleNamespace(causes=causes, values={})
     fit = SimpleNamespace(cost=cost, values={}, problem=SimpleNamespace(data=SimpleNamespace(segments=[0])))
     return Hypothesis(model, fit, 0.0)
-
-
-def test_a_simpler_kind_that_cannot_be_fitted_hides_no_other(monkeypatch):
-    """Nor does a hypothesis whose simpler kinds were tried before."""
-
-    def fitted(model, _):
-        if model.causes == ("fails",):
-            raise refinement.FIT_ERRORS[0]
-        return SimpleNamespace(cost=0.5)
-
-    simpler = [SimpleNamespace(causes=(name,)) for name in ("fails", "fits")]
-    monkeypatch.setattr(Hypothesis, "cost", property(lambda one: one.fit.cost))
-    monkeypatch.setattr(refinement, "_simpler_models", lambda _: simpler)
-    monkeypatch.setattr(refinement, "fit_extended", fitted)
-    both = [hypothesis(("first",), 1.0), hypothesis(("second",), 1.1)]
-    found = refinement.with_simpler_kinds(both, {("first",)})
-    assert [one.causes for one in found] == [("fits",), ("first",), ("second",)]
-
-
-@pytest.mark.parametrize(("windows", "cost", "kept"), [(1, 4.9, True), (1, 5.1, False), (2, 4.9, False)])
-def test_windows_as_long_as_the_recording_are_its_fit_where_they_are_better(monkeypatch, windows, cost, kept):
-    problem = SimpleNamespace(data=SimpleNamespace(segments=[0] * windows))
-    grown = SimpleNamespace(cost=cost, values={}, problem=problem)
-    long = SimpleNamespace(cost=5.0)
-    monkeypatch.setattr(refinement, "fit_short_windows", lambda *_: SimpleNamespace(cost=0.0))
-    monkeypatch.setattr(refinement, "_with_wider_gap", lambda *_: None)
-    monkeypatch.setattr(refinement, "fit_longer_windows", lambda _: grown)
-    monkeypatch.setattr(refinement, "_segment_starts", lambda *_: ())
-    monkeypatch.setattr(refinement, "fit_extended", lambda *_: long)
-    monkeypatch.setattr(refinement, "replace", lambda one, **new: SimpleNamespace(**vars(one) | new) if new else one)
-    parent, smooth = hypothesis((), 6.0), hypothesis((SimpleNamespace(kind="drag"),), 6.0)
-    monkeypatch.setattr(refinement, "EFFECTS", {"drag": SimpleNamespace(abrupt=False)})
-    monkeypatch.setattr(refinement, "SEARCH", SimpleNamespace())
-    assert refinement._from_windows(parent, smooth, np.zeros(1)).fit is (grown if kept else long)
 
 
 def test_the_rate_of_a_slow_rotor_is_its_drag_over_its_inertia():

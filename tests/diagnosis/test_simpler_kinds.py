@@ -50,6 +50,7 @@ def test_simpler_kinds_exist_and_have_fewer_parameters() -> None:
             assert len(parameters) < len(own.parameters)
 
 
+@pytest.mark.long
 @needs_compiler
 def test_stiffness_far_off_is_not_taken_for_hysteresis(tmp_path: Path) -> None:
     """From 284 N·m/rad no fit finds to 590; hysteresis of a large angle does, and is told to be the spring it is."""

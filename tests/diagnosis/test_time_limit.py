@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from modelling.interruption import limited, time_is_over
 
 from matching.diagnosis.diagnose import diagnose
-from modelling import interruption as time_limit
+from modelling import resources as time_limit
 from modelling.model_file import from_dict
 from modelling.recordings.recording import Recording
+from modelling.resources import limited, time_is_over
 
 J, DRAG, NOISE, LATE = 0.2, 0.5, 0.02, 0.03
 MODEL = {

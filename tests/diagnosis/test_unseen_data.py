@@ -53,24 +53,6 @@ def test_a_sensor_read_in_one_block_alone_has_the_mean_square_of_that_block():
     np.testing.assert_allclose(UnseenError(blocks, np.zeros(2), 0.0).mean_squares, [6.0, 9.0])
 
 
-def test_each_hypothesis_is_simulated_once(unseen):
-    child, parent = hypothesis(1.0, 1.0), hypothesis(2.0, 2.0)
-    assert unseen.of.gains(child, parent)
-    assert not unseen.of.gains(parent, child)
-    assert not unseen.of.gains(child, child)
-    assert len(unseen.simulated) == 2
-
-
-def test_one_that_does_not_simulate_gains_nothing_and_loses_to_any(unseen):
-    works, fails = hypothesis(1.0, 1.0), hypothesis(1.0, 1.0)
-    fails.fit.left = None
-    assert unseen.of.error(fails) is None
-    assert unseen.of.gains(works, fails)
-    assert not unseen.of.gains(fails, works)
-    assert unseen.of.worse_sensors(works, fails) == []
-    assert unseen.of.error(hypothesis(np.inf, 1.0)) is None
-
-
 def test_a_place_is_earned_where_all_falls_and_no_sensor_rises(unseen):
     parent = hypothesis(10.0, 3.0)
     assert unseen.of.earns_place(hypothesis(5.0, 3.0), parent)

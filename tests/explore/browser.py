@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from processes import started
 from structure.imports import ROOT
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -36,14 +37,10 @@ def served(arguments: Iterable[str], out: Path) -> Iterator[str]:
     environment = (
         os.environ | {"PYTHONPATH": str(ROOT)} | ({"BOKEH_RESOURCES": "cdn"} if "explore" in arguments else {})
     )
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, cwd=out.parent) as process:
-        try:
-            address = next((found[0] for line in process.stderr if (found := re.search(r"http://\S+", line))), "")
-            assert address, "the server did not start"
-            yield address
-        finally:
-            process.terminate()
-            process.stderr.read()
+    with started(command, stderr=subprocess.PIPE, text=True, env=environment, cwd=out.parent) as process:
+        address = next((found[0] for line in process.stderr if (found := re.search(r"http://\S+", line))), "")
+        assert address, "the server did not start"
+        yield address
 
 
 def explored(*files: Path) -> tuple[str, ...]:

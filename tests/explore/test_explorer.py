@@ -1,7 +1,5 @@
 """The explorer from Python: served beside the program at an address with a secret, shown in a notebook, ended."""
 
-import signal
-from types import SimpleNamespace
 from urllib.error import HTTPError, URLError
 from urllib.request import urlopen
 
@@ -9,8 +7,6 @@ import pytest
 from structure.imports import ROOT
 
 import rigmatch as rm
-from matching.commands import run_explore as run
-from matching.match.case_file import load_case
 from modelling.errors import InputError
 
 
@@ -51,74 +47,6 @@ def test_a_tab_is_made_when_it_is_opened_and_kept(tmp_path):
     assert content[0] is not first
     bar.active = 0
     assert content[0] is first
-
-
-@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
-def test_a_tab_that_is_not_there_yet_says_so_and_is_not_put_over_another(tmp_path):
-    pytest.importorskip("panel")
-    from bokeh.document import Document
-    from panel.io.state import set_curdoc
-
-    from matching.explore.files import opened
-    from matching.explore.page import page
-
-    document = Document()
-    with set_curdoc(document):
-        _, bar, content = page(opened([ROOT / "examples" / "diagnosis" / "model.toml"], tmp_path))
-        bar.active = 3
-        assert "Measurement is being prepared" in content[0].object
-        (measurement,) = document.session_callbacks
-        bar.active = 4
-        measurement.callback()
-        assert "Validity is being prepared" in content[0].object
-        document.session_callbacks[-1].callback()
-        assert not hasattr(content[0], "object")
-        bar.active = 3
-        document.session_callbacks[-1].callback()
-        assert not hasattr(content[0], "object")
-        bar.active = 0
-        first = content[0]
-        bar.active = 3
-        assert content[0] is not first  # both are there: at once
-        assert not hasattr(content[0], "object")
-
-
-@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
-def test_commands_that_are_shown_find_their_files_with_the_values_shown(tmp_path):
-    pytest.importorskip("panel")
-    from matching.explore.files import opened, starter
-    from matching.explore.modes import DrivetrainTab
-    from matching.explore.page import MatchTab
-
-    workspace = opened([starter(tmp_path)], tmp_path)
-    tab = DrivetrainTab(workspace, lambda: None)
-    match = MatchTab(workspace, workspace.case, lambda: None)
-    assert str(tmp_path / "case" / "case.toml") in match.same.object
-    tab.editing.do(lambda: tab._enter(("rig", "shafts.flange.stiffness"), "250 kN*m/rad"))
-    match.models_changed()
-    copy = tmp_path / "as_shown" / "case.toml"
-    for box in (tab.same, match.same, match.map.same):
-        assert str(copy) in box.object
-    assert load_case(copy).rig.parameters["shafts.flange.stiffness"].value == 250e3
-
-
-def test_an_interrupt_is_the_programs_whatever_the_server_makes_of_it(tmp_path, monkeypatch):
-    pytest.importorskip("panel")
-    from matching.explore import page as server
-
-    def serve(page, out, port):
-        """As Panel does: an interrupt ends the loop, and nobody hears of it."""
-        signal.signal(signal.SIGINT, lambda *_: None)
-        loop = SimpleNamespace(start=lambda: signal.raise_signal(signal.SIGINT))
-        return SimpleNamespace(start=lambda: None, stop=lambda: None, io_loop=loop), "address"
-
-    monkeypatch.setattr(server, "serve", serve)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            run(SimpleNamespace(files=[], out=str(tmp_path), port=0, no_browser=True))
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")

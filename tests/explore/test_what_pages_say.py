@@ -7,11 +7,8 @@ import pytest
 
 pytest.importorskip("panel")
 
-from kept_words import same_words
 from structure.imports import ROOT
 
-from matching.explore import page as match_result
-from matching.explore.common import DrivetrainView, Slider, TabBar
 from matching.explore.files import opened, starter
 from matching.explore.measurement import MeasurementTab
 from matching.explore.page import MapView, MatchTab, _makers
@@ -45,11 +42,10 @@ def said(panel):
             yield f"Figure {shown.title.text}: {shown.xaxis.axis_label or ''}, {shown.yaxis.axis_label or ''}."
 
 
-def test_every_tab_says_what_it_said(tmp_path):
-    for name, make in _makers(opened(files(tmp_path), tmp_path / "out")).items():
+def test_no_tab_shows_a_missing_value(tmp_path):
+    for make in _makers(opened(files(tmp_path), tmp_path / "out")).values():
         text = " ".join(said(make()))
         assert "None" not in text
-        same_words(f"explore, {name}", text, tmp_path, ROOT)
 
 
 def test_every_tab_bears_all_that_its_page_holds_to_be_changed(tmp_path):
@@ -63,11 +59,6 @@ def test_every_tab_bears_all_that_its_page_holds_to_be_changed(tmp_path):
         there = set(map(id, make().select()))
         for key, value in vars(owner).items():
             assert not isinstance(value, pn.widgets.base.WidgetBase) or id(value) in there, f"{name}: {key}"
-
-
-@pytest.mark.parametrize("component", [DrivetrainView, Slider, TabBar])
-def test_what_runs_in_the_browser_has_its_program(component):
-    assert "export function render" in component._esm
 
 
 @pytest.fixture
@@ -93,18 +84,6 @@ def test_what_a_map_shows_under_the_mouse_is_of_its_points(asked: MapView):
     assert {key for _, text in tool.tooltips for key in FIELD.findall(text)} <= cells.data_source.data.keys()
     assert list(cells.data_source.data["status"]) == [point["status"] for point in MAP["points"]]
     assert list(cells.data_source.data["error"]) == [point["error"] for point in MAP["points"]]
-
-
-@pytest.mark.parametrize(("as_ordered", "said_so"), [(0.1, False), (0.2, True)])
-def test_an_order_says_where_the_gains_were_tuned_again(tmp_path, monkeypatch, as_ordered, said_so):
-    monkeypatch.setattr(match_result, "summary", lambda _: "in words")
-    trade = {"name": "rig.shafts.flange.stiffness", "unit": "N*m/rad", "planned": 2e5, "ordered": 3e5,
-             "acceptable": (2.5e5, 3.5e5), "error_as_planned": 0.5, "error_as_ordered": as_ordered}  # fmt: skip
-    result = {"adapters": [trade], "response_error": {"unmeasured_after": 0.1}}
-    page = match_result.result_html(result, tmp_path / "match", tmp_path)
-    assert ("that make it 0.1" in page) == said_so
-    for text in ("in words", "flange, stiffness", "250", "350", "0.5", f"{as_ordered:g}"):
-        assert text in page
 
 
 @pytest.mark.parametrize("as_dropped", [str, str.encode])

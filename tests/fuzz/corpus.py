@@ -5,10 +5,10 @@ from __future__ import annotations
 import functools
 import json
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 from matching.match.case_file import load_case
-from tests.fuzz.corpus_runs import seeds_of_runs
 from tests.fuzz.seed import MODEL, RECORDINGS, ROOT, Seed, every_effect, recording
 
 CHANNELS = """[channels]
@@ -40,7 +40,7 @@ WORDS = (
     "match\ncase.toml\n--seed\n3\n--starts\n2\n--workers\n1\n--beds\n9\n--out\no\n--check",
     "map\ncase.toml\n--x\nloop.dead_time=1 ms,2 ms\n--y\nrig.shafts.flange.stiffness=2e5:8e5:3\n--out\no\n--check",
     "tolerance\ncase.toml\n-n\n200\n--tolerance\nrig.shafts.flange.stiffness=0.1\n--out\no\n--check",
-    "verify\ncase.toml\ndrive.csv\n--follow\n0.5\n--out\no\n--check",
+    "verify\ncase.toml\ndrive.csv\n--out\no\n--check",
     "excite\ncase.toml\n--duration\n20\n--margin\n0.3\n--limit\ndyno=300 N*m\n--out\no\n--check",
     "commission\ncase.toml\n--bed\no\n--rounds\n1\n--speed\n5\n--out\no\n--check",
 )
@@ -49,55 +49,45 @@ WORDS = (
 @functools.cache
 def seeds() -> tuple[Seed, ...]:
     """All seeds, in an order that does not change."""
-    found: list[Seed] = []
-    folders = [path.parent for path in sorted(ROOT.glob("examples/*/rig.toml"))] + [ROOT / "matching" / "starter"]
-    for folder in folders:
-        files = {path.name: path.read_bytes() for path in sorted(folder.glob("*.toml"))}
-        others = {name: content for name, content in files.items() if name != "case.toml"}
-        found.append(Seed("case", folder.name, files["case.toml"], others))
-        for name, content in others.items():
-            case = b"\nrig = " in content  # another case of the same drive
-            if not case and "inertias" not in tomllib.loads(content.decode()):
-                continue  # neither a case nor a model: no command reads it
-            beside = {"rig.toml": files["rig.toml"], "vehicle.toml": files["vehicle.toml"]} if case else {}
-            found.append(Seed("case" if case else "model", f"{folder.name}_{name[:-5]}", content, beside))
-    found += [Seed("model", path.parent.name, path.read_bytes()) for path in sorted(ROOT.glob("examples/*/model.toml"))]
-    found += [Seed("model", "two_discs", MODEL.encode()), Seed("model", "every_effect", every_effect())]
-    budgets = [*sorted(ROOT.glob("examples/gum/*.toml")), *sorted(ROOT.glob("examples/sensors/*.toml"))]
-    found += [Seed("budget", path.stem, path.read_bytes()) for path in budgets]
+    model, drive = {"model.toml": MODEL.encode()}, {"drive.csv": recording()}
+    starter = {path.name: path.read_bytes() for path in sorted((ROOT / "matching" / "starter").glob("*.toml"))}
     fidelity = (ROOT / "examples/fidelity/tab2.toml").read_bytes()
-    found += [
+    budgets = [*sorted(ROOT.glob("examples/gum/*.toml")), *sorted(ROOT.glob("examples/sensors/*.toml"))]
+    beside = model | drive | starter | {"budget.toml": budgets[0].read_bytes(), "fidelity.toml": fidelity}
+    commas = recording().replace(b",", b";").replace(b".", b",")
+    renamed = {"drive.csv": recording(("t [s]", "T_EM [N*m]", "n_EM", "M_link [N*m]"))}
+    return (
+        *_of_drives(),
+        *(Seed("model", path.parent.name, path.read_bytes()) for path in sorted(ROOT.glob("examples/*/model.toml"))),
+        Seed("model", "two_discs", MODEL.encode()),
+        Seed("model", "every_effect", every_effect()),
+        *(Seed("budget", path.stem, path.read_bytes()) for path in budgets),
         Seed("fidelity", "tab2", fidelity),
         Seed("fidelity", "signals", SIGNALS.encode(), {"road.csv": recording(), "bed.csv": recording()}),
-        Seed("recording", "drive", recording(), {"model.toml": MODEL.encode()}),
-        Seed(
-            "recording", "commas", recording().replace(b",", b";").replace(b".", b","), {"model.toml": MODEL.encode()}
+        Seed("recording", "drive", recording(), model),
+        Seed("recording", "commas", commas, model),
+        Seed("channels", "renamed", CHANNELS.encode(), model | renamed),
+        *(Seed("words", words.split("\n")[0] + str(i), words.encode(), beside) for i, words in enumerate(WORDS)),
+        Seed("result", "starter", tuned_result(ROOT / "matching" / "starter" / "case.toml"), beside),
+        *(
+            Seed("binary", path.name.replace(".", "_"), path.read_bytes(), model | {"suffix.txt": path.suffix.encode()})
+            for path in sorted(RECORDINGS.iterdir())
         ),
-        Seed(
-            "channels",
-            "renamed",
-            CHANNELS.encode(),
-            {
-                "model.toml": MODEL.encode(),
-                "drive.csv": recording(("t [s]", "T_EM [N*m]", "n_EM", "M_link [N*m]")),
-            },
-        ),
-    ]
-    beside = {"model.toml": MODEL.encode(), "budget.toml": budgets[0].read_bytes(), "fidelity.toml": fidelity}
-    starter = ROOT / "matching" / "starter"
-    beside |= {"drive.csv": recording()} | {path.name: path.read_bytes() for path in sorted(starter.glob("*.toml"))}
-    found += [Seed("words", words.split("\n")[0] + str(i), words.encode(), beside) for i, words in enumerate(WORDS)]
-    found.append(Seed("result", "starter", tuned_result(starter / "case.toml"), beside))
-    found += [
-        Seed(
-            "binary",
-            path.stem + path.suffix.replace(".", "_"),
-            path.read_bytes(),
-            {"model.toml": MODEL.encode(), "suffix.txt": path.suffix.encode()},
-        )
-        for path in sorted(RECORDINGS.iterdir())
-    ]
-    return (*found, *seeds_of_runs())
+    )
+
+
+def _of_drives() -> Iterator[Seed]:
+    """Cases and models of the examples, and their models as the case reads them."""
+    for folder in (*(path.parent for path in sorted(ROOT.glob("examples/*/rig.toml"))), ROOT / "matching" / "starter"):
+        files = {path.name: path.read_bytes() for path in sorted(folder.glob("*.toml"))}
+        for name, content in files.items():
+            if b"\nrig = " in content:
+                yield Seed("case", folder.name if name == "case.toml" else f"{folder.name}_{name[:-5]}", content, files)
+            elif "inertias" in tomllib.loads(content.decode()):
+                yield Seed("model", f"{folder.name}_{name[:-5]}", content)
+        for role in ("vehicle", "rig"):
+            role_of = {"role.txt": role.encode()}
+            yield Seed("drive", f"{folder.name}_{role}", files[f"{role}.toml"], files | role_of)
 
 
 def tuned_result(case: Path) -> bytes:

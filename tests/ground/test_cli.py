@@ -6,14 +6,24 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from matching import cli, commands
+from matching.commands import Command
 from modelling import toml as tables
 from modelling import writing as output
 from modelling.errors import InputError
+
+
+def modes(model):
+    """A command for the test.
+
+    Parameters
+    ----------
+    model : path
+        A model.
+    """
 
 
 @pytest.fixture
@@ -21,10 +31,8 @@ def answer(monkeypatch):
     """Install a command `modes` that takes MODEL and does what the test says."""
 
     def install(run, **more):
-        arguments = {"add_arguments": lambda parser: parser.add_argument("model")}
-        module = SimpleNamespace(HELP="A command for the test.", EXAMPLES=(), run=run, **arguments | more)
-        monkeypatch.setattr(cli, "available", lambda: {"modes": "modes", "match": "match"})
-        monkeypatch.setattr(cli, "import_module", {"matching.commands": module}.__getitem__)
+        command = Command("test", modes, run, (), out=None, **more)
+        monkeypatch.setattr(cli, "COMMANDS", {"modes": command, "match": command})
 
     return install
 
@@ -84,7 +92,7 @@ def test_bad_input_is_one_line_and_exit_2(answer, capsys):
     [
         ([], "COMMAND"),
         (["nonsense"], "invalid choice: 'nonsense'"),
-        (["modes"], "required: model"),
+        (["modes"], "required: MODEL"),
         (["modes", "a.toml", "--nonsense"], "--nonsense"),
         (["modes", "a.toml", "b.toml"], "b.toml"),
         (["modes", "a.toml", "--js"], "--js"),
@@ -115,11 +123,6 @@ def test_missing_file_that_no_reader_caught(answer, capsys, tmp_path):
     assert "is a directory" in capsys.readouterr().err
 
 
-def test_missing_file_of_the_program_itself_is_a_fault(answer, capsys, tmp_path):
-    answer(lambda _: (tmp_path / "template.html").read_text())
-    assert cli.main(["modes", "a.toml"]) == 1
-
-
 def test_fault_says_so_and_shows_the_traceback_only_on_request(answer, capsys, monkeypatch):
     answer(fail_with(ZeroDivisionError("division by zero")))
     assert cli.main(["modes", "a.toml"]) == 1
@@ -134,13 +137,6 @@ def test_fault_says_so_and_shows_the_traceback_only_on_request(answer, capsys, m
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_command_that_cannot_be_loaded_is_a_fault(monkeypatch, capsys):
-    monkeypatch.setattr(cli, "available", lambda: {"modes": "modes"})
-    monkeypatch.setattr(cli, "import_module", fail_with(SyntaxError("invalid syntax")))
-    assert cli.main(["modes", "a.toml"]) == 1
-    assert "a fault of rigmatch" in capsys.readouterr().err
-
-
 def test_results_do_not_replace_what_the_command_reads(answer, capsys, tmp_path):
     read, named, other = (tmp_path / name for name in ("result.toml", "named.toml", "other.toml"))
     for path in (read, named, other):
@@ -151,12 +147,11 @@ def test_results_do_not_replace_what_the_command_reads(answer, capsys, tmp_path)
         output.write_all(arguments.out, {arguments.model.rpartition("/")[2]: "b", "new.txt": "c"})
         return {}
 
-    def add_arguments(parser):
-        parser.add_argument("model")
+    def further(parser):
         parser.add_argument("--also", nargs="*")
         parser.add_argument("--out")
 
-    answer(run, add_arguments=add_arguments)
+    answer(run, further=further)
     for words, replaced in ((["result.toml", "--also", str(read)], read), (["named.toml"], named)):
         assert cli.main(["modes", *words, "--out", str(tmp_path)]) == 2
         assert capsys.readouterr().err.startswith(
@@ -176,29 +171,21 @@ def test_interrupt_is_130(answer):
 
 
 def test_every_command_there_is_keeps_the_agreement():
-    for name in commands.available():
-        _, modules = cli.build_parser([name])
-        module = modules[name]
-        assert module.HELP.strip()
+    for name, command in commands.COMMANDS.items():
         calls = []
-        for example in module.EXAMPLES:  # as a user would type it
+        for example in command.calls:  # as a user would type it
             program, *words = shlex.split(example)
             if program == "rigmatch":
-                calls.append(cli.build_parser(words)[0].parse_args(words).command)
+                calls.append(cli.build_parser(words).parse_args(words).command)
         assert calls.count(name) >= 2
-        assert all(example in help_of(name) for example in module.EXAMPLES)
-        assert callable(module.run)
-    assert {path.stem for path in _command_files()} <= set(commands.ONE_LINE)
+        shown = help_of(name)
+        assert all(example in shown for example in command.calls)
 
 
 def help_of(name):
-    parser, _ = cli.build_parser([name])
+    parser = cli.build_parser([name])
     commands_action = next(action for action in parser._actions if action.dest == "command")
     return commands_action.choices[name].format_help()
-
-
-def _command_files():
-    return [path for path in Path(commands.__path__[0]).glob("*.py") if not path.stem.startswith("_")]
 
 
 def python(code, **environment):
@@ -208,13 +195,6 @@ def python(code, **environment):
 
 
 HEAVY = ("numpy", "scipy", "sympy", "casadi", "matplotlib", "pint", "jinja2", "importlib.metadata")
-
-
-def test_help_imports_nothing_heavy():
-    code = "import sys; from matching.cli import main; main(['--help']); print('LOADED', *sys.modules)"
-    loaded = python(["-c", code]).stdout.split("LOADED ")[1].split()
-    assert set(HEAVY).isdisjoint(loaded)
-    assert not any(name.startswith("matching.commands.") for name in loaded)
 
 
 def test_import_modelling_is_light():
@@ -235,33 +215,31 @@ def test_module_call_is_the_same_front_door():
 def with_modes(result, summary, words):
     """Program that runs `words` with a command `modes` of that result and summary (all three as Python)."""
     return (
-        "import sys, types; from matching import cli; "
-        f"module = types.SimpleNamespace(HELP='', EXAMPLES=(), add_arguments=lambda p: None, run=lambda a: {result}, "
-        f"summary=lambda r: {summary}); "
-        "cli.available = lambda: {'modes': ''}; cli.import_module = lambda name: module; "
-        f"sys.exit(cli.main({words}))"
+        "import sys; from matching import api, cli; from matching.commands import Command; "
+        f"modes = Command('test', api.load, lambda a: {result}, (), summary=lambda r: {summary}, out=None); "
+        f"cli.COMMANDS = {{'modes': modes}}; sys.exit(cli.main({words}))"
     )
 
 
 def test_terminal_without_greek_letters():
     code = with_modes("{'unit': 'kg·m²'}", "'kg·m²'", "sys.argv[1:]")
-    shown = python(["-c", code, "modes"], PYTHONIOENCODING="ascii")
+    shown = python(["-c", code, "modes", "m.toml"], PYTHONIOENCODING="ascii")
     assert (shown.returncode, shown.stdout) == (0, "kg\\xb7m\\xb2\n")
-    shown = python(["-c", code, "modes", "--json"], PYTHONIOENCODING="ascii")
+    shown = python(["-c", code, "modes", "m.toml", "--json"], PYTHONIOENCODING="ascii")
     assert (shown.returncode, json.loads(shown.stdout)) == (0, {"unit": "kg·m²"})
 
 
 def test_names_of_files_do_not_move_the_cursor_and_data_stay_as_they_are():
     hostile = "a\x1b[2J\r\u202eb\n\udcffc"
     code = with_modes(repr({"title": hostile}), repr(hostile), "sys.argv[1:]")
-    shown = subprocess.run([sys.executable, "-c", code, "modes"], capture_output=True, check=False)
+    shown = subprocess.run([sys.executable, "-c", code, "modes", "m.toml"], capture_output=True, check=False)
     assert (shown.returncode, shown.stdout.decode()) == (0, "a\ufffd[2J\ufffd\ufffdb\n\ufffdc\n")
-    shown = subprocess.run([sys.executable, "-c", code, "modes", "--json"], capture_output=True, check=False)
+    shown = subprocess.run([sys.executable, "-c", code, "modes", "m.toml", "--json"], capture_output=True, check=False)
     assert (shown.returncode, json.loads(shown.stdout)) == (0, {"title": hostile})
 
 
 def test_reader_gone_early_leaves_no_traceback():
-    code = with_modes("{}", "'x' * 1_000_000", "['modes']")
+    code = with_modes("{}", "'x' * 1_000_000", "['modes', 'm.toml']")
     shell = f'{sys.executable} -c "$CODE" | head -c 1'
     result = subprocess.run(
         ["bash", "-c", shell], capture_output=True, text=True, env={**os.environ, "CODE": code}, check=False
@@ -278,16 +256,11 @@ def completions(line, tmp_path):
         "COMP_LINE": line,
         "COMP_POINT": str(len(line)),
     }
-    code = (
-        "import types; from matching import cli; "
-        "add = lambda parser: parser.add_argument('--damped', action='store_true'); "
-        "module = types.SimpleNamespace(HELP='', EXAMPLES=(), add_arguments=add); "
-        "cli.available = lambda: {'modes': '', 'match': ''}; cli.import_module = lambda name: module; cli.main([])"
-    )
+    code = "from matching import cli; cli.main([])"
     python(["-c", code], **asked)
     return {word.strip() for word in found.read_text().split("\n")}
 
 
 def test_tab_completes_commands_and_their_arguments(tmp_path):
-    assert completions("rigmatch m", tmp_path) == {"modes", "match"}
+    assert completions("rigmatch m", tmp_path) == {"modes", "match", "map"}
     assert completions("rigmatch modes --d", tmp_path) == {"--damped"}

@@ -12,7 +12,7 @@ from structure.imports import ROOT
 
 from matching import cli
 from matching.cli import WITHOUT
-from matching.commands import available
+from matching.commands import COMMANDS
 
 MADE_BY_MAKE_RUN = "out/road_to_rig"
 SHOWN_UNTIL_ENDED = "explore"
@@ -20,7 +20,7 @@ SHOWN_UNTIL_ENDED = "explore"
 
 def examples_of(command: str) -> list[list[str]]:
     """Words of every example of a command's help."""
-    return [shlex.split(example) for example in cli.build_parser([command])[1][command].EXAMPLES]
+    return [shlex.split(example) for example in COMMANDS[command].calls]
 
 
 def written_by(words: list[str]) -> list[str]:
@@ -29,7 +29,7 @@ def written_by(words: list[str]) -> list[str]:
     return places + (words[-1:] if words[0] == "python" else [])
 
 
-@pytest.mark.parametrize("command", available())
+@pytest.mark.parametrize("command", COMMANDS)
 def test_every_file_that_an_example_names_is_there_or_written_before(command):
     written = [MADE_BY_MAKE_RUN]
     for words in examples_of(command):
@@ -39,10 +39,10 @@ def test_every_file_that_an_example_names_is_there_or_written_before(command):
             to_come = file == "out/bed_recordings"  # the folder that commission waits for recordings in
             assert made or to_come or (ROOT / file).exists(), file
         written += written_by(words)
-    assert "'" not in " ".join(cli.build_parser([command])[1][command].EXAMPLES), "no quote in the shell of Windows"
+    assert "'" not in " ".join(COMMANDS[command].calls), "no quote in the shell of Windows"
 
 
-@pytest.mark.parametrize("command", [name for name in available() if name not in WITHOUT])
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name not in WITHOUT])
 def test_an_example_of_files_that_are_there_passes_a_dry_run(command, capsys, monkeypatch):
     monkeypatch.chdir(ROOT)
     tried = 0
@@ -61,7 +61,7 @@ def test_every_example_works_as_typed(tmp_path):
     pytest.importorskip("fmpy")
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     first = ["rigmatch", "match", "examples/road_to_rig/observer.toml", "--out", MADE_BY_MAKE_RUN]
-    calls = [first, *(words for name in available() if name != SHOWN_UNTIL_ENDED for words in examples_of(name))]
+    calls = [first, *(words for name in COMMANDS if name != SHOWN_UNTIL_ENDED for words in examples_of(name))]
     for words in dict.fromkeys(tuple(words) for words in calls):
         begin = [sys.executable] if words[0] == "python" else [sys.executable, "-m", "matching"]
         done = subprocess.run(

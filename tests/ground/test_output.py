@@ -3,18 +3,14 @@
 import json
 import os
 import pathlib
-import shutil
-import sys
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modelling import interruption
-from modelling import writing as staging
 from modelling.errors import InputError, of_the_machine
-from modelling.writing import reserved, strict_json, write_all, write_results
+from modelling.writing import strict_json, write_all, write_results
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
@@ -132,7 +128,22 @@ def test_a_directory_without_access_is_bad_input(tmp_path):
 OLD, NEW = ({f"figures/{name}": text for name in "abc"} | {"result.json": text} for text in ("old", "new"))
 
 
-def killed_at(step, monkeypatch, directory):
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_kill_at_any_step_leaves_whole_files_and_the_next_run_all_of_them(tmp_path):
+    for step in range(100):
+        out = tmp_path / str(step)
+        write_all(out, OLD)
+        was_killed = killed_at(step, out)
+        assert {(out / name).read_text() for name in OLD if (out / name).exists()} <= {"old", "new"}
+        write_all(out, NEW)
+        assert contents(out) == {name: text.encode() for name, text in NEW.items()}
+        if not was_killed:
+            break
+    assert not was_killed
+    assert step >= len(NEW)
+
+
+def killed_at(step, directory):
     """A process that writes NEW and is killed at one of its steps; whether it was."""
     if (process := os.fork()) == 0:
         steps = iter(range(step))
@@ -145,86 +156,11 @@ def killed_at(step, monkeypatch, directory):
 
             return call
 
-        for owner, name in ((os, "fsync"), (pathlib.Path, "replace"), (pathlib.Path, "rename"), (shutil, "rmtree")):
+        for owner, name in ((os, "fsync"), (os, "replace"), (pathlib.Path, "replace"), (pathlib.Path, "rename")):
             setattr(owner, name, counted(getattr(owner, name)))
         write_all(directory, NEW)
         os._exit(0)
     return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 9
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_a_kill_at_any_step_leaves_old_or_new_results_or_a_mark_and_the_next_run_clears_up(tmp_path, monkeypatch):
-    ends = []
-    for step in range(100):
-        out = tmp_path / str(step)
-        write_all(out, OLD)
-        was_killed = killed_at(step, monkeypatch, out)
-        visible = {name: text.decode() for name, text in contents(out).items() if name in OLD}
-        marked = staging.unfinished(out)
-        assert marked or visible in (OLD, NEW)
-        ends.append(marked)
-        staging.recover(out)
-        assert contents(out) in ({name: text.encode() for name, text in files.items()} for files in (OLD, NEW))
-        assert not marked or contents(out)["result.json"] == b"new"
-        assert sorted(path.name for path in out.iterdir()) == ["figures", "result.json"]
-        if not was_killed:
-            break
-    assert sum(ends) >= len(OLD)  # of the moves of each file
-    assert not was_killed
-    assert step > 10
-
-
-def test_what_another_run_is_writing_is_left_alone(tmp_path):
-    with staging.staging(tmp_path) as folder:
-        (folder / "a.txt").write_text("of the other")
-        write_all(tmp_path, {"b.txt": "mine"})
-        assert (folder / "a.txt").read_text() == "of the other"
-    assert contents(tmp_path) == {"b.txt": b"mine"}
-
-
-def test_a_signal_while_files_are_moved_waits_until_they_are(tmp_path, monkeypatch):
-    moved = staging.move
-
-    def signalled(*arguments):
-        interruption._raise_once(2, None)
-        moved(*arguments)
-
-    monkeypatch.setattr(staging, "move", signalled)
-    monkeypatch.setattr(interruption, "_asked", [])
-    with pytest.raises(interruption.Interrupted):
-        write_all(tmp_path, NEW)
-    assert contents(tmp_path) == {name: text.encode() for name, text in NEW.items()}
-
-
-def test_after_a_signal_that_a_library_swallowed_nothing_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(interruption, "_asked", [2])
-    with pytest.raises(interruption.Interrupted):
-        write_all(tmp_path / "out", NEW)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="folders are kept for a run on Linux only")
-def test_a_folder_that_may_not_be_written_to_is_told_before_the_work(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "access", lambda path, _: pathlib.Path(path) != tmp_path)  # root may write anywhere
-    for out in (tmp_path, tmp_path / "new" / "deeper"):
-        with pytest.raises(InputError, match="cannot be written to by this user"), reserved(out, "match"):
-            pass
-    (tmp_path / "own").mkdir()
-    with reserved(tmp_path / "own" / "new", "match"):
-        pass
-
-
-def test_a_second_run_into_the_same_folder_is_told(tmp_path):
-    out = tmp_path / "out"
-    with reserved(out, "match"):
-        with reserved(out, "map"), reserved(tmp_path / "other", "match"):
-            pass
-        with pytest.raises(InputError, match="another 'rigmatch match' is running"), reserved(out, "match"):
-            pass
-        with pytest.raises(InputError, match="another"), reserved(tmp_path / "x" / ".." / "out", "match"):
-            pass
-    with reserved(out, "match"):
-        assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(("fault", "words"), [
@@ -273,37 +209,3 @@ def test_a_list_of_files_cannot_lead_out_of_its_folder(tmp_path, name):
     (out / "result.json").write_text(json.dumps({"files": [name.format(absolute=outside)]}))
     write_results(out, "result.json", {}, {})
     assert outside.read_text() == "mine"
-
-
-def test_a_kill_between_old_and_new_results_leaves_no_old_picture_after_the_next_run(tmp_path, monkeypatch):
-    write_results(tmp_path, "result.json", {}, {"old.svg": "old"})
-    monkeypatch.setattr(staging, "_finish", lambda *_: sys.exit("killed"))
-    with pytest.raises(SystemExit):
-        write_results(tmp_path, "result.json", {}, {})
-    monkeypatch.undo()
-    assert staging.unfinished(tmp_path)
-    assert (tmp_path / "old.svg").exists()
-    staging.recover(tmp_path)
-    assert set(contents(tmp_path)) == {"result.json"}
-
-
-def test_links_in_a_folder_of_results_do_not_lead_out_of_it(tmp_path):
-    """Somebody's folder of results may hold links to what is another's: nothing is moved from there, or put there."""
-    private, out = tmp_path / "private", tmp_path / "out"
-    private.mkdir()
-    out.mkdir()
-    (private / "letter.txt").write_text("mine")
-    for name in ("unfinished-x", ".writing-x", "figures"):
-        (out / name).symlink_to(private)
-    left = out / "unfinished-y" / "figures"
-    left.mkdir(parents=True)
-    (left / "planted.svg").write_text("")
-    write_all(out, {"result.json": "{}"})
-    with pytest.raises(InputError, match=r"figures: cannot be written: is a link"):
-        write_all(out, {"figures/modes.svg": ""})
-    assert contents(private) == {"letter.txt": b"mine"}
-    assert (out / "result.json").read_text() == "{}"
-    linked = tmp_path / "linked"
-    linked.symlink_to(out)  # the folder that the user names may be one
-    write_all(linked, {"result.json": "[]"})
-    assert (out / "result.json").read_text() == "[]"

@@ -41,6 +41,7 @@ def limited_to(case, twist):
     return replace(case, limits={**case.limits, TWIST: twist})
 
 
+@pytest.mark.long
 def test_a_limit_that_binds_releases_a_quantity(stiff):
     """Adapter inertia changes the flange's torque by some percent; 0.7 of the twist takes a stiffer flange."""
     case, twist = stiff

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 import tomli_w
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from matching.match.case import Case, target_modes
+from matching.match.case import target_modes
 from matching.match.case_file import load_case
 from modelling.errors import InputError
 
@@ -108,7 +107,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_one_line(name, tmp_path, kept_line):
+def test_one_line(name, tmp_path):
     path, value, hint = BAD[name]
     file = tmp_path / "case.toml"
     file.write_text(changed(path, value))
@@ -118,7 +117,6 @@ def test_one_line(name, tmp_path, kept_line):
     assert "\n" not in line
     assert ".toml" in line
     assert hint in line
-    kept_line(line, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -130,17 +128,6 @@ def test_targets_that_no_vehicle_has(mode, hint, tmp_path):
     with pytest.raises(InputError, match=hint) as caught:
         target_modes(load_case(file))
     assert "targets[1].mode" in str(caught.value)
-
-
-def test_a_hundred_megabytes_of_nonsense(tmp_path):
-    file = tmp_path / "case.toml"
-    with file.open("wb") as out:
-        for _ in range(100):
-            out.write(b"\x9f[[[=" * 200_000)
-    with pytest.raises(InputError) as caught:
-        load_case(file)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 1500
 
 
 def places(data, way=()):
@@ -161,45 +148,3 @@ VALUES = st.one_of(
     st.lists(st.floats(), max_size=3), st.dictionaries(st.text(max_size=4), st.floats(), max_size=2),
     st.sampled_from(["3 ms", "1 kg", "motor_torque", "side_left", "1e400", "left", "../vehicle.toml"]),
 )  # fmt: skip
-
-
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.sampled_from(sorted(CASES)), st.data())
-def test_mutations(tmp_path, name, data):
-    way = data.draw(st.sampled_from(list(places(CASES[name]))))
-    value = data.draw(VALUES)
-    mutated = tomllib.loads(tomli_w.dumps(CASES[name]))
-    here = mutated
-    for key in way[:-1]:
-        here = here[key]
-    if value is None:
-        del here[way[-1]]
-    else:
-        here[way[-1]] = value
-    file = tmp_path / "case.toml"
-    file.write_text(tomli_w.dumps(mutated))
-    _valid_or_one_line(file)
-
-
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.integers(0, 10**6), st.integers(0, 40), st.binary(max_size=12))
-def test_damaged_bytes(tmp_path, at, length, other):
-    text = (EXAMPLES / "road_to_rig" / "case.toml").read_bytes()
-    for key in ("vehicle", "rig"):
-        text = text.replace(f'"{key}.toml"'.encode(), f'"{REFERENCE[key]}"'.encode())
-    at %= len(text)
-    file = tmp_path / "case.toml"
-    file.write_bytes(text[:at] + other + text[at + length :])
-    _valid_or_one_line(file)
-
-
-def _valid_or_one_line(file):
-    try:
-        case = load_case(file)
-        target_modes(case)
-    except InputError as fault:
-        line = str(fault)
-    else:
-        line = ""
-        assert isinstance(case, Case)
-    assert "\n" not in line

@@ -9,8 +9,6 @@ from matching.match.continuous_loop import encirclements
 from matching.match import solve as searching
 from matching.match.case import apply
 from matching.match.case_file import load_case
-from matching.match.loop import linear_bed
-from matching.match.solve import blind_draws
 from modelling.bed.controllers import STRUCTURES
 from tests.match.programme import programme_of
 
@@ -25,15 +23,6 @@ def task(tmp_path_factory):
         replace(move, upper=move.upper * wide.get(move.name.removeprefix("loop."), 1.0) or 0.01) for move in case.moves
     )
     return programme_of(replace(case, loop=loop, moves=moves))
-
-
-def test_blind_draws_find_what_is_stable(task):
-    problem = task.build(compiled=False)
-    found = blind_draws(problem, 0, 32)
-    assert 0 < len(found.stable) < found.drawn
-    for v in found.stable:
-        winding = encirclements(linear_bed(apply(task.case, problem.values(v))))
-        assert winding.unstable == 0
 
 
 def test_a_search_whose_starts_all_fail_answers_with_a_stable_loop(task, monkeypatch):

@@ -3,7 +3,6 @@
 import random
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,19 +72,6 @@ def test_a_valley_found_once_is_found_wherever_it_is_the_deepest():
     assert asked[0] >= 40
     assert all(later < asked[0] for later in asked[1:])  # only where a neighbour changed
     assert asked[-1] > 0  # the last pass tried and changed nothing
-
-
-def test_nothing_comes_from_what_is_no_solution_and_nothing_is_tried_where_no_match_can_be():
-    none, away = point(0, 0, None), Point(1, 0, "impossible", None, None, None, False, None, ("so",))
-    assert improved([[none, away, none]], lambda tasks: pytest.fail(f"{tasks}")) == [[none, away, none]]
-    end = improved([[none, point(1, 0, 1)]], solved)
-    assert end[0][0].objective == depth(0, 0, 1)
-    assert end[0][0].first is None
-
-
-def test_a_matched_point_is_never_given_up_for_a_limited_one_of_a_smaller_objective():
-    limited = [Point(**{**vars(point(0, 0, 0, "limited")), "limited_by": ("targets",)})]
-    assert improved([[point(0, 0, 1), point(1, 0, 0)]], lambda tasks: limited * len(tasks))[0][0].status == "matched"
 
 
 def toy(monkeypatch, tried):
@@ -178,10 +164,3 @@ def test_a_match_starts_from_a_neighbours_solution_and_says_where_that_is_no_bet
     assert np.isfinite(found.starts).all()
     as_point = improved_at(small, dead_time, beside, Near(near, 1.1 * found.objective))
     assert as_point.objective == found.objective
-
-
-def test_what_limits_a_point_is_named(small):
-    limited = replace(small, limits={**small.limits, "shafts.flange.twist": 1e-5})
-    soft = match_at(limited, ("loop.dead_time", 2e-3), (FLANGE, 3e4), 0, 1)
-    assert soft.status == "limited"
-    assert set(soft.limited_by) == {"shafts.flange.twist"}

@@ -35,6 +35,7 @@ def test_a_narrow_bound_is_named_with_a_value_that_meets_the_targets(name, writt
     assert all(target.met for target in match(replace(case, moves=moves), starts=1).targets)
 
 
+@pytest.mark.long
 def test_no_bound_is_named_where_a_wider_one_does_not_help(tmp_path):
     """A dead time of 30 ms: no gain brings the mode back."""
     case = loaded(tmp_path, "upper = 300", "upper = 10")

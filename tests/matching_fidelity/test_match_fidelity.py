@@ -8,7 +8,6 @@ import pytest
 
 from matching.match.loop_modes import PLACE, emulated
 from matching.match.verify import match_fidelity
-from matching.report.match import fidelity_line, fidelity_rows
 
 
 @pytest.fixture(scope="module")
@@ -86,12 +85,3 @@ def test_what_rests_does_not_count(simulated):
     assert found.at_rest == (PLACE + "body_left_speed",)
     resting = {name: np.zeros_like(own) for name, own in traces.vehicle.items()}
     assert match_fidelity(parts, replace(traces, vehicle=resting)) is None
-
-
-def test_said_on_page_and_terminal(found):
-    said = found.to_dict()
-    assert set(said) == {"f_max", "weights", "before", "after", "notes"}
-    assert set(said["after"]) >= {"R_SD", "R_RVM", "R_MU", "R_XiL", "standard_uncertainty"}
-    line = fidelity_line(said)
-    assert f"{100 * said['after']['R_XiL']:.2f} %" in line
-    assert len(fidelity_rows(said)["rows"]) == 4

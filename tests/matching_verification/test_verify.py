@@ -140,6 +140,7 @@ def test_what_must_be_known_is_ranked(verified):
     assert sorted(late) == pytest.approx([-5e-4, 5e-4])
 
 
+@pytest.mark.long
 def test_margins_count_from_one_frequency_nominal_and_with_a_value_wrong(feedback):
     case = feedback
     everywhere = verify(case, deviations=False)
@@ -161,10 +162,6 @@ def test_margins_count_from_one_frequency_nominal_and_with_a_value_wrong(feedbac
     assert margin_counted_from(everywhere) == ""
     assert f"from {counted_from:.3g} Hz on" in margin_counted_from(checked)
     assert f"{everywhere.modulus_margin:.2g} at" in margin_counted_from(checked)
-
-
-def test_dictionary_is_plain(verified):
-    assert json.loads(json.dumps(verified.to_dict(), allow_nan=False))["stable"] is True
 
 
 def test_an_unstable_loop_is_never_called_stable(reference):

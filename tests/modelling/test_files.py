@@ -2,11 +2,9 @@
 
 import re
 import time
-import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from modelling.equations.casadi_code import compiled
@@ -161,7 +159,7 @@ def line_of(path):
 
 
 @pytest.mark.parametrize("name", SPOILED)
-def test_one_line_for_what_is_wrong(name, tmp_path, kept_line):
+def test_one_line_for_what_is_wrong(name, tmp_path):
     old, new, expected = SPOILED[name]
     assert old in GOOD
     path = tmp_path / "spoiled.toml"
@@ -169,8 +167,6 @@ def test_one_line_for_what_is_wrong(name, tmp_path, kept_line):
     line = line_of(path)
     assert line.startswith(str(path))
     assert re.search(expected, line), line
-    if not re.search("is not TOML|cannot be read", line):  # there a library says what is wrong
-        kept_line(line, tmp_path)
 
 
 @pytest.mark.parametrize(("ratio", "expected"), [("6", "says again"), ("5", "locks the drivetrain")])
@@ -246,26 +242,6 @@ def outcome(read):
         return None, str(error)
 
 
-CHARACTERS = st.sampled_from(list("[]{}\"'=.,#\n -+019eEnaifJ^*/_\x00ü✓"))
-
-
-@settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.sampled_from(range(len(examples()))), st.data())
-def test_no_mutation_gives_anything_but_a_line(tmp_path, index, data):
-    """Cut, doubled, swapped and overwritten example files: a system, or one line."""
-    text = examples()[index].read_text()
-    for _ in range(data.draw(st.integers(1, 4))):
-        start = data.draw(st.integers(0, max(len(text) - 1, 0)))
-        stop = min(len(text), start + data.draw(st.integers(0, 40)))
-        other = data.draw(st.integers(0, max(len(text) - 1, 0)))
-        filling = data.draw(st.one_of(st.text(CHARACTERS, max_size=12), st.just(text[other : other + 30])))
-        text = text[:start] + filling + text[stop:]
-    path = tmp_path / "mutated.toml"
-    path.write_text(text, encoding="utf-8")
-    system, line = outcome(lambda: load(path))
-    assert system or (line.isprintable() and line.startswith(str(path)))
-
-
 LEAVES = st.one_of(
     st.none(),
     st.booleans(),
@@ -278,20 +254,3 @@ VALUES = st.recursive(
     LEAVES,
     lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=4), inner, max_size=3)),
 )
-
-
-@settings(max_examples=250, deadline=None)
-@given(st.data())
-def test_no_value_in_a_model_gives_anything_but_a_line(data):
-    """Any value, anywhere in a model's dictionary."""
-    model = to_dict(from_dict(tomllib.loads(GOOD)))
-    inner = model
-    while True:
-        key = data.draw(st.sampled_from(list(inner) if isinstance(inner, dict) else range(len(inner))))
-        if isinstance(inner[key], dict | list) and inner[key] and data.draw(st.booleans()):
-            inner = inner[key]
-            continue
-        inner[key] = data.draw(VALUES)
-        break
-    system, line = outcome(lambda: from_dict(model))
-    assert line.isprintable() if line else tomllib.loads(dumps(system)) == to_dict(system)

@@ -71,7 +71,7 @@ def test_without_a_channel_of_time_it_is_said_and_samples_are_counted(folder, ca
 
 def test_a_model_goes_with_a_recording_only(folder, capsys):
     assert main(["show", "model.toml", "--model", "model.toml"]) == 2
-    assert capsys.readouterr().err.startswith("--model: model.toml is no recording; one ends in .")
+    assert capsys.readouterr().err.startswith("rigmatch: --model: model.toml is no recording; one ends in .")
     assert sorted(path.name for path in folder.iterdir()) == ["drive.csv", "model.toml"]
 
 

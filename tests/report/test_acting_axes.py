@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.ticker import FixedLocator, StrMethodFormatter
 
-from matching.report.common import decimated, figure, image, styled
+from matching.report.common import decimated, figure, styled
 from matching.report.curves import acting
 
 bokeh_figure = pytest.importorskip("bokeh.plotting").figure
@@ -116,30 +116,6 @@ def test_an_axis_linear_near_zero_is_drawn_with_its_ticks_its_band_and_its_value
     assert '"1000"' in text
     assert "@value" in text
     assert "95 % of noise" in text
-
-
-def test_rows_of_a_grid_stay_together():
-    with styled():
-        fig = figure()
-        for axes in fig.subplots(3, 2).flat:
-            axes.plot([1, 2], [3, 4])
-    assert acting({"pairs": fig})["script"].count('"name":"Row"') == 3
-
-
-def test_axes_that_share_labels_carry_them():
-    with styled():
-        fig = figure()
-        upper, lower = fig.subplots(2, 1, sharex=True)
-        for axes in (upper, lower):
-            axes.plot([1, 2], [3, 4])
-        lower.set_xlabel("Time in s")
-    assert acting({"traces": fig})["script"].count('"axis_label":"Time in s"') == 2
-
-
-def test_the_picture_is_the_same_with_and_without():
-    first, second = draw(), draw()
-    acting({"responses": first})
-    assert image(first) == image(second)
 
 
 def test_a_long_curve_keeps_its_peaks_and_gaps():

@@ -6,16 +6,7 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.result import DiscrepancyCurve
-from matching.report.common import figure
-from matching.report.diagnosis import (
-    _orders,
-    _running_mean,
-    _spectrum,
-    balance_figure,
-    discrepancy_figure,
-    noise_band,
-    recorded,
-)
+from matching.report.diagnosis import _orders, _running_mean, _spectrum, balance_figure, discrepancy_figure, recorded
 
 RNG = np.random.default_rng(11)
 
@@ -27,14 +18,6 @@ def test_white_noise_is_one_over_frequency_and_orders() -> None:
     assert np.sqrt(np.mean(amplitude[1:-1] ** 2)) == pytest.approx(1, abs=0.05)
     _, amplitude = _orders(noise, np.cumsum(RNG.uniform(0, 0.1, len(noise))))
     assert np.sqrt(np.mean(amplitude**2)) == pytest.approx(1, abs=0.15)
-
-
-def test_noise_has_ticks_at_decades_and_at_five_times_the_noise_alone() -> None:
-    axes = figure(4, 3).subplots()
-    axes.plot([0.0, 1.0], [-30.0, 2000.0])
-    noise_band([axes])
-    assert axes.get_yticks().tolist() == [-5.0, 0.0, 5.0, -10.0, 10.0, 100.0, 1000.0]
-    assert not len(axes.get_yticks(minor=True))
 
 
 def test_a_sensor_at_half_the_rate_is_drawn_and_its_noise_is_one_too() -> None:
@@ -99,19 +82,6 @@ def test_a_balance_shows_the_worst_components_over_their_motion_away_from_the_en
         np.testing.assert_allclose(mean.get_ydata(), slope * mean.get_xdata(), atol=near)
         assert len(mean.get_ydata()) == 48
         assert axes.get_xlabel() == label
-
-
-def test_without_shafts_there_is_no_panel_of_them() -> None:
-    _, _, second = balance_figure(a_balance({})[0]).axes
-    assert not second.axison
-
-
-def test_bins_with_few_samples_have_no_mean() -> None:
-    data, _ = a_balance({})
-    data.before.speed["motor"] = np.where(np.arange(4000) == 1000, 50.0, data.before.speed["motor"])
-    mean = balance_figure(data).axes[1].get_lines()[1]
-    assert np.isnan(mean.get_ydata()[-1])
-    assert np.isfinite(mean.get_ydata()[:10]).all()
 
 
 def test_unexplained_torques_have_their_band_and_their_words() -> None:

@@ -1,11 +1,8 @@
-"""Figures of a match: words and counts as kept, and every curve the result's own numbers."""
+"""Figures of a match: every curve the result's own numbers."""
 
 import numpy as np
 import pytest
-from figure_facts import same_figure
-from kept_values import same_places
 
-from matching.report import curves as moving
 from matching.report.common import LINES
 from matching.report.match import (
     CAPTIONS,
@@ -32,14 +29,8 @@ def ends(values):
     return values[0], values[-1], values.max(), values.min()
 
 
-def test_every_figure_has_the_words_and_curves_that_it_always_had(as_figures):
-    assert set(as_figures) == set(CAPTIONS) - {"beds", "trade"}
-    for name, figure in as_figures.items():
-        same_figure(f"match, {name}", figure)
-        same_places(f"match, {name}", figure)
-
-
 def test_every_figure_stands_on_the_page_with_its_picture_and_caption(hand_made, as_figures):
+    assert set(as_figures) == set(CAPTIONS) - {"beds", "trade"}
     html = page(hand_made, {name: name.encode() for name in as_figures})
     for name in as_figures:
         part = html.split(f'id="figure-{name}"')[1].split("</figure>")[0]
@@ -177,50 +168,3 @@ def curves(figure):
 
 def labels(figure):
     return figure.title.text, figure.xaxis[0].axis_label, figure.yaxis[0].axis_label
-
-
-def test_acting_responses_hold_the_result(hand_made):
-    pytest.importorskip("bokeh")
-    panels = moving._responses(hand_made)
-    assert len(panels) == len(hand_made.case.compared)
-    f = hand_made.curves.frequencies
-    for index, (modulus, phase) in enumerate(panels):
-        pair = hand_made.case.compared[index]
-        assert labels(modulus)[0] == f"{pair.input} → {pair.sensor}".replace("_", " ")
-        assert labels(modulus)[1:] == ("Frequency in Hz", labels(modulus)[2])
-        assert labels(modulus)[2].endswith("per N·m")
-        assert labels(phase) == ("", "Frequency in Hz", "Phase in °")
-        assert phase.x_range is modulus.x_range is panels[0][0].x_range
-        assert (phase.legend[0].visible, modulus.legend[0].click_policy) == (False, "hide")
-        for who, (x, y) in curves(modulus).items():
-            key = next(key for key in SYSTEMS if LINES[key]["label"] == who)
-            values = getattr(hand_made.curves, key)[:, index]
-            assert ends(x) == pytest.approx(ends(f), rel=1e-6)
-            assert ends(y) == pytest.approx(ends(np.abs(values)), rel=1e-6)
-            assert ends(curves(phase)[who][1]) == pytest.approx(ends(np.degrees(np.angle(values))), rel=1e-5)
-
-
-def test_acting_traces_hold_the_simulation(hand_made):
-    pytest.importorskip("bokeh")
-    panels = moving._manoeuvre(hand_made)
-    for signal, panel in zip(signals(hand_made), panels, strict=True):
-        assert labels(panel) == (signal.title, "Time in s", signal.label)
-        assert panel.x_range is panels[0].x_range
-        for who, values in signal.curves.items():
-            x, y = curves(panel)[LINES[who]["label"]]
-            assert ends(x) == pytest.approx(ends(signal.time), rel=1e-6)
-            assert ends(y) == pytest.approx(ends(values), rel=1e-5, abs=1e-5)
-
-
-def test_acting_limits_reach_to_the_end_of_the_curves(hand_made, as_figures):
-    pytest.importorskip("bokeh")
-    (panel,) = moving._sensitivity(hand_made)
-    drawn = curves(panel)
-    assert list(drawn) == ["|S|", "|T|", "|S| ≤ 2"]
-    assert labels(panel) == ("", "Frequency in Hz", "Largest singular value")
-    x, y = drawn["|S| ≤ 2"]
-    assert ends(x)[:2] == ends(drawn["|S|"][0])[:2]
-    assert set(y) == {2.0}
-    picture = as_figures["sensitivity"].axes[0].get_lines()
-    for line, name in zip(picture, ("|S|", "|T|")):
-        assert ends(drawn[name][1]) == pytest.approx(ends(line.get_ydata()), rel=1e-6)

@@ -28,19 +28,6 @@ def test_every_requirement_stands_with_what_is_asked_and_whether_it_holds():
     assert rows[-1].what == "command of dynamometer right from sensor noise"
 
 
-def test_a_mode_that_need_not_have_all_of_the_damping_is_explained():
-    rows = requirement_rows(Robust(beds=BedsCheck(4, 4, 4, 0.005, 0.01, (0.1,), (0.2,))))
-    assert (rows[1].value, rows[1].holds) == ("0.005", True)
-    assert rows[1].asked == "at least 0.01; less is a mode of the bed's own beyond the roll-off"
-    assert requirement_rows(Robust())[1].asked == "at least 0.01"
-
-
-def test_beds_that_were_not_judged_are_not_claimed():
-    rows = requirement_rows(Robust(beds=BedsCheck(0, 0, 0, float("nan"), 0.01, (), (), "a hose")))
-    assert not any("beds" in row.what for row in rows)
-    assert error_rows(Robust(beds=BedsCheck(0, 0, 0, float("nan"), 0.01, (), (), "a hose"))) == []
-
-
 def test_median_and_95_percent_of_both_errors():
     (kind, median, high), (other_kind, unmeasured, _) = error_rows(Robust())
     assert (kind, other_kind) == ("measured", "unmeasured")

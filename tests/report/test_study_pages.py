@@ -11,8 +11,6 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
-from figure_facts import same_figure
-from kept_values import same_places
 
 import rigmatch as rm
 from matching.fidelity import Band
@@ -24,8 +22,8 @@ from matching.report import studies as map_page
 from matching.report import studies as tolerance_page
 from matching.report.common import image
 from matching.report.evidence import attribution_figure, bands_figure, contributions, delay_curve, ishikawa
-from matching.report.studies import _ as plot
 from matching.report.studies import map_figure
+from matching.report.studies import plot_tolerance as plot
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STIFFNESS = "rig.shafts.flange.stiffness"
@@ -77,15 +75,6 @@ def test_a_map_shows_its_errors_in_the_terminal_and_in_a_notebook():
     assert all(value in a_map()._repr_html_() for value in ("&lt;map&gt;", "0.01", "0.02"))
 
 
-def test_a_map_of_nothing_has_a_page():
-    none = Point(1e-3, 1.0, "impossible", None, None, None, False, None, ("so",))
-    axes = Axis("loop.dead_time", "s", (1e-3,), 5e-3), Axis(STIFFNESS, "N*m/rad", (1.0,), 1.0)
-    found = Map("", (0.5, 30.0), *axes, ((none,),))
-    html = map_page.map_page(found, image(map_figure(found)))
-    assert "No point has a response error" in html
-    assert "no match possible" in html
-
-
 def test_fields_of_a_map_act_and_say_their_error():
     pytest.importorskip("bokeh")
     from matching.report.studies import acting_map
@@ -93,26 +82,6 @@ def test_fields_of_a_map_act_and_say_their_error():
     script = acting_map(a_map())["script"]
     for words in ('"no stable loop found"', '"matched"', '"0.3"', "the case as it is", "1 (loop.dead_time in ms)"):
         assert words in script
-
-
-def test_colours_of_an_acting_map_have_a_scale_with_quantity_and_band():
-    pytest.importorskip("bokeh")
-    from bokeh.models import ColorBar
-
-    from matching.report import studies as acting
-
-    found = a_map()
-    fig = acting._panel(found, "unmeasured", found.errors("unmeasured"))
-    (bar,) = [part for part in fig.below if isinstance(part, ColorBar)]
-    assert bar.title == "rms of |log(H_rig/H_vehicle)|, 0.5–30 Hz"
-    assert (bar.color_mapper.low, bar.color_mapper.high) == pytest.approx((0.02 / 1.02, 0.4 * 1.02))
-    fields = [drawn for drawn in fig.renderers if type(drawn.glyph).__name__ == "Quad"]
-    assert sorted(value for drawn in fields for value in drawn.data_source.data["fill"]) == [0.02, 0.02, 0.4, 0.4]
-    assert {drawn.glyph.fill_color.transform for drawn in fields} == {bar.color_mapper}
-    tips = {name: shown for hover in fig.hover for name, shown in hover.tooltips}
-    told = [shown.removeprefix("@") for shown in tips.values()]
-    assert {"error", "margin", "x", "y"} <= tips.keys()
-    assert all(set(told) <= drawn.data_source.data.keys() for drawn in fields)
 
 
 def a_study(stable=0.9):
@@ -123,19 +92,6 @@ def a_study(stable=0.9):
     margin = Spread("modulus_margin", "", 0.56, 0.55, 0.05, quantiles, intervals, drivers, 0.81, 100, edges, counts)
     shares = {"stable": stable, "modulus_margin": stable, "all": stable}
     return Tolerance("bed", 100, 0, (), (margin,), {"modulus_margin": 2e-3}, shares, 0.5, 16.2)
-
-
-def test_a_lost_target_mode_says_what_is_required_and_the_figure_shows_it():
-    study = a_study()
-    (margin,) = study.spreads
-    mode = replace(margin, name="target 3 frequency", unit="Hz", nominal=8.0, edges=np.linspace(7.9, 8.04, 4))
-    study = replace(study, spreads=(margin, mode), shares=study.shares | {mode.name: 0.6})
-    drawn = plot(study)
-    assert "required: 7.92 to 8.08 Hz, about the bed as planned" in tolerance_page.tolerance_page(
-        study, drawn, image(drawn)
-    )
-    lines = {line.get_linestyle(): line.get_xdata()[0] for line in drawn.axes[2].get_lines()}
-    assert lines == pytest.approx({"-": 8.0, "--": 7.92})  # 8.08 lies beyond all draws
 
 
 def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
@@ -220,8 +176,6 @@ def on_page(html, name):
 def test_figures_of_a_map_hold_its_points():
     found = a_map()
     drawn = map_figure(found)
-    same_figure("map", drawn)
-    same_places("map", drawn)
     for axes, errors in zip(drawn.axes[::2], (found.errors(), found.errors("unmeasured")), strict=True):
         assert np.array_equal(np.ma.getdata(axes.collections[0].get_array()).ravel(), errors.ravel())
         ring = axes.get_lines()[-1].get_xydata().tolist()
@@ -233,17 +187,9 @@ def test_figures_of_a_map_hold_its_points():
     )
 
 
-def test_a_map_beside_its_case_does_not_speak_of_a_ring():
-    found = a_map()
-    found = replace(found, y=replace(found.y, here=3.0))
-    assert on_page(map_page.map_page(found, image(map_figure(found))), "map") == (map_page.MAP_CAPTION, True)
-
-
 def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():
     study = a_study()
     drawn = plot(study)
-    same_figure("tolerance", drawn)
-    same_places("tolerance", drawn)
     left, right = drawn.axes
     assert left.patches[0].get_data().values.tolist() == [10, 60, 30]
     assert left.patches[0].get_data().edges.tolist() == study.spreads[0].edges.tolist()
@@ -265,9 +211,6 @@ def test_figures_of_a_fidelity_hold_its_delays_losses_and_bands(fidelity):
     by_signal = {"system_dynamics": {"speed": bands}, "residual_vehicle_model": {"torque": bands[1:]}}
     recorded = replace(stated, bands=by_signal)
     drawn = {"delay": delay_curve(stated), "attribution": attribution_figure(stated), "bands": bands_figure(recorded)}
-    for name, figure in drawn.items():
-        same_figure(f"fidelity, {name}", figure)
-        same_places(f"fidelity, {name}", figure)
     (axes,) = drawn["delay"].axes
     curve, half, *marks = axes.get_lines()
     f_max = stated.fidelity.f_max
@@ -298,9 +241,6 @@ def test_figures_of_a_budget_hold_its_contributions(budget):
     found = budget
     result = found.measurands[0]
     drawn = {"contributions": contributions(result), "ishikawa": ishikawa(result)}
-    for name, figure in drawn.items():
-        same_figure(f"uncertainty, {name}", figure)
-        same_places(f"uncertainty, {name}", figure)
     (axes,) = drawn["contributions"].axes
     rows = [row for row in result.rows if row.contribution > 0]
     widths = [bar.get_width() for bar in axes.patches]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from needs import compiles
+from processes import started
 
 from modelling.equations.casadi_code import compiled
 from modelling.simulation.simulate import sensitivities, simulate, simulate_batch
@@ -84,10 +85,9 @@ def test_processes_may_race_for_the_cache(tmp_path):
     import sys
 
     environment = os.environ | {"RIGMATCH_CACHE": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
-    commands = [
-        subprocess.Popen([sys.executable, "-c", RACE], env=environment, stdout=subprocess.PIPE) for _ in range(2)
-    ]
-    said = [command.communicate()[0] for command in commands]
-    assert [command.returncode for command in commands] == [0, 0]
+    words, options = [sys.executable, "-c", RACE], {"env": environment, "stdout": subprocess.PIPE}
+    with started(words, **options) as one, started(words, **options) as other:
+        said = [command.communicate(timeout=200)[0] for command in (one, other)]
+    assert [one.returncode, other.returncode] == [0, 0]
     assert said[0] == said[1] != b""
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".so", ".so"]  # driver and model, nothing half made

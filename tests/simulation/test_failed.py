@@ -13,7 +13,7 @@ RATE, J = 400.0, 1e-6  # 1/s, kg·m²: speed e^(400 t), its derivative by J −(
 TIME = np.arange(0.0, 2.0, 0.01)  # s
 
 
-@pytest.mark.parametrize("integrate", [native.run, virtual.run])
+@pytest.mark.parametrize("integrate", [native.run_compiled, virtual.run])
 @pytest.mark.parametrize("names", [[], ["inertias.rotor.J"]], ids=["motion", "sensitivity"])
 def test_sample_and_state_that_fail_first(integrate, names):
     rotor = {"inertias": {"rotor": {"J": J, "drag": RATE * J}}, "inputs": {"torque": {"on": "rotor"}}}

@@ -171,8 +171,6 @@ BAD = {
         "did you mean 'motor_torqe'",
     ),
     "input without value": (HEADER + "\n0,,1,1,1\n1,,1,1,1\n", "column 'motor_torque': has no value"),
-    "too large": (HEADER + "\n0,1,1,1,1\n1,1,1,-1e160,1\n", r"line 3: 'motor_speed' is -1e\+160; at most 1e\+50"),
-    "infinite": (HEADER + "\n0,1,1,1,1\n1,1,1,inf,1\n", "line 3: 'motor_speed' is infinite"),
     "column twice": (
         HEADER + ",motor_speed\n0,1,1,1,1,1\n1,1,1,1,1,1\n",
         "line 1: column 'motor_speed' is there twice",
@@ -184,7 +182,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_files_are_told_in_one_line(tmp_path, case, kept_line):
+def test_bad_files_are_told_in_one_line(tmp_path, case):
     text, line = BAD[case]
     path = tmp_path / "bad.csv"
     path.write_text(text)
@@ -192,7 +190,6 @@ def test_bad_files_are_told_in_one_line(tmp_path, case, kept_line):
         read_recording(path, SYSTEM)
     assert str(path) in str(told.value)
     assert "\n" not in str(told.value)
-    kept_line(told, tmp_path)
 
 
 def test_bytes_that_are_no_text_and_files_that_are_not_there(tmp_path):
@@ -207,15 +204,6 @@ def test_bytes_that_are_no_text_and_files_that_are_not_there(tmp_path):
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(InputError):
         read_recording(tmp_path / "folder.csv", SYSTEM)
-
-
-@pytest.mark.parametrize("nonsense", [b"x", b"1,", b"\n", b"0,1,1,1,1\n", b"\xff\xfe\x00"], ids=repr)
-@pytest.mark.parametrize("header", [True, False])
-def test_a_megabyte_of_nonsense_is_refused(tmp_path, nonsense, header):
-    path = tmp_path / "nonsense.csv"
-    path.write_bytes((HEADER.encode() + b"\n" if header else b"") + nonsense * (1_000_000 // len(nonsense)))
-    with pytest.raises(InputError):
-        read_recording(path, SYSTEM)
 
 
 def test_cut_and_resampled():

@@ -9,7 +9,7 @@ from scipy.io import savemat
 import rigmatch as rm
 from matching.cli import main
 from modelling.errors import InputError
-from modelling.model_file import dumps
+from modelling.model_file import dumps, from_dict, to_dict
 from modelling.recordings.read import read_recording
 from modelling.simulation.simulate import check_speed_units, simulate
 from tests.simulation.drives import excitation, system_with
@@ -76,3 +76,21 @@ def test_gap_of_years_is_not_simulated_over(tmp_path, readings, factor):
         return
     with pytest.raises(InputError, match="fit the model in 1/min only"):
         check_speed_units(MODEL, apart)
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_angles_in_degrees_without_a_unit_are_refused(tmp_path, wrapped):
+    sensors = {f"{name}_angle": {"measures": "angle", "of": name} for name in ("motor", "load")}
+    model = from_dict(to_dict(MODEL) | {"sensors": sensors})
+    angles = simulate(model, TIME, INPUTS, start=START).readings
+    for scale in (1.0, 180 / np.pi):
+        shown = {name: values * scale for name, values in angles.items()}
+        if wrapped:
+            shown = {name: values % (2 * np.pi * scale) for name, values in shown.items()}
+        savemat(tmp_path / "run.mat", {"time": TIME, **INPUTS, **shown})
+        recording = read_recording(tmp_path / "run.mat", model)
+        if scale == 1.0:
+            check_speed_units(model, recording)
+            continue
+        with pytest.raises(InputError, match=r"motor_angle, load_angle: .* fit the model in deg only, not in rad"):
+            check_speed_units(model, recording)

@@ -42,11 +42,11 @@ def test_rows_do_not_depend_on_how_many_threads_share_them() -> None:
     p[3, model.parameters.index("inertias.motor.J")] = 1e-9  # diverges, which must stay its own affair
     start = np.random.default_rng(0).normal(size=(batch, len(model.states)))
     task = make_task(model, time, 10 * np.sin(20 * time)[:, None], p, start, 2000.0)
-    alone = native.run(task)
+    alone = native.run_compiled(task)
     if alone is None:
         return  # no compiler: nothing is shared out
     for threads in (2, 3, 8):
-        assert_same(alone, native.run(task, threads=threads))
+        assert_same(alone, native.run_compiled(task, threads=threads))
     assert (alone.failed[:, 0] >= 0).tolist() == [False, False, False, True, False]
     assert np.ptp(alone.readings[[0, 1, 2, 4], -1, 0]) > 0.1
 
@@ -60,9 +60,9 @@ def test_several_tasks_at_once_are_what_each_is_alone() -> None:
         p = np.repeat(model.p0[None], batch, axis=0) * random.uniform(0.9, 1.1, (batch, len(model.p0)))
         start = random.normal(size=(batch, len(model.states)))
         tasks.append(make_task(model, time[first:last], torque[first:last], p, start, 4000.0))
-    alone = [native.run(task) for task in tasks]
+    alone = [native.run_compiled(task) for task in tasks]
     for threads in (1, 2, 5):
-        together = native.run_all(tasks, threads=threads)
+        together = native.run_all_compiled(tasks, threads=threads)
         if together is None:
             return  # no compiler
         for expected, got in zip(alone, together, strict=True):

@@ -1,15 +1,12 @@
 """Functions worked out for many points at once: the same values as one by one, and really compiled."""
 
-import subprocess
-
 import casadi as ca
 import numpy as np
 import pytest
 from needs import compiles
 
 from modelling.simulation import compiled as c_library
-from modelling.simulation import compiled as vector_function
-from modelling.simulation.compiled import VectorFunction, compiler
+from modelling.simulation.compiled import VectorFunction
 
 
 @pytest.fixture(scope="module")
@@ -39,19 +36,6 @@ def test_compiled_it_gives_what_is_worked_out_by_hand(function, points):
     vectors = VectorFunction(function)
     assert vectors.compiled
     np.testing.assert_allclose(vectors(*points), by_hand(*points), rtol=1e-14)
-
-
-@compiles
-def test_wide_registers_are_released_before_calls_to_the_c_library(function, tmp_path):
-    """Without it a call of log or atan2 takes ten times as long: what GCC leaves out at -O1 alone."""
-    (tmp_path / "several.c").write_text(vector_function._source(function))
-    flags = ["-march=x86-64-v3", *vector_function.OPTIMISATION.split()]  # with registers of four numbers
-    made = subprocess.run([compiler(), *flags, "-S", "several.c"], cwd=tmp_path, capture_output=True, check=False)
-    if made.returncode:
-        pytest.skip("no GCC for this kind of processor")
-    written = (tmp_path / "several.s").read_text()
-    assert "%ymm" in written
-    assert "vzeroupper" in written
 
 
 def test_without_a_compiler_too(function, points, monkeypatch):

@@ -6,7 +6,7 @@ import sys
 import pytest
 from structure.imports import ROOT
 
-from matching.commands import ONE_LINE
+from matching.commands import COMMANDS
 
 HEAVY = {"casadi", "jinja2", "matplotlib", "numpy", "pint", "scipy", "sympy"}
 BEDS = ROOT / "examples" / "road_to_rig"
@@ -20,14 +20,14 @@ def imported(code: str) -> set[str]:
 
 
 def test_help_and_version():
-    calls = [["--help"], ["--version"], *([name, "--help"] for name in ONE_LINE)]
+    calls = [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)]
     assert imported(f"from rigmatch import main\nfrom matching.cli import main\nfor c in {calls!r}: main(c)") == set()
 
 
 @pytest.mark.parametrize(("function", "file"), [("parameters_of_model", "rig"), ("quantities_of_case", "case")])
 def test_names_for_completion(function, file):
     path = str(BEDS / f"{file}.toml")
-    assert imported(f"from matching.completion import {function}\nassert len({function}({path!r})) > 10") == set()
+    assert imported(f"from matching.commands import {function}\nassert len({function}({path!r})) > 10") == set()
 
 
 def test_reading_a_model_in_usual_units_does_not_wait_for_those_of_all_the_world():
@@ -37,6 +37,4 @@ def test_reading_a_model_in_usual_units_does_not_wait_for_those_of_all_the_world
 def test_slow_parts_of_scipy_wait_until_they_are_used():
     """scipy.signal and scipy.stats take a second; nearly no command needs them to begin."""
     slow = {"scipy.signal", "scipy.stats"}
-    imported(
-        f"import sys, modelling.modal.modes, matching.frequency.search.match\nassert not {slow} & set(sys.modules)"
-    )
+    imported(f"import sys, modelling.modal.modes, matching.match.match\nassert not {slow} & set(sys.modules)")

@@ -8,14 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from independent.dynamic_stiffness import check_loop
-from kept_values import same_values
-from kept_words import same_numbers, same_words
-from matching.match.continuous_loop import encirclements, feedback_modes
-from result_keys import same_keys
+from result_schema import check_schema
 
 import rigmatch as rm
 from matching.cli import main
-from matching.commands import tolerance_summary as command_summary
 from matching.match.case import apply, requirements
 from matching.match.case_file import load_case
 from matching.match.loop import control_law
@@ -23,7 +19,6 @@ from matching.match.map import Axis
 from matching.match.tolerance import (
     Prepared,
     Regressors,
-    _Minima,
     draw,
     quantile_intervals,
     spread,
@@ -32,8 +27,7 @@ from matching.match.tolerance import (
     varied_of,
     yields,
 )
-from matching.report.studies import _ as as_text
-from matching.report.studies import summary
+from matching.report.studies import tolerance_text as as_text
 from modelling.bed.controllers import STRUCTURES
 from modelling.errors import InputError
 
@@ -112,15 +106,6 @@ def test_wide_tolerances_against_the_verification_of_each():
     assert wide.targets == [3]  # the feedback alone has no mode near 1.6 Hz
 
 
-def test_without_a_compiler_the_same_figures(case, prepared, monkeypatch):
-    monkeypatch.setattr("modelling.simulation.compiled.compiler", lambda: None)
-    slow = Prepared((tuned(case), prepared.varied, 5))
-    x = draw(prepared.varied, 5, 0, 30)
-    for one, other in zip(slow.margins(x), prepared.margins(x), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9)
-    np.testing.assert_allclose(slow.roots(x, slow.goals), prepared.roots(x, prepared.goals), rtol=1e-9)
-
-
 @pytest.mark.parametrize("measured", [True, False])
 def test_response_errors_of_all_draws_are_those_of_each(case, prepared, measured):
     """By the sampled-data responses of single draws, lags and dead time drawn too, with and without feed-forward."""
@@ -146,27 +131,6 @@ def test_a_study_says_how_many_draws_and_what_an_exact_check_gave(case):
     assert "response_error" not in singly.differences  # those are exact
 
 
-def test_places_that_have_come_together_are_no_complaint_of_a_worker():
-    """Three places about a minimum, two of them the same by rounding: between them, and nothing on standard error."""
-    minima = _Minima(np.array([[0.0], [0.0], [1.0]]), np.array([[2.0], [1.0], [3.0]]), np.array([0]))
-    with np.errstate(all="raise"):
-        assert 0 <= minima.bottom()[0] <= 1
-
-
-def test_a_place_more_leaves_the_lowest_with_its_neighbours():
-    """Of 0, 1 and 3 on (x − 1.4)², then 2 and 0.5: three neighbours each, the lowest in the middle."""
-    three = np.array([0.0, 1.0, 3.0])
-    minima = _Minima(np.tile(three[:, None], 2), np.tile((three[:, None] - 1.4) ** 2, 2), np.array([4, 7]))
-    place = np.array([2.0, 0.5])
-    found = minima.narrowed(place, (place - 1.4) ** 2)
-    np.testing.assert_array_equal(found.places, [[0.0, 0.5], [1.0, 1.0], [2.0, 3.0]])
-    np.testing.assert_allclose(found.squares, (found.places - 1.4) ** 2)
-    assert found.draws.tolist() == [4, 7]
-    again = found.narrowed(np.array([1.4, 1.4]), np.zeros(2))
-    np.testing.assert_array_equal(again.places, [[1.0, 1.0], [1.4, 1.4], [2.0, 3.0]])
-    np.testing.assert_allclose(minima.bottom(), 1.4)
-
-
 def test_unstable_draws_are_seen(prepared):
     x = np.tile(prepared.center, (6, 1))
     x[:, [one.name for one in prepared.varied].index("loop.dead_time")] = [0.003, 0.006, 0.009, 0.012, 0.02, 0.03]
@@ -175,13 +139,6 @@ def test_unstable_draws_are_seen(prepared):
     assert stable.tolist() == exact
     assert exact[0]
     assert not exact[-1]
-
-
-def test_draws_that_the_quick_count_leaves_unclear_are_counted_exactly(prepared, monkeypatch):
-    x = np.tile(prepared.center, (2, 1))
-    x[:, [one.name for one in prepared.varied].index("loop.dead_time")] = [0.003, 0.03]
-    monkeypatch.setattr(prepared, "turning", lambda x, determinants: (np.array([True, False]), np.full(2, True)))
-    assert prepared.stable(x, np.empty(0)).tolist() == [True, False]
 
 
 def test_a_study_is_seeded_and_independent_of_the_executor(case, prepared):
@@ -285,14 +242,7 @@ def test_command(case, tmp_path, capsys):
     assert "drawn beds are stable" in (tmp_path / "report.html").read_text()
     assert json.loads((tmp_path / "tolerance.json").read_text()) == result
     assert result["draws"] == 100
-    same_keys("tolerance", result)
-    same_values("tolerance", result)
-    same_words("tolerance", summary(result))
-    same_numbers("tolerance", summary(result))
-    assert command_summary(result) == summary(result)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    same_words("tolerance, page", page, tmp_path, Path(case.path).parent)
-    same_numbers("tolerance, page", page, tmp_path, Path(case.path).parent)
+    check_schema("tolerance", result)
     assert (tmp_path / "tolerance.svg").exists()
     assert not (tmp_path / "tolerance.partial.jsonl").exists()
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time"]]) == 2

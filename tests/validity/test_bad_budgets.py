@@ -120,7 +120,7 @@ def test_formula_with_anything_but_mathematics(formula):
         ("lines/cal", {"abscissa": [1, 1, 1], "ordinate": [1, 2, 3]}, "all readings are equal"),
     ],
 )
-def test_one_line_errors(path, value, words, kept_line):
+def test_one_line_errors(path, value, words):
     with pytest.raises(InputError) as caught:
         budget_from_tables(changed(path, value))
     assert words in str(caught.value)
@@ -128,7 +128,6 @@ def test_one_line_errors(path, value, words, kept_line):
     table = "budget: " + ".".join(path.split("/")[:-1])  # the key that is wrong, its table, or one of its keys
     assert caught.value.where.startswith(table.removesuffix(": "))
     assert all(part.isidentifier() for part in caught.value.where.removeprefix("budget: ").split("."))
-    kept_line(caught)
     assert "None" not in caught.value.where
 
 
@@ -199,28 +198,6 @@ def test_files(tmp_path, content, words):
 
 
 @pytest.mark.parametrize(
-    ("formula", "words"),
-    [
-        ("log(" * 200 + "F" + ")" * 200, "nested more than 60 deep"),
-        ("log(" * 90 + "F" + ")" * 90, "nested more than 60 deep"),
-        ("F" + "^F" * 90, "nested more than 60 deep"),
-        ("F" + "+F" * 4000, "too many operations"),
-        ("-" * 9000 + "F", "too many operations"),
-        ("(" * 4000 + "F" + ")" * 4000, "is no formula"),
-    ],
-)
-def test_a_formula_of_any_depth_is_read_or_refused_in_one_line(formula, words):
-    with pytest.raises(InputError) as error:
-        budget_from_tables(changed("measurand/formula", formula))
-    assert words in str(error.value)
-
-
-def test_as_many_terms_as_one_likes_are_no_depth():
-    tables = changed("measurand/formula", "F*r" + " + F*r - F*r" * 150)
-    assert evaluate(budget_from_tables(tables), with_monte_carlo=False).measurands[0].propagation.value == 30
-
-
-@pytest.mark.parametrize(
     ("path", "value", "words"),
     [
         ("inputs/F/value", [[[1]]], "[[[1]]] is no finite number"),
@@ -235,11 +212,3 @@ def test_values_and_names_that_are_none(path, value, words):
     with pytest.raises(InputError) as error:
         budget_from_tables(changed(path, value))
     assert words in str(error.value)
-
-
-@pytest.mark.parametrize("digits", ["9" * 5000, "0x" + "f" * 5000])
-def test_an_integer_of_thousands_of_digits_is_one_line(tmp_path, digits):
-    path = tmp_path / "budget.toml"
-    path.write_text(f'measurand.formula = "x"\ninputs.x.value = {digits}\n')
-    with pytest.raises(InputError, match="write ordinary numbers"):
-        read_budget(path)

