@@ -753,7 +753,7 @@ def solved(solver: ca.Function, **start_and_bounds: Any) -> dict[str, ca.DM]:
 
 # --- Where in s the modulus margin and the least damping are held.
 
-MARGIN_RESERVE = 1.002  # on the modulus margin, for what lies between grid points
+MARGIN_RESERVE = 1.04  # on the required modulus margin: the programme takes the loop as continuous
 GRID_HZ = np.concatenate(
     [
         np.geomspace(0.02, 5, 18, endpoint=False),

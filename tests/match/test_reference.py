@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from match import independent
-from matching.match.continuous_loop import encirclements
 
 from matching.match.adapters import feedback_error
 from matching.match.case import apply
@@ -28,13 +27,7 @@ def test_targets(reference):
 def test_stable_under_every_check(reference):
     checks = reference.verification
     assert checks.stable
-    assert set(checks.checks) >= {
-        "poles, order 8",
-        "Nyquist criterion",
-        "sampled loop",
-        "feed-forward poles",
-        "simulation",
-    }
+    assert set(checks.checks) == {"sampled loop", "feed-forward poles", "simulation"}
     assert all(checks.checks.values())
     assert checks.spectral_abscissa < 0
     assert checks.modulus_margin >= 0.5
@@ -101,8 +94,7 @@ def test_adapters_with_what_they_gain_and_how_exactly_they_have_to_be_met(refere
         together = next(move.together for move in reference.case.moves if move.name == own.name)
         for value, error in own.curve:  # tuned for each value: better than with the rest as it is
             there = apply(reference.tuned, dict.fromkeys(together, value))
-            if encirclements(linear_bed(there)).modulus_margin >= reference.case.limits["modulus_margin"]:
-                assert error <= 1.01 * feedback_error(there, nodes)
+            assert error <= 1.01 * feedback_error(there, nodes)
         assert own.to_dict()["acceptable"] == [low, high]
 
 
