@@ -611,7 +611,7 @@ def controller_on(bed: LinearBed, feed_forward: FeedForward | None = None) -> Sa
             0, loop.controller_sensors, bed.simulated, names, loop["sample_time"],
         )  # fmt: skip
     reference = cut(case.emulated_vehicle, case.rig)
-    observer = loop.structure.observer(case.rig, reference, loop)
+    observer = loop.structure.observer(case.rig, case.residual_vehicle, loop)
     if observer is not None:
         return of_observer(observer, len(bed.residual_space.A))
     feed_forward = feed_forward or loop.structure.feed_forward(case.rig, reference, loop)
@@ -865,7 +865,7 @@ def control_law(bed: LinearBed) -> ControlLaw:
         *(dynamometer.speed_sensor for dynamometer in loop.dynamometers),
     )
     signs = np.concatenate([bed.torque_signs, np.ones(k)])
-    observer = loop.structure.observer(case.rig, reference, loop)
+    observer = loop.structure.observer(case.rig, case.residual_vehicle, loop)
     if observer is not None:
         return law_of_observer(observer)
     feed_forward = loop.structure.feed_forward(case.rig, reference, loop)

@@ -127,9 +127,7 @@ def simulate_case(parts: LinearBed, torques: Mapping[str, np.ndarray], settle: i
         matched_motion(parts, torques),
     )
     motions[1].update(emulated(parts, motions[1], torques, tuned=False))
-    motions[2].update(
-        emulated(parts, motions[2], torques, tuned=not (structure.has_feed_forward or structure.is_observer))
-    )
+    motions[2].update(emulated(parts, motions[2], torques, tuned=not structure.has_feed_forward))
     vehicle_traces, free, matched = ({name: trace[settle:] for name, trace in motion.items()} for motion in motions)
     applied = {name: np.asarray(torque)[settle:] for name, torque in torques.items()}
     operating = operating_readings(parts.rig.system)
