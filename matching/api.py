@@ -839,7 +839,7 @@ def commission(
 
 
 def match(
-    case: Case | File, seed: int = 0, starts: int = 14, workers: int | None = None,
+    case: Case | File, seed: int = 0, starts: int = 4, workers: int | None = None,
     progress: Callable[[str], None] | None = None, *, beds: int | None = None,
 ) -> MatchResult:  # fmt: skip
     """Tune what the case lets move until the rig reproduces the vehicle's response, and verify the result.
@@ -854,15 +854,16 @@ def match(
     case : Case or path
         Case file (TOML).
     seed : int
-        Seed of the starting points.
+        Seed of the fresh beds that judge the result.
     starts : int
         Largest number of starting points; the first is the case's own.
     workers : int, optional
-        Processes; by default one a core on the command line, one in Python.
+        Processes: with two, the simulation in time runs beside the rest; by default one a core on the command line, one
+        in Python.
     progress : callable, optional
         Is called with a line of text at every step.
     beds : int, optional
-        Fresh beds drawn from [uncertainty] that judge the result; by default 200 with an observer, else 40.
+        Fresh beds drawn from [uncertainty] that judge the result; 200 unless given.
 
     Returns
     -------
@@ -882,14 +883,10 @@ def match(
     'limited'
     """
     from matching.match.match import match as run
+    from matching.worker_pool import beside
 
-    case = case_of(case)
-    return run(case, seed, starts, progress, workers or 1, beds=fresh_beds(case) if beds is None else beds)
-
-
-def fresh_beds(case: Case) -> int | None:
-    """How many fresh beds judge a match unless asked otherwise; None: as many as the observer's search takes."""
-    return None if case.loop.structure.is_observer else 40  # of a feedback law; they take about two seconds
+    with beside(workers or 1) as aside:
+        return run(case_of(case), seed, starts, progress, beds=beds, aside=aside)
 
 
 # more than six parameters: the options of the command

@@ -368,11 +368,10 @@ def run_match(arguments: Arguments) -> dict[str, Any]:
 
     case, workers = load_case(arguments.case), arguments.workers or cores()
     check_inputs_kept(arguments.out, case_files(case))  # before the work
-    beds = arguments.beds or api.fresh_beds(case)
     with beside(workers) as aside:
         aside.prepare("matching.report.match", "matching.report.curves", "bokeh.plotting")
         with steps("match", OF_A_MATCH) as tell:
-            matched = match(case, arguments.seed, arguments.starts, tell, workers, beds=beds, aside=aside)
+            matched = match(case, arguments.seed, arguments.starts, tell, beds=arguments.beds, aside=aside)
         from matching.report.curves import curve_data, moving_figures
         from matching.report.match import content, drawn_figures, page
 

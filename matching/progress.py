@@ -12,11 +12,10 @@ from typing import Any
 
 # --- When a command that works in steps will end, from what share of its time each step is over by.
 
-# Shares of the time of a match by which a step was over, rounded from three cases: 0.16 to 0.55 at the verification.
-# A pair: of the first and the last of "start 3 of 18 at most"; it ends before the last where starts agree.
+# Shares of the time of a match by which a step was over, rounded from three cases.
 OF_A_MATCH: Mapping[str, float | tuple[float, float]] = {
-    "start": (0.05, 0.45), "drawn beds": 0.1, "weights": 0.45, "verification": 0.4, "verification on fresh beds": 0.66,
-    "gains over drawn beds": 0.7, "bound and curves": 0.7,
+    "controller": 0.15, "residual vehicle and adapters": 0.5, "what to order": 0.85, "verification on fresh beds": 0.95,
+    "bound and curves": 0.97,
 }  # fmt: skip
 _COUNTED = re.compile(r"(\d+) of (\d+)")
 

@@ -371,7 +371,7 @@ class Circle:
         case = load_case(path)
 
         def work() -> tuple[Files, dict[str, Any]]:
-            result = match(case, self._order.seed, workers=self._order.workers)
+            result = match(case, self._order.seed)
             entries = result.to_dict()
             files = {"result.json": strict_json(entries), **case_files(result.tuned)}
             return files, {"status": result.status, "limits": list(result.limits)}

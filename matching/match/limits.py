@@ -8,28 +8,48 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from matching.match.attempt import (
-    DeadTimeTrial,
-    Question,
-    VerifiedSolution,
-    differing_components,
-    shorter_dead_times,
-    target_results,
-    task_of,
-    wider_bounds,
-)
-from matching.match.case import TORQUE_OVER_SPEED, Case, ExceededLimit, Move, apply
+from matching.match.case import TORQUE_OVER_SPEED, Case, ExceededLimit, Move, apply, scaled
+from matching.match.problem import MatchProblem, differing_components, target_results
 from matching.match.result import ResponseError, TargetResult
-from matching.match.solve import Solution, warm
-from matching.match.verify import Violation, verify
+from matching.match.search import SearchSettings, end_at, rounds, search_for
+from matching.match.verify import Verification, Violation, verify
 from modelling.bed.controllers import ModelBased
+from modelling.errors import InputError
 from modelling.modal.modes import modes
 from modelling.modal.result import Mode
 from modelling.units import printed
 
-# --- What would do: relaxations that were solved and verified. What is not found here is not named to anybody.
+# --- What a search found, and what would do: relaxations that were solved and verified.
 
 LIMIT_RESERVE = 1.02  # on the least demand of a limit: the simulated manoeuvre takes a little more than the vehicle's
+DEAD_TIMES_TRIED = 3  # halvings of the range of dead times, on a logarithmic scale
+AT_BOUND = 1e-2  # of a quantity's range: what ends so near a bound may be held by it
+FACTORS = (3.0, 30.0)  # by which bounds are moved out, in turn
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a search found: values by name (SI), the tuned case, its cost and those of the starts.
+
+    ``keeps_all`` is whether every requirement is met as the search sees it; ``beyond`` are limits that no setting
+    keeps; ``checked`` is the verification once there is one.
+    """
+
+    values: Mapping[str, float]
+    tuned: Case
+    cost: float
+    starts: tuple[float, ...]
+    keeps_all: bool
+    beyond: list[ExceededLimit]
+    checked: Verification | None = None
+
+
+@dataclass(frozen=True)
+class DeadTimeTrial:
+    """Shorter dead times that were solved: the shortest, and the longest with which every target is met, s or None."""
+
+    shortest: float
+    sufficient: float | None
 
 
 @dataclass(frozen=True)
@@ -54,56 +74,114 @@ class Relaxations:
     bounds: tuple[tuple[Move, float], ...] = ()
 
 
-def relaxations(question: Question, solution: VerifiedSolution, targets: Sequence[TargetResult]) -> Relaxations:
+@dataclass(frozen=True)
+class SolvedAgain:
+    """The same search with little effort on a case that is changed a little, begun at a solution."""
+
+    problem: MatchProblem
+    settings: SearchSettings
+
+    def values(self, case: Case, moves: Sequence[Move], solution: Solution) -> dict[str, float] | None:
+        """Values by name (SI) with which every target and limit of the changed case is met, or None."""
+        settings = replace(self.settings, drawn=8, pool=32, scenarios=0)
+        asked = replace(self.problem.demands, limits=case.limits)
+        try:
+            search = search_for(case, moves, self.problem.shares, asked, settings)
+            end = rounds(search, end_at(search, search.begin(solution.values)), 2, settings.steps)
+            values = search.values(end.x)
+            return values if self.meets_all(apply(case, values)) else None
+        except InputError:
+            return None
+
+    def meets_all(self, tuned: Case) -> bool:
+        """Whether a tuned case meets every target and limit, verified."""
+        checked = verify(tuned, self.problem.case.rig, deviations=False)
+        targets = target_results(replace(self.problem, case=tuned), checked)
+        return checked.stable and not checked.violations and all(target.met for target in targets)
+
+
+def relaxations(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> Relaxations:
     """Try what may help: larger limits where no setting keeps them, wider bounds, less dead time, measured torques."""
-    case, missed = question.case, any(not target.met for target in targets)
-    by_feedback = not case.loop.structure.has_feed_forward and not case.loop.torqueless and solution.solution.feasible
-    if not missed or not by_feedback:
-        return Relaxations(limits=_larger_limits(question, solution))
-    trial = shorter_dead_times(solution.task, solution.solution, question.targets)
-    if trial is not None and trial.sufficient is not None and not _with_dead_time(question, solution, trial.sufficient):
-        trial = DeadTimeTrial(trial.shortest, None)
-    bounds = wider_bounds(
-        solution.task, solution.solution, lambda wider: _meets_all(question, apply(case, wider.values))
-    )
-    return Relaxations(trial, _larger_limits(question, solution), _with_feed_forward(question, solution), bounds)
-
-
-def _meets_all(question: Question, tuned: Case) -> bool:
-    checked = verify(tuned, question.case.rig, deviations=False)
-    return (
-        checked.stable and not checked.violations
-        and all(target.met for target in target_results(question, checked))
+    case = problem.case
+    larger = _larger_limits(problem, solution, again)
+    structure = case.loop.structure
+    if structure.has_feed_forward or structure.is_observer or case.loop.torqueless:
+        return Relaxations(limits=larger)
+    return Relaxations(
+        _shorter_dead_time(problem, solution, again), larger, _with_feed_forward(problem, solution, again),
+        _wider_bounds(problem, solution, again),
     )  # fmt: skip
 
 
-def _larger_limits(question: Question, solution: VerifiedSolution) -> dict[str, float]:
+def _larger_limits(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> dict[str, float]:
     """Limits that no setting keeps, as large as their least demand; none where the targets are missed even so."""
     least: dict[str, float] = {}
     for exceeded in solution.beyond:
         least[exceeded.limit] = max(LIMIT_RESERVE * exceeded.demand, least.get(exceeded.limit, 0.0))
     if not least:
         return {}
-    case = replace(question.case, limits={**question.case.limits, **least})
-    demands = replace(question.demands, limits={**question.demands.limits, **least})
-    solved = warm(task_of(replace(question, case=case, demands=demands), solution.task.moves), solution.solution)
-    return least if solved is not None and _meets_all(question, apply(case, solved.values)) else {}
+    case = replace(problem.case, limits={**problem.case.limits, **least})
+    return least if again.values(case, problem.moves, solution) is not None else {}
 
 
-def _with_dead_time(question: Question, solution: VerifiedSolution, dead_time: float) -> bool:
-    case = replace(question.case, loop=question.case.loop.with_values({"dead_time": dead_time}))
-    solved = warm(replace(solution.task, case=case), solution.solution)
-    return solved is not None and _meets_all(question, apply(case, solved.values))
+def _shorter_dead_time(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> DeadTimeTrial | None:
+    """Solve the case at shorter dead times; None where there is none to try, as it is one sample already."""
+    shortest, longest = problem.case.loop["sample_time"], problem.case.loop["dead_time"]
+    if longest <= shortest:
+        return None
+
+    def helps(dead_time: float) -> bool:
+        return again.values(apply(problem.case, {"loop.dead_time": dead_time}), problem.moves, solution) is not None
+
+    if not helps(shortest):
+        return DeadTimeTrial(shortest, None)
+    good = shortest
+    for _ in range(DEAD_TIMES_TRIED):
+        middle = float(np.sqrt(good * longest))
+        good, longest = (middle, longest) if helps(middle) else (good, middle)
+    return DeadTimeTrial(shortest, good)
 
 
-def _with_feed_forward(question: Question, solution: VerifiedSolution) -> str:
+def _wider_bounds(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> tuple[tuple[Move, float], ...]:
+    """Quantities at a bound, each with the value (SI) beyond it with which every target is met.
+
+    One of them where that does alone, else all that went beyond their bounds together; empty where none of it helps.
+    """
+    stuck = [move for move in problem.moves if _out_of(move, solution.values[move.name], 1.0) is not None]
+
+    def beyond(some: Sequence[Move], factor: float) -> tuple[tuple[Move, float], ...]:
+        moved = {move.name: _out_of(move, solution.values[move.name], factor) or move for move in some}
+        wider = tuple(moved.get(move.name, move) for move in problem.moves)
+        values = again.values(problem.case, wider, solution)
+        ends = [(move, values[move.name]) for move in some] if values is not None else []
+        return tuple((move, value) for move, value in ends if not move.lower <= value <= move.upper)
+
+    for factor in FACTORS if stuck else ():
+        together = beyond(stuck, factor)
+        if together:
+            alone = (beyond([move], factor) for move, _ in together) if len(together) > 1 else ()
+            return next((sufficient for sufficient in alone if sufficient), together)
+    return ()
+
+
+def _out_of(move: Move, value: float, factor: float) -> Move | None:
+    """A move with the bound that a value is at moved out; None where it is at none, or at 0, which is physical."""
+    part = scaled(value, move)
+    if part >= 1 - AT_BOUND:
+        return replace(move, upper=factor * move.upper)
+    if part <= AT_BOUND and move.lower > 0:
+        return replace(move, lower=move.lower / factor)
+    return None
+
+
+def _with_feed_forward(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> str:
     """The structure with a feed-forward, if the same values meet the targets with it; its feedback has to take them."""
     if not ModelBased.quantities.keys() <= solution.tuned.loop.values.keys():
         return ""
-    driven = {dynamometer.torque_input for dynamometer in question.case.loop.dynamometers}
-    measured = tuple(part.name for part in question.case.rig.inputs if part.name not in driven)
+    driven = {dynamometer.torque_input for dynamometer in problem.case.loop.dynamometers}
+    measured = tuple(part.name for part in problem.case.rig.inputs if part.name not in driven)
     loop = replace(solution.tuned.loop, structure=ModelBased(), measured=measured)
-    return ModelBased.name if _meets_all(question, replace(solution.tuned, loop=loop)) else ""
+    return ModelBased.name if again.meets_all(replace(solution.tuned, loop=loop)) else ""
 
 
 # --- Limits
@@ -117,21 +195,22 @@ _WORDS = {
 
 
 def limits(
-    question: Question, solution: VerifiedSolution, targets: Sequence[TargetResult], relaxed: Relaxations
+    problem: MatchProblem, solution: Solution, targets: Sequence[TargetResult], relaxed: Relaxations
 ) -> list[str]:
     """Sentences on what stands in the way; none if the match is good.
 
     What is said to help is what ``relaxed`` holds, which was solved.
     """
-    case, checked, asked = question.case, solution.checked, question.demands
+    case, checked, asked = problem.case, solution.checked, problem.demands
+    assert checked is not None, "a solution is verified before it is judged"
     shared = differing_components(case)
     said = [*shared, *_beyond(solution.beyond, relaxed)]
-    said += _loop(solution, case)
+    said += _loop(solution, checked, case)
     missed = [target for target in targets if not target.met]
     said += [_missed(case, target) for target in missed]
     if missed:
-        said += _mechanics(question, missed)
-        said += [*_bounds(relaxed), *_delay(question, missed, relaxed)]
+        said += _mechanics(problem, missed)
+        said += [*_bounds(relaxed), *_delay(problem, missed, relaxed)]
     mentioned = {exceeded.limit for exceeded in solution.beyond}
     said += [_violation(violation) for violation in checked.violations if violation.limit not in mentioned]
     mentioned |= {violation.limit for violation in checked.violations}
@@ -151,28 +230,13 @@ def led_by_dead_time(stands: list[str], case: Case, error: ResponseError) -> lis
     return [alone, *stands]
 
 
-def _loop(verified: VerifiedSolution, case: Case) -> list[str]:
+def _loop(solution: Solution, checked: Verification, case: Case) -> list[str]:
     """What is wrong with the loop as a whole."""
-    said, checked, solution = [], verified.checked, verified.solution
-    if not checked.stable:
-        failed = ", ".join(name for name, good in checked.checks.items() if not good)
-        starts = f"none of {len(solution.starts)} starts ended in a stable loop within the bounds"
-        if solution.blind is not None:
-            starts += f", and {solution.blind[1] or 'none'} of {solution.blind[0]} settings drawn over them is stable"
-        said.append(f"the closed loop is not stable ({failed})" + ("" if solution.feasible else f": {starts}"))
-    if checked.stable and not solution.feasible:
-        said.append(
-            f"the search found no setting within the bounds that keeps a modulus margin of "
-            f"{case.limits['modulus_margin']:g}, a damping ratio of {case.limits['damping_ratio']:g} and the limits "
-            f"together; the values shown are {_shown(solution)}, with a margin of {checked.modulus_margin:.2f}"
-        )
-    return said
-
-
-def _shown(solution: Solution) -> str:
-    if solution.blind is None or not solution.blind[1]:
-        return "where it began"
-    return f"the best of {solution.blind[1]} stable ones among {solution.blind[0]} drawn over the bounds"
+    if checked.stable:
+        return []
+    failed = ", ".join(name for name, good in checked.checks.items() if not good)
+    starts = f": none of {len(solution.starts)} starts ended in a stable loop within the bounds"
+    return [f"the closed loop is not stable ({failed})" + ("" if solution.keeps_all else starts)]
 
 
 def _worst(broken: Sequence[ExceededLimit]) -> list[ExceededLimit]:
@@ -243,9 +307,9 @@ def _violation(violation: Violation) -> str:
     return f"{violation.where}: the simulated manoeuvre takes {what}{value}, {ratio} of {allowed}"
 
 
-def _mechanics(question: Question, missed: Sequence[TargetResult]) -> list[str]:
+def _mechanics(problem: MatchProblem, missed: Sequence[TargetResult]) -> list[str]:
     """What adapters or inertias alone would have to be, where adapters are what may move."""
-    case, on_rig, asked = question.case, question.on_rig, question.demands
+    case, on_rig, asked = problem.case, problem.on_rig, problem.demands
     if any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
         return []
     number = {target.mode: i for i, target in enumerate(case.targets)}
@@ -314,9 +378,9 @@ def _bounds(relaxed: Relaxations) -> list[str]:
     return [f"bounds under [move] stand in the way: solved with {' and '.join(values)}, every target is met"]
 
 
-def _delay(question: Question, missed: Sequence[TargetResult], relaxed: Relaxations) -> list[str]:
+def _delay(problem: MatchProblem, missed: Sequence[TargetResult], relaxed: Relaxations) -> list[str]:
     """Dead time and lags where a shorter dead time meets the targets, else what else was seen to meet them."""
-    loop, trial, said = question.case.loop, relaxed.dead_time, []
+    loop, trial, said = problem.case.loop, relaxed.dead_time, []
     if trial is not None and trial.sufficient is not None:
         for target in missed:
             omega = 2 * np.pi * target.vehicle
@@ -333,6 +397,6 @@ def _delay(question: Question, missed: Sequence[TargetResult], relaxed: Relaxati
     if relaxed.structure:
         said.append(
             f'with structure = "{relaxed.structure}" and every torque on the rig measured, the values shown meet '
-            f"{len(question.case.targets)} of {len(question.case.targets)} targets (verified)"
+            f"{len(problem.case.targets)} of {len(problem.case.targets)} targets (verified)"
         )
     return said

@@ -471,9 +471,10 @@ def bed_set(case: Case, values: Sequence[Mapping[str, float]], frequencies: np.n
 
 
 def responses_of(
-    case: Case, beds: Sequence[Bed], values: Sequence[Mapping[str, float]], frequencies: np.ndarray
+    case: Case, beds: Sequence[Bed], values: Sequence[Mapping[str, float]], frequencies: np.ndarray,
+    vehicle: np.ndarray | None = None,
 ) -> BedSet:  # fmt: skip
-    """The same of beds that are there already."""
+    """The same of beds that are there already, maybe with the ``vehicle`` (b, f, h) that each is compared with."""
     sampled, step = side_by_side(beds), case.loop["sample_time"]
     s = 2j * np.pi * frequencies
     hold = (1 - np.exp(-s * step)) / (s * step)
@@ -489,7 +490,8 @@ def responses_of(
         answered.append(bed.compared @ states[:, :, :d] + bed.compared_torques)
         late = hold * np.exp(-s * bed.delay)
         commanded.append(bed.compared @ states[:, :, d:] * late[:, None, None])
-    vehicle = np.stack([vehicle_response(case, of_bed, frequencies) for of_bed in values])
+    if vehicle is None:
+        vehicle = np.stack([vehicle_response(case, of_bed, frequencies) for of_bed in values])
     return BedSet(case, sampled, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
 
 

@@ -17,7 +17,7 @@ from matching.match.case_file import Movable, case_files, movable
 from matching.match.match import match
 from matching.match.result import MatchResult
 from matching.match.robustness import of_beds
-from matching.match.solve import Near, NoBetter
+from matching.match.search import SearchSettings
 from matching.match.verify import Verification
 from matching.studies import run
 from matching.worker_pool import executor_of
@@ -159,9 +159,6 @@ class Point:
         Tuned values by name, SI.
     stable_beds : float or None
         Share of the drawn beds that are stable; None where no beds judge the match.
-    pairs : tuple of float
-        The goals' eigenpairs, see :class:`matching.match.solve.Solution`: what a neighbour starts from
-        beside them.
     """
 
     x: float
@@ -178,16 +175,15 @@ class Point:
     first: float | None = None
     values: Mapping[str, float] = field(default_factory=dict)
     stable_beds: float | None = None
-    pairs: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Point:
         """From plain values, as a record holds them."""
-        return cls(**{**row, **{key: tuple(row[key]) for key in ("limits", "limited_by", "pairs")}})
+        return cls(**{**row, **{key: tuple(row[key]) for key in ("limits", "limited_by")}})
 
     def to_dict(self) -> dict[str, Any]:
         """As ``map.json`` holds it."""
-        entries = {key: value for key, value in vars(self).items() if key not in ("first", "pairs")}
+        entries = {key: value for key, value in vars(self).items() if key != "first"}
         return {**entries, "objective_from_own_starts": self.first}
 
     def beats(self, other: Point) -> bool:
@@ -224,6 +220,21 @@ def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, 
     return _point(x[1], y[1], result)
 
 
+AGREEMENT = 5e-3  # relative: starts that end so close count as one optimum
+
+
+@dataclass(frozen=True)
+class Near:
+    """Solutions of neighbours to start from: values by name (SI) of each, and the objective that has to be beaten."""
+
+    solutions: tuple[Mapping[str, float], ...]
+    below: float | None = None
+
+    def beaten_by(self, objective: float) -> bool:
+        """Whether an objective is lower by more than ends of one optimum differ."""
+        return self.below is None or objective < self.below - AGREEMENT * abs(self.below)
+
+
 def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Near) -> Point | None:
     """The same point from its neighbours' solutions; None where that leads to nothing better.
 
@@ -231,10 +242,15 @@ def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Ne
     """
     if case.loop.structure.is_observer:
         return None
+    settings = SearchSettings(rounds=1, joint_rounds=1, scenarios=0)
     try:
-        return _point(x[1], y[1], match(held_at(held_at(case, *x), *y), near=near))
-    except NoBetter:
+        result = match(
+            held_at(held_at(case, *x), *y), ordering=False, begins=near.solutions,
+            settings=settings,
+        )  # fmt: skip
+    except InputError:
         return None
+    return _point(x[1], y[1], result) if near.beaten_by(result.objective) else None
 
 
 def _point(x: float, y: float, result: MatchResult) -> Point:
@@ -254,7 +270,6 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
         first=objective,
         stable_beds=_stable_share(result.robust),
         values={parameter.name: parameter.tuned for parameter in result.parameters},
-        pairs=tuple(result.pairs),
     )
 
 
@@ -318,7 +333,7 @@ def improved(points: Sequence[Sequence[Point]], solve: Callable[[list[PointTask]
         Row by row, from starts of their own.
     solve : callable
         From tasks of one pass, plain values with ``x``, ``y``, ``below`` (objective to beat or None) and ``near``
-        (tuned values by name and eigenpairs of each), to their results: a :class:`Point` or None where nothing better
+        (tuned values by name of each), to their results: a :class:`Point` or None where nothing better
         was found.
     """
     rows = [list(row) for row in points]
@@ -351,7 +366,7 @@ def _near(rows: Sequence[Sequence[Point]], place: Place, changed: set[Place]) ->
 
 
 def _task(point: Point, near: list[Point]) -> PointTask:
-    solutions = [[dict(neighbour.values), list(neighbour.pairs)] for neighbour in near]
+    solutions = [dict(neighbour.values) for neighbour in near]
     return {"x": point.x, "y": point.y, "below": point.objective, "near": solutions}
 
 
@@ -457,5 +472,5 @@ def _point_at(prepared: Prepared, task: PointTask) -> dict[str, Any] | None:
     x, y = zip(names, (task["x"], task["y"]), strict=True)
     if "near" not in task:
         return vars(match_at(case, x, y, seed, starts))
-    point = improved_at(case, x, y, Near(tuple((values, pairs) for values, pairs in task["near"]), task["below"]))
+    point = improved_at(case, x, y, Near(tuple(task["near"]), task["below"]))
     return None if point is None else vars(point)

@@ -98,9 +98,9 @@ class ResponseError:
     ``before`` is the rig without control over the functions that have a path there; ``after`` the matched rig over all
     compared ones, ``after_same_functions`` over those of ``before``; ``unmeasured`` what the feedback alone does, to
     unmeasured torques. ``bound`` is the lower bound that the dead time sets at the loop's sample time,
-    ``bound_unsampled`` the same without sampling (:func:`matching.match.adapters.lower_bound`): their
+    ``bound_unsampled`` the same without sampling (:func:`matching.match.bounds.lower_bound`): their
     difference is the cost of sampling. ``unmeasured_bound`` is what the optimal estimator leaves of unmeasured torques
-    (:func:`matching.match.adapters.estimator_bound`). ``functions`` holds the errors of every compared
+    (:func:`matching.match.bounds.estimator_bound`). ``functions`` holds the errors of every compared
     function.
     """
 
@@ -128,23 +128,24 @@ class ResponseError:
 
 @dataclass(frozen=True)
 class AdapterTrade:
-    """One adapter quantity, SI; errors are of the feedback, which alone depends on adapters beyond their model.
+    """One adapter quantity, SI; errors are medians over fresh beds of delivered controllers.
+
+    The error is the root of the mean square of the errors to measured and to unmeasured torques, each over its
+    tolerance.
 
     Attributes
     ----------
     ordered : float
         As planned where it gains nothing.
     acceptable : tuple of float
-        Between these the answer is as good within 2 %, with everything else that may move tuned for the value; adapters
-        that are not ordered stay as planned.
+        Between these no value is worse by more than 2 % and the scatter, everything else tuned for it.
     error_as_planned : float or None
-        With this quantity as planned, the others as ordered, everything else tuned for it; None where no loop was found
-        that keeps its limits.
+        With this quantity as planned, the others as ordered, everything else tuned for it.
     error_as_ordered : float
     curve : tuple of (float, float)
-        Values tried and the response error there, everything else tuned for each.
+        Values tried and the error there, everything else tuned for each.
     error_all_as_planned : float or None
-        Of the bed with every adapter as planned, tuned for it.
+        Of the bed with every adapter as planned, tuned for it; None where that keeps not every requirement.
     """
 
     name: str
@@ -193,8 +194,7 @@ class MatchResult(Displayed):
     verification : Verification
         See :mod:`matching.match.verify`.
     objective : float
-        Of the optimiser, before gains are tuned over beds, as ``adapters`` are, and ``starts`` that of every start
-        (None where it failed or was unstable); ``pairs`` as :class:`matching.match.solve.Solution` has them.
+        Cost of the search, and ``starts`` that of every start.
     adapters : tuple of AdapterTrade
         What each adapter that may change gains, and how exactly it has to be what was ordered.
     simple_vehicle : SimpleVehicle or None
@@ -217,8 +217,7 @@ class MatchResult(Displayed):
     curves: Curves = field(repr=False)
     verification: Verification = field(repr=False)
     objective: float = float("nan")
-    starts: tuple[float | None, ...] = ()
-    pairs: tuple[float, ...] = ()
+    starts: tuple[float, ...] = ()
     adapters: tuple[AdapterTrade, ...] = ()
     seconds: float = 0.0
     simple_vehicle: SimpleVehicle | None = None

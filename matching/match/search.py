@@ -46,7 +46,6 @@ from matching.match.loop import (
     SampledBeds,
     SampledController,
     bed_of,
-    bed_set,
     closed_matrices,
     closed_poles,
     compared_columns,
@@ -60,6 +59,7 @@ from matching.match.loop import (
     of_observer,
     rates,
     resolvent,
+    responses_of,
     return_difference,
     side_by_side,
     without_resting,
@@ -101,7 +101,7 @@ class SearchSettings:
     blind : int
         Settings spread over all bounds (Sobol 1967) where every start misses a requirement.
     starts : int
-        Starts that are followed.
+        Starts that are followed; an observer's search stops at the first one that keeps every requirement.
     fresh : int
         Beds that judge the result; none of them is seen by the search.
     weight_planned : float
@@ -149,7 +149,7 @@ class SearchSettings:
     joint_rounds: int = 3
     scenarios: int = 2
     blind: int = 64
-    starts: int = 2
+    starts: int = 4
     fresh: int = 200
     weight_planned: float = 0.1
     weight_change: float = 1e-3
@@ -234,7 +234,9 @@ class Controllers:
         of_bed = tuple(value for name, value in values.items() if not name.startswith(CONTROLLER))
         if not case.loop.structure.is_observer:
             of_rig = tuple(value for name, value in values.items() if name.startswith(RIG))
-            return controller_on(linear_bed(case), self._kept("feed-forward", of_rig, lambda: self._feed_forward(case)))
+            bed = self._kept("bed", of_bed, lambda: linear_bed(case))
+            feed_forward = self._kept("feed-forward", of_rig, lambda: self._feed_forward(case))
+            return controller_on(replace(bed, case=case), feed_forward)
         model, ahead = self._kept("model", of_bed, lambda: self._model(case))
         loop = case.loop.values
         regulator = tuple(loop[name] for name in REGULATOR)
@@ -345,6 +347,7 @@ class Search:
     _points: dict[tuple[float, ...], Point] = field(default_factory=dict)
     _hardware: dict[tuple[float, ...], tuple[Case, Planned, BedSet]] = field(default_factory=dict)
     _pool: dict[tuple[float, ...], dict[int, Bed]] = field(default_factory=dict)
+    _vehicle: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         self.controllers = Controllers(self.case)
@@ -399,8 +402,11 @@ class Search:
             case = apply(self.case, values)
             noise = sensor_noise(case, case.loop.controller_sensors)
             drawn = [case.uncertainty.at(position) for position in self.positions[1 : self.settings.drawn + 1]]
-            beds = bed_set(case, drawn, np.geomspace(*case.band, BED_POINTS))
+            frequencies = np.geomspace(*case.band, BED_POINTS)
+            beds = responses_of(case, [bed_of(case, of_bed) for of_bed in drawn], drawn, frequencies, self._vehicle)
             self._hardware[key] = case, planned(case, noise), beds
+            if not any(name.removeprefix(RIG) in case.vehicle.parameters for name in values):
+                self._vehicle = beds.vehicle  # adapters are no part of the vehicle
         case, plan, beds = self._hardware[key]
         pool = self._pool.setdefault(key, {})
         for number in self.active:
@@ -631,10 +637,13 @@ class Search:
         return (there - back) / (2 * self.settings.difference)
 
     def _rig_slope(self, x: np.ndarray, i: int) -> tuple[float, np.ndarray]:
-        sides, width = self._sides(x, i), 2 * self.settings.difference
-        there, back = (self._judged(side, self.point(side)) for side in sides)
-        change = self._change(sides[0]) - self._change(sides[1])
-        return (there.cost - back.cost - change) / width, (there.room - back.room) / width
+        """To four digits, by a forward difference: a set of beds takes long."""
+        side, here = self._sides(x, i)[0], self.judged(x)
+        there = self._judged(side, self.point(side))
+        change = self._change(side) - self._change(x)
+        return (there.cost - here.cost - change) / self.settings.difference, (there.room - here.room) / (
+            self.settings.difference
+        )
 
 
 # --- First derivatives with respect to the controller's matrices, worked backwards from the figures.
@@ -1247,7 +1256,7 @@ def add_scenarios(search: Search, at: SearchEnd) -> bool:
 # --- The whole search.
 
 NEARLY_AS_CHEAP = 1.5  # times the cost of the cheapest start, up to which the requirements decide between starts
-MIDDLE = 0.6  # of every gain's range: one of the points from which a feedback law is searched
+MIDDLE = 0.6  # of every gain's range, where a feedback law is searched from as well
 
 
 @dataclass(frozen=True)
@@ -1264,52 +1273,78 @@ class Found:
     keeps_all: bool
 
 
-def solve(search: Search, tell: Callable[[str], None] = lambda _: None) -> Found:
-    """The best point that was found, first with the controller alone free, then with everything.
+def solve(
+    search: Search, tell: Callable[[str], None] = lambda _: None, begins: Sequence[Mapping[str, float]] = ()
+) -> Found:  # fmt: skip
+    """The best point that was found.
 
-    The search begins at the better one of the case's values and further starts, and at the next one where it ends with
-    a requirement missed; where all do by more than the reserve, at the best of settings spread over the bounds. No
-    answer is worse than the case as it was given.
+    An observer's search begins at the better one of the case's weights and further starts, and at the next one where it
+    ends with a requirement missed; where all do by more than the reserve, at the best of settings spread over the
+    bounds. Only then do residual vehicle and adapters move as well: its weights alone come near the end. The cost of a
+    feedback law has several valleys: from each start its gains are tuned alone, and then everything together, at once
+    where the gains alone keep not every requirement.
+    No answer is worse than the case as it was given. With ``begins``, values by name (SI), it begins at these instead.
     """
-    settings = search.settings
+    settings, of_observer_ = search.settings, search.case.loop.structure.is_observer
     given = end_at(search, search.begin())
     of_controller = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
-    search.free = of_controller if of_controller.any() else np.ones(len(search.variables), bool)
-    best, used, costs = _from_starts(search)
+    everything = np.ones(len(search.variables), bool)
+    search.free = of_controller if of_observer_ else everything
+    ends = _from_starts(search, [search.begin(values) for values in begins])
     tell("controller")
-    if search.case.loop.structure.is_observer and settings.scenarios and best.judged.cost <= 1:
-        best = with_opened(search, best)  # beyond their tolerance the errors limit the match anyway
-    for _ in range(settings.scenarios):
-        if not add_scenarios(search, end_at(search, best.x)):
-            break
-        best, used = _further_round(search, best, used)
-    alone = best
-    if not search.free.all():
-        search.free = np.ones(len(search.variables), bool)
-        best = rounds(search, end_at(search, best.x), settings.joint_rounds, settings.most_steps // 2)
-        for _ in range(settings.scenarios):
-            if not add_scenarios(search, end_at(search, best.x)):
-                break
-            best = rounds(search, end_at(search, best.x), 1, settings.steps)
-        tell("residual vehicle and adapters")
+    if of_observer_ and settings.scenarios and ends[0].judged.cost <= 1:
+        ends[0] = with_opened(search, ends[0])  # beyond their tolerance the errors limit the match anyway
+    left = settings.most_steps - sum(end.steps for end in ends)
+    alone = best = _with_scenarios(search, ends[0], left, 1 if of_observer_ else settings.joint_rounds)
+    if of_observer_ and not of_controller.all():
+        search.free = everything
+        best = rounds(search, end_at(search, alone.x), settings.joint_rounds, settings.most_steps // 2)
+        best = _with_scenarios(search, best, settings.steps)
+    tell("residual vehicle and adapters")
     best, alone, given = (end_at(search, end.x) for end in (best, alone, given))
     best = min((judged_again(search, end) for end in (best, alone, given)), key=lambda end: end.merit)
-    return Found(search.values(best.x), best, costs, judged_again(search, alone), keeps_all(search, best))
+    return Found(
+        search.values(best.x), best, tuple(end.judged.cost for end in ends), judged_again(search, alone),
+        keeps_all(search, best),
+    )  # fmt: skip
 
 
-def _from_starts(search: Search) -> tuple[SearchEnd, int, tuple[float, ...]]:
-    """The best end, the steps of all, and the costs at which they ended."""
-    settings = search.settings
-    begins, ends = _ranked([_anew(search, start) for start in _starts(search)]), []
-    search.active = (0,)
-    for begin in begins[: settings.starts]:
-        ends.append(rounds(search, end_at(search, begin.x), settings.rounds, settings.most_steps // 4))
-        if keeps_all(search, ends[-1]):
+def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int = 1) -> SearchEnd:
+    """The end with the least damped beds of the whole box added, while there are such."""
+    for _ in range(search.settings.scenarios):
+        if not add_scenarios(search, end_at(search, best.x)):
             break
-    if settings.blind and all(misses(search, end) for end in ends):
-        ends.append(rounds(search, _blind(search), settings.rounds, settings.most_steps // 4))
-    ends = [judged_again(search, end) for end in ends]
-    return min(ends, key=lambda end: end.merit), sum(end.steps for end in ends), tuple(end.judged.cost for end in ends)
+        best = rounds(search, end_at(search, best.x), most_rounds, max(left, search.settings.steps))
+    return best
+
+
+def _from_starts(search: Search, given: list[np.ndarray]) -> list[SearchEnd]:
+    """Where the starts ended, the best one first."""
+    settings, of_observer_ = search.settings, search.case.loop.structure.is_observer
+    starts, ends = given or _starts(search), []
+    begins = _ranked([_anew(search, start) for start in starts])
+    search.active = (0,)
+    most_rounds = settings.rounds if of_observer_ else settings.joint_rounds
+    for begin in begins[: settings.starts]:
+        x = begin.x if of_observer_ else _with_gains(search, begin.x)
+        ends.append(rounds(search, end_at(search, x), most_rounds, settings.most_steps // 4))
+        if of_observer_ and keeps_all(search, ends[-1]):
+            break
+    if settings.blind and len(ends) < settings.starts and all(misses(search, end) for end in ends):
+        begin = end_at(search, _spread(search, 1)[0])
+        ends.append(rounds(search, begin, settings.rounds, settings.most_steps // 4))
+    return sorted((judged_again(search, end) for end in ends), key=lambda end: end.merit)
+
+
+def _with_gains(search: Search, x: np.ndarray) -> np.ndarray:
+    """The point (m,) with the gains of a feedback law tuned alone, where that keeps every requirement."""
+    gains = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
+    if not gains.any() or gains.all():
+        return x
+    free, search.free = search.free, gains
+    end = rounds(search, end_at(search, x), search.settings.joint_rounds, search.settings.most_steps // 4)
+    search.free = free
+    return end.x if keeps_all(search, end) else x
 
 
 def _starts(search: Search) -> list[np.ndarray]:
@@ -1340,17 +1375,10 @@ def _ranked(begins: list[SearchEnd]) -> list[SearchEnd]:
     return sorted(begins, key=lambda begin: (begin.judged.cost > cheap, begin.merit))
 
 
-def _further_round(search: Search, best: SearchEnd, used: int) -> tuple[SearchEnd, int]:
-    """One more round with beds that were added, and the steps that all rounds took."""
-    left = max(search.settings.most_steps - used, search.settings.steps)
-    end = rounds(search, end_at(search, best.x), 1, left)
-    return end, used + end.steps
-
-
-def _blind(search: Search) -> SearchEnd:
+def _spread(search: Search, count: int) -> list[np.ndarray]:
     """The best of settings whose free quantities are spread over all bounds."""
     low, high = search.bounds()
     begin = np.clip(search.begin(), low, high)
     spread = low + (high - low) * scipy.stats.qmc.Sobol(len(low), seed=0).random(search.settings.blind)
     tried = np.where(search.free, spread, begin)
-    return end_at(search, min(tried, key=lambda x: search.judged(x).merit))
+    return sorted(tried, key=lambda x: search.judged(x).merit)[:count]
