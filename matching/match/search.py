@@ -1256,6 +1256,7 @@ def add_scenarios(search: Search, at: SearchEnd) -> bool:
 # --- The whole search.
 
 NEARLY_AS_CHEAP = 1.5  # times the cost of the cheapest start, up to which the requirements decide between starts
+SPREAD_GAINS = 8  # starts of a feedback law's gains, spread over their bounds (Sobol 1967)
 MIDDLE = 0.6  # of every gain's range, where a feedback law is searched from as well
 
 
@@ -1281,9 +1282,9 @@ def solve(
     An observer's search begins at the better one of the case's weights and further starts, and at the next one where it
     ends with a requirement missed; where all do by more than the reserve, at the best of settings spread over the
     bounds. Only then do residual vehicle and adapters move as well: its weights alone come near the end. The cost of a
-    feedback law has several valleys: from each start its gains are tuned alone, and then everything together, at once
-    where the gains alone keep not every requirement.
-    No answer is worse than the case as it was given. With ``begins``, values by name (SI), it begins at these instead.
+    feedback law has several valleys: its gains are tuned alone from several starts, then everything from the best end,
+    and from the case's own gains where no end keeps every requirement. No answer is worse than the case as given. With ``begins``,
+    values by name (SI), it begins at these instead.
     """
     settings, of_observer_ = search.settings, search.case.loop.structure.is_observer
     given = end_at(search, search.begin())
@@ -1314,37 +1315,50 @@ def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int
     for _ in range(search.settings.scenarios):
         if not add_scenarios(search, end_at(search, best.x)):
             break
-        best = rounds(search, end_at(search, best.x), most_rounds, max(left, search.settings.steps))
+        end = rounds(search, end_at(search, best.x), most_rounds, max(left, search.settings.steps))
+        best = min((judged_again(search, one) for one in (best, end)), key=lambda one: one.merit)
     return best
 
 
 def _from_starts(search: Search, given: list[np.ndarray]) -> list[SearchEnd]:
     """Where the starts ended, the best one first."""
-    settings, of_observer_ = search.settings, search.case.loop.structure.is_observer
-    starts, ends = given or _starts(search), []
-    begins = _ranked([_anew(search, start) for start in starts])
+    settings, starts, ends = search.settings, given or _starts(search), []
+    of_observer_ = search.case.loop.structure.is_observer
+    most_rounds, most_steps = settings.rounds, settings.most_steps // 4
+    if not of_observer_:
+        starts, most_rounds = _with_gains(search, starts), settings.joint_rounds
+    begins = _ranked([_anew(search, start) for start in starts]) if of_observer_ else [_anew(search, x) for x in starts]
     search.active = (0,)
-    most_rounds = settings.rounds if of_observer_ else settings.joint_rounds
     for begin in begins[: settings.starts]:
-        x = begin.x if of_observer_ else _with_gains(search, begin.x)
-        ends.append(rounds(search, end_at(search, x), most_rounds, settings.most_steps // 4))
+        ends.append(rounds(search, end_at(search, begin.x), most_rounds, most_steps))
         if of_observer_ and keeps_all(search, ends[-1]):
             break
-    if settings.blind and len(ends) < settings.starts and all(misses(search, end) for end in ends):
-        begin = end_at(search, _spread(search, 1)[0])
-        ends.append(rounds(search, begin, settings.rounds, settings.most_steps // 4))
+    if settings.blind and all(misses(search, end) for end in ends):
+        ends.append(rounds(search, end_at(search, _spread(search, 1)[0]), most_rounds, most_steps))
     return sorted((judged_again(search, end) for end in ends), key=lambda end: end.merit)
 
 
-def _with_gains(search: Search, x: np.ndarray) -> np.ndarray:
-    """The point (m,) with the gains of a feedback law tuned alone, where that keeps every requirement."""
+def _with_gains(search: Search, starts: list[np.ndarray]) -> list[np.ndarray]:
+    """Points (m,) to go on from with everything free: the best one with the gains of a feedback law tuned alone.
+
+    Where that keeps not every requirement, the first start as it is, too.
+    """
+    settings = search.settings
     gains = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
-    if not gains.any() or gains.all():
-        return x
+    if not gains.any():
+        return starts[:1]
     free, search.free = search.free, gains
-    end = rounds(search, end_at(search, x), search.settings.joint_rounds, search.settings.most_steps // 4)
+    low, high = search.bounds()
+    parts = scipy.stats.qmc.Sobol(int(gains.sum()), seed=0).random(SPREAD_GAINS if settings.blind else 0)
+    ends, more = [], [starts[0].copy() for _ in parts]
+    for start, part in zip(more, parts, strict=True):
+        start[gains] = low[gains] + part * (high - low)[gains]
+    for start in [*starts, *more][: settings.starts * 2]:
+        begin = _anew(search, start)
+        ends.append(rounds(search, begin, settings.joint_rounds, settings.most_steps // 4))
     search.free = free
-    return end.x if keeps_all(search, end) else x
+    best = min(ends, key=lambda end: end.merit)
+    return [best.x] if keeps_all(search, best) else [best.x, starts[0]]
 
 
 def _starts(search: Search) -> list[np.ndarray]:
