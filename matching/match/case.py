@@ -164,7 +164,7 @@ def _fitting(key: str, known: Mapping[str, float]) -> list[str]:
 
 # --- Case
 
-OBJECTIVES = ("response_error", "fidelity")  # what the feedback may be tuned by; each is a file of programme/objectives
+OBJECTIVES = ("response_error",)  # what the search may go by
 
 
 @dataclass(frozen=True)

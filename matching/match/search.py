@@ -1283,8 +1283,8 @@ def solve(
     ends with a requirement missed; where all do by more than the reserve, at the best of settings spread over the
     bounds. Only then do residual vehicle and adapters move as well: its weights alone come near the end. The cost of a
     feedback law has several valleys: its gains are tuned alone from several starts, then everything from the best end,
-    and from the case's own gains where no end keeps every requirement. No answer is worse than the case as given. With ``begins``,
-    values by name (SI), it begins at these instead.
+    and from the case's own gains where no end keeps every requirement. No answer is worse than the case as given.
+    With ``begins``, values by name (SI), it begins at these instead.
     """
     settings, of_observer_ = search.settings, search.case.loop.structure.is_observer
     given = end_at(search, search.begin())

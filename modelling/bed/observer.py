@@ -198,8 +198,8 @@ def riccati(
     try:
         X = solve_discrete_are(A, B, Q, R, s=S)
         across = np.zeros_like(B) if S is None else S
-        # one step of Newton's method (Kleinman 1968; Hewer, IEEE Trans. Autom. Control 16 (1971) 382): of the six digits
-        # that LAPACK gives, which differences of designs need, it makes twelve
+        # one step of Newton's method (Hewer, IEEE Trans. Autom. Control 16 (1971) 382) makes twelve digits of the six
+        # that LAPACK gives: differences of designs need them
         F = np.linalg.solve(B.T @ X @ B + R, B.T @ X @ A + across.T)
         closed = A - B @ F
         return summed(closed.T, closed, Q - across @ F - F.T @ across.T + F.T @ R @ F)

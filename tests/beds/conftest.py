@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from small_bed import write
 
-from matching.match.attempt import question_of
 from matching.match.case import Case
 from matching.match.case_file import load_case
-from matching.match.match import match_with_observer
+from matching.match.match import match
+from matching.match.problem import problem_of
 from matching.match.result import MatchResult
-from matching.match.tune_observer import Tuner, TuningEffort, tuner
+from matching.match.search import Search, SearchSettings, search_for
 
 
 @pytest.fixture(scope="session")
@@ -19,14 +19,14 @@ def small_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     return load_case(write(tmp_path_factory.mktemp("small")))
 
 
-@pytest.fixture(scope="session")
-def small_search(small_case: Case) -> Tuner:
-    """The search on the small bed; it changes as it is used, so tests take copies."""
-    return tuner(small_case, drawn=3, pool=6)
+@pytest.fixture
+def small_search(small_case: Case) -> Search:
+    """The search on the small bed."""
+    problem = problem_of(small_case)
+    return search_for(small_case, problem.moves, problem.shares, problem.demands, SearchSettings(drawn=3, pool=6))
 
 
 @pytest.fixture(scope="session")
 def small_result(small_case: Case) -> MatchResult:
     """The small bed matched with little effort."""
-    effort = TuningEffort(drawn=4, rounds=1, steps=1, fresh=8)
-    return match_with_observer(question_of(small_case), 0, lambda _: None, effort)
+    return match(small_case, beds=8, settings=SearchSettings(drawn=4, rounds=1, steps=1))

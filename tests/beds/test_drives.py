@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.match.attempt import question_of
 from matching.match.case_file import load_case
-from matching.match.match import match_with_observer
-from matching.match.tune_observer import TuningEffort
+from matching.match.match import match
+from matching.match.search import SearchSettings
 
 pytestmark = pytest.mark.long
-EFFORT = TuningEffort(drawn=2, rounds=1, steps=1, fresh=4)
+EFFORT = SearchSettings(drawn=2, rounds=1, steps=1)
 AXLE = """
 [inertias.motor]
 J = 0.5
@@ -67,7 +66,7 @@ def load(folder, vehicle=VEHICLE, rig=RIG, case=CASE):
 
 
 def matched(case):
-    return match_with_observer(question_of(case), 0, lambda _: None, EFFORT)
+    return match(case, beds=4, settings=EFFORT)
 
 
 def reasons_are_true(result):
@@ -77,7 +76,7 @@ def reasons_are_true(result):
         all(target.met for target in result.targets), beds.stable == beds.damped == beds.drawn,
         beds.worst.damping_ratio > 0, error.after <= result.case.tolerance,
         error.unmeasured <= result.case.unmeasured_tolerance, result.verification.modulus_margin >= 0.5,
-        result.robust.loop.largest_rolled_off <= 0.5, max(result.robust.loop.command_noise) <= 30,
+        result.robust.loop.largest_rolled_off <= 0.5, max(result.robust.loop.command_noise.values()) <= 30,
     ]  # fmt: skip
     return result.verification.stable and (result.status == "matched") == (all(holds) and not result.limits)
 

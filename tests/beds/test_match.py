@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from result_schema import check_schema
 
-from matching.match.adapters import estimator_bound
+from matching.match.bounds import estimator_bound
 from matching.match.loop import bed_set, controller_on, frequency_response, linear_bed
 from matching.match.loop import responses as controlled
 from matching.match.match import match

@@ -10,12 +10,11 @@ import pytest
 import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.match.attempt import question_of
 from matching.match.case_file import case_files, load_case
 from matching.match.loop import control_law, linear_bed
-from matching.match.match import match_with_observer, with_simple_vehicle
+from matching.match.match import match, with_simple_vehicle
 from matching.match.responses import SimpleVehicle, fitted_simple_vehicle
-from matching.match.tune_observer import TuningEffort
+from matching.match.search import SearchSettings
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
 from modelling.linear.state_space import state_space
@@ -94,9 +93,7 @@ def _fixed(system):
 
 def test_a_match_with_a_rigid_body_says_how_near_it_comes(tmp_path):
     case, found = fitted_simple_vehicle(written(tmp_path, RIGID_BODY))
-    result = match_with_observer(
-        question_of(case), 0, lambda _: None, TuningEffort(drawn=2, rounds=1, steps=1, fresh=2)
-    )
+    result = match(case, beds=2, settings=SearchSettings(drawn=2, rounds=1, steps=1))
     assert result.response_error.after == pytest.approx(found.fitted, rel=0.2)  # what is missing, and nothing else
 
 

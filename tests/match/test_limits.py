@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.match import attempt as infeasible_limits
 from matching.match import limits
-from matching.match.attempt import DeadTimeTrial, shorter_dead_times, unkept
 from matching.match.case import Target, demands
 from matching.match.case_file import load_case
 from matching.match.match import match
+from matching.match.problem import infeasible_limits
 from modelling.bed.controllers import STRUCTURES
 
 
@@ -51,7 +50,7 @@ def test_bounds_out_of_reach(small):
 
 def test_dynamometer_too_small(small):
     case = replace(small, limits={**small.limits, "dynamometer_torque": 100.0})
-    ((_, limit, demand, allowed),) = unkept(case, case.moves, demands(case))
+    ((_, limit, demand, allowed),) = infeasible_limits(case, case.moves, demands(case))
     assert limit == "dynamometer_torque"
     assert allowed == 100
     adapter = next(move for move in case.moves if "adapter" in move.name)
@@ -73,42 +72,7 @@ def test_dynamometer_too_small(small):
     assert result.verification.modulus_margin >= case.limits["modulus_margin"]
 
     enough = replace(case, limits={**case.limits, "dynamometer_torque": 1.05 * demand})
-    assert unkept(enough, enough.moves, demands(enough)) == []
-
-
-@pytest.mark.parametrize(("enough", "trial"), [
-    (0.9e-3, DeadTimeTrial(1e-3, None)),  # s: not even with one sample
-    (1.1e-3, DeadTimeTrial(1e-3, 1e-3)),
-    (5.7e-3, DeadTimeTrial(1e-3, 1e-3 * 2**2.5)),
-    (15e-3, DeadTimeTrial(1e-3, 1e-3 * 2**3.5)),
-])  # fmt: skip
-def test_the_longest_dead_time_that_would_do_is_found_to_an_eighth_of_the_way(enough, trial, monkeypatch):
-    """From 1 to 16 ms, four octaves: halved three times, so to half an octave."""
-    monkeypatch.setattr(infeasible_limits, "_shows", lambda task, solution, targets, dead_time: dead_time <= enough)
-    task = SimpleNamespace(case=SimpleNamespace(loop={"sample_time": 1e-3, "dead_time": 16e-3}))
-    found = shorter_dead_times(task, None, ())
-    assert found.shortest == trial.shortest
-    assert found.sufficient == (None if trial.sufficient is None else pytest.approx(trial.sufficient))
-    at_once = SimpleNamespace(case=SimpleNamespace(loop={"sample_time": 1e-3, "dead_time": 1e-3}))
-    assert shorter_dead_times(at_once, None, ()) is None
-
-
-@pytest.mark.parametrize(
-    ("frequency", "damping", "kept"),
-    [
-        (5.09, 0.12, True),
-        (4.91, 0.08, True),
-        (5.11, 0.1, False),
-        (4.89, 0.1, False),
-        (5.0, 0.14, False),
-        (5.0, 0.06, False),
-    ],
-)
-def test_a_mode_shows_where_frequency_and_damping_are_both_near(frequency, damping, kept):
-    """Of a mode at 5 Hz with 0.1: 2 % and 0.03 are allowed."""
-    target, wanted = Target(1, 0.02, 0.03), SimpleNamespace(frequency=5.0, damping_ratio=0.1)
-    found = SimpleNamespace(frequency=frequency, damping_ratio=damping)
-    assert infeasible_limits._keeps(target, wanted, found) is kept
+    assert infeasible_limits(enough, enough.moves, demands(enough)) == []
 
 
 @pytest.mark.parametrize("inertia", [None, 7.0])

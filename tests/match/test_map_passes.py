@@ -11,9 +11,8 @@ from match import drawn
 
 from matching.match import map as maps
 from matching.match.case_file import load_case
-from matching.match.map import Point, held_at, improved, improved_at, map_case, match_at
+from matching.match.map import AGREEMENT, Near, Point, held_at, improved, improved_at, map_case, match_at
 from matching.match.match import match
-from matching.match.solve import AGREEMENT, Near
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 STIFFNESS = "rig.shafts.flange_left.stiffness"
@@ -43,7 +42,7 @@ def solved(tasks):
     """As the optimiser does it: from a neighbour's solution into the same valley, and better by enough or None."""
     found = []
     for task in tasks:
-        best = min((point(task["x"], task["y"], values["valley"]) for values, _ in task["near"]), key=depth_of)
+        best = min((point(task["x"], task["y"], values["valley"]) for values in task["near"]), key=depth_of)
         good = task["below"] is None or best.objective < task["below"] * (1 - AGREEMENT)
         found.append(best if good else None)
     return found
@@ -155,10 +154,10 @@ def small(tmp_path_factory):
 def test_a_match_starts_from_a_neighbours_solution_and_says_where_that_is_no_better(small):
     dead_time, here, beside = ("loop.dead_time", 2e-3), (FLANGE, 2e5), (FLANGE, 2.4e5)
     own = match_at(small, dead_time, here, 0, 1)
-    near = ((own.values, own.pairs),)
+    near = (own.values,)
     assert own.first == own.objective
     assert improved_at(small, dead_time, here, Near(near, own.objective)) is None
-    found = match(held_at(held_at(small, *dead_time), *beside), near=Near(near))
+    found = match(held_at(held_at(small, *dead_time), *beside), begins=near, ordering=False)
     assert found.objective < 1.05 * own.objective  # a flange a fifth stiffer changes little
     assert found.verification.stable
     assert np.isfinite(found.starts).all()

@@ -11,11 +11,10 @@ import pytest
 import tomli_w
 from scipy.signal import lsim
 
-from matching.match.attempt import Question, VerifiedSolution, standstill
 from matching.match.case import Demands, DynamometerChain, demands
 from matching.match.case_file import case_files, load_case
-from matching.match.limits import Relaxations, limits
-from matching.match.solve import Solution
+from matching.match.limits import Relaxations, Solution, limits
+from matching.match.problem import problem_of, standstill
 from matching.report.match import content, operating_point, page, summary
 from modelling.bed.vehicle import TorqueCurve
 from modelling.linear.state_space import state_space
@@ -238,7 +237,6 @@ def test_a_limit_over_speed_is_named(compact):
     assert 0.5 < used < 1
     name = "dynamometer_torque_over_speed"
     less = replace(compact.case, limits=compact.case.limits | {name: 0.9 * used})
-    question = Question(less, [], (None,), np.zeros(0), demands(less))
-    found = VerifiedSolution(None, Solution({}, 0.0, (), True), [], {}, compact.tuned, verification)
-    stands = limits(question, found, compact.targets, Relaxations())
+    found = Solution({}, compact.tuned, 0.0, (), True, [], verification)
+    stands = limits(problem_of(less), found, compact.targets, Relaxations())
     assert any(f"{used:.2g}"[:3] in sentence and "at its speed" in sentence for sentence in stands)

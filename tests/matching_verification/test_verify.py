@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.match.adapters import lower_bound
+from matching.match.bounds import lower_bound
 from matching.match.loop_modes import match_mode
 from matching.match.responses import error_figures
 from matching.match.verify import verify

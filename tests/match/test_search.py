@@ -1,0 +1,124 @@
+"""The one search: its first derivatives against differences, what it moves, and that it answers nothing worse."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from matching.match.beds import SHARES, Judge
+from matching.match.case import apply
+from matching.match.case_file import load_case
+from matching.match.loop import controller_on, linear_bed, resolvent
+from matching.match.loop_modes import neutral_motions
+from matching.match.order import Delivered, is_better
+from matching.match.problem import problem_of
+from matching.match.search import Search, SearchSettings, end_at, keeps_all, search_for, solve
+from modelling.bed.controllers import STRUCTURES
+
+ROAD = Path(__file__).parents[2] / "examples" / "road_to_rig"
+GENTLE = {
+    "proportional_gain": 60.0, "integral_gain": 60.0, "torque_feed_forward": 0.2, "acceleration_feed_forward": 0.3,
+}  # fmt: skip
+FEW = SearchSettings(drawn=3, pool=8, rounds=1, steps=4, joint_rounds=1, scenarios=0, blind=0)
+HALF_STEP = 2e-4  # the observer's poles near a target stand close together: curvature is large
+
+
+def case_in(structure: str):
+    """The reference with everything under [move] of case.toml, for every structure."""
+    feedback = load_case(ROAD / "case.toml")
+    if structure == "observer":
+        return replace(load_case(ROAD / "observer.toml"), moves=feedback.moves)
+    return replace(feedback, loop=replace(feedback.loop.with_values(GENTLE), structure=STRUCTURES[structure]))
+
+
+def search_in(structure: str) -> Search:
+    problem = problem_of(case_in(structure))
+    return search_for(problem.case, problem.moves, problem.shares, problem.demands, FEW)
+
+
+def begun(search: Search) -> np.ndarray:
+    low, high = search.bounds()
+    own = {one.name: search.case.loop[one.name[5:]] for one in search.variables if one.name.startswith("loop.")}
+    return np.clip(search.begin(own), low + 0.01, high - 0.01)
+
+
+def test_a_resolvent_is_the_inverse_even_where_a_matrix_has_no_eigenvectors():
+    register = np.eye(5, k=-1)
+    register[:2, :2] = [[0.9, 0.2], [-0.2, 0.9]]
+    z, B = np.exp(1j * np.array([0.1, 1.0, 3.0])), np.arange(10.0).reshape(5, 2)
+    inverse = np.linalg.inv(z[:, None, None] * np.eye(5) - register)
+    np.testing.assert_allclose(resolvent(register).columns(z, B), inverse @ B, rtol=1e-12)
+    np.testing.assert_allclose(resolvent(register).rows(z, B.T), B.T @ inverse, rtol=1e-12)
+
+
+@pytest.mark.parametrize("structure", ["pi", "model_based", "observer"])
+def test_first_derivatives_of_cost_and_requirements(structure):
+    """By controller, residual vehicle and adapters: what is worked backwards against differences of the figures."""
+    search = search_in(structure)
+    x = begun(search)
+    search.activate(x)
+    cost, room = search.slopes(x)
+    kinds = {one.name.split(".")[0] for one in search.variables}
+    assert kinds == {"loop", "residual_vehicle", "rig"}
+    steering = search.judged(x).room < search.settings.largest_room
+    inside = steering & (search.judged(x).room > -50)  # what is missed by more is cut off
+    for i, step in enumerate(HALF_STEP * np.eye(len(x))):
+        there, back = (search._judged(side, search.point(side)) for side in (x + step, x - step))
+        wanted = (there.cost - back.cost) / (2 * HALF_STEP)
+        assert cost[i] == pytest.approx(wanted, rel=2e-3, abs=1e-4 * np.abs(cost).max()), search.names[i]
+        rooms = (there.room - back.room)[inside] / (2 * HALF_STEP)
+        np.testing.assert_allclose(
+            room[inside, i], rooms, rtol=5e-3, atol=2e-3 * np.abs(rooms).max() + 1e-6, err_msg=search.names[i]
+        )
+
+
+@pytest.mark.parametrize("structure", ["model_based", "observer"])
+def test_the_answer_is_not_worse_than_what_was_given(structure):
+    search = search_in(structure)
+    found = solve(search)
+    given = end_at(search, search.begin())
+    assert found.end.merit <= search.judged(given.x).merit * (1 + 1e-9)
+    again = solve(search_in(structure))
+    assert again.values == found.values  # and the same whenever it is asked
+
+
+def test_the_search_sees_the_damping_that_the_judge_sees_with_opened_shafts_too():
+    search = search_in("observer")
+    x, count = begun(search), len(search.positions)
+    for left in SHARES:
+        search.add(np.zeros((1, search.positions.shape[1])), search.settings.stable_share, left)
+    case = apply(search.case, search.values(x))
+    bed = linear_bed(case)
+    judge = Judge(case, controller_on(bed), neutral_motions(bed), search.required)
+    values = [search._bed(case, number) for number in range(count, count + len(SHARES))]
+    ratios = judge.dampings_of(values)[:, 0]
+    for left, ratio in zip(SHARES, ratios, strict=True):
+        room = search.rooms_at(x, np.zeros((1, search.positions.shape[1])), left)[0]
+        assert (room > -1) == (ratio > 0)
+    assert 0 < sum(ratio > 0 for ratio in ratios) < len(SHARES)
+    before = search.judged(x)
+    search.keep_first(count)
+    assert len(search.judged(x).least) == len(before.least) - len(SHARES)
+
+
+def delivered(errors, keeps=True) -> Delivered:
+    return Delivered(None, np.array(errors), keeps)
+
+
+def test_better_is_what_gains_more_than_its_scatter():
+    random = np.random.default_rng(3)
+    planned = 1 + 0.2 * random.random(400)
+    noisy = planned * (1 + 0.5 * random.normal(size=400))
+    assert is_better(delivered(0.9 * planned), delivered(planned))
+    assert not is_better(delivered(0.99 * planned), delivered(planned))  # under 2 %
+    assert not is_better(delivered(noisy * 0.97 / noisy.mean() * planned.mean()), delivered(planned))
+    assert not is_better(delivered(0.5 * planned, keeps=False), delivered(planned))
+    unstable = np.where(np.arange(400) == 7, np.inf, 0.5 * planned)
+    assert not is_better(delivered(unstable), delivered(planned))
+    assert is_better(delivered(planned), delivered(unstable))
+
+
+def test_an_observer_keeps_everything_at_its_start_values():
+    search = search_in("observer")
+    assert keeps_all(search, end_at(search, begun(search))) or search.judged(begun(search)).least.min() > -1
