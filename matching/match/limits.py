@@ -87,7 +87,7 @@ class SolvedAgain:
         asked = replace(self.problem.demands, limits=case.limits)
         try:
             search = search_for(case, moves, self.problem.shares, asked, settings)
-            end = rounds(search, end_at(search, search.begin(solution.values)), 2, settings.steps)
+            end = rounds(search, end_at(search, search.begin(solution.values)), 1, settings.steps)
             values = search.values(end.x)
             return values if self.meets_all(apply(case, values)) else None
         except InputError:

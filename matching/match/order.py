@@ -31,8 +31,8 @@ class OrderSettings:
         Relative, by which an ordered value has to be better at least: less is not worth a part. Chosen by trial.
     deviations : float
         Standard deviations of the mean difference over the same fresh beds, by which it has to be better: 95 %.
-    rounds, steps : int
-        Of the search with a quantity held. Chosen by trial.
+    rounds, steps, steps_of_curve : int
+        Of the search with a quantity held, and of every value of a curve. Chosen by trial.
     places : int
         Values of the curve over a quantity, between its bounds.
     digits : int
@@ -43,7 +43,8 @@ class OrderSettings:
     deviations: float = 2.0
     rounds: int = 2
     steps: int = 24
-    places: int = 5
+    steps_of_curve: int = 6
+    places: int = 4
     digits: int = 2
 
 
@@ -177,7 +178,7 @@ def _trade(
         near = settled
         for place in way:
             try:
-                near = _held(search, fresh, near.end, {**others, number: place}, steps=search.settings.steps // 2)
+                near = _held(search, fresh, near.end, {**others, number: place}, steps=ORDER.steps_of_curve)
             except InputError:
                 break
             curve[place] = near

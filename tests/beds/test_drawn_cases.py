@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 from beds.drawn_cases import BUILDS, DEAD_TIMES_S, STRUCTURES, draw
 
-from matching.api import fresh_beds
 from matching.match.case import LARGEST_ROLLED_OFF
 from matching.match.case_file import load_case
 from matching.match.match import match
@@ -62,7 +61,7 @@ def ends_well(result):
 @pytest.mark.parametrize("seed", range(CASES))
 def test_a_drawn_case_ends_well(seed, tmp_path):
     case = load_case(draw(seed, tmp_path))
-    result = match(case, beds=fresh_beds(case))
+    result = match(case)
     ends_well(result)
     written = content(result)
     json.dumps(written, allow_nan=False)

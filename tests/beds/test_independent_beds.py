@@ -7,7 +7,7 @@ import pytest
 
 from matching.match.beds import Judge, check_beds, largest_error, worst_bed
 from matching.match.case import Box, Uncertain, requirements
-from matching.match.loop import bed_of, of_observer, sampled_beds
+from matching.match.loop import bed_of, closed_poles, of_observer, sampled_beds
 from modelling.bed.observer import design, observer_model
 
 
@@ -39,12 +39,12 @@ def test_a_mode_of_the_beds_own_beyond_the_roll_off_needs_no_more_damping_than_i
 
 
 def test_the_search_asks_no_more_of_such_a_mode_either(small_case, small_search):
-    search = replace(small_search, required=replace(small_search.required, damping_ratio=0.06))
-    start = np.log10([small_case.loop.values[name] for name in search.gains.names])
-    beds = sampled_beds(small_case, [{"rig.shafts.flange.damping": 0.1}, {}])
-    eased, planned_bed = search.rooms_of(beds, start)
+    search, beds = small_search, sampled_beds(small_case, [{"rig.shafts.flange.damping": 0.1}, {}])
+    poles = closed_poles(beds, search.controller(search.begin()))
+    search.required = replace(search.required, damping_ratio=0.06)
+    eased, planned_bed = search._damping_room(poles, beds)
     search.required = replace(search.required, rolled_off_from=300.0)
-    asked, same = search.rooms_of(beds, start)
+    asked, same = search._damping_room(poles, beds)
     assert asked < 0 < eased
     assert planned_bed == pytest.approx(same)
 
