@@ -12,7 +12,7 @@ from matching.match.result import MatchResult
 HERE = Path(__file__).parent
 
 
-def main(workers: int = 1) -> MatchResult:
+def main() -> MatchResult:
     """Match, show the figures of README.md and check them."""
     case = load_case(HERE / "case.toml")
     (residual,) = case.residual_vehicle.parts
@@ -20,7 +20,7 @@ def main(workers: int = 1) -> MatchResult:
     assert len(case.residual_vehicle.interfaces) == 2
     assert [part.name for part in residual.inertias] == ["wheel_left", "wheel_right", "body"]
 
-    result = match(case, workers=workers)
+    result = match(case)
     (shuffle,) = result.targets
     checks, error = result.verification, result.response_error
     print(
@@ -42,4 +42,4 @@ def main(workers: int = 1) -> MatchResult:
 
 
 if __name__ == "__main__":
-    main(workers=2)
+    main()

@@ -67,7 +67,7 @@ from matching.match.case import Case
 from matching.match.map import axis, quantities
 from matching.report.common import amount, component, embedded, image, number, spaced, unit
 from matching.report.evidence import fidelity_text, plot_fidelity, plot_uncertainty, uncertainty_text
-from matching.report.match import PEAK_UNITS, SAME_RELATIVE, answer, summary
+from matching.report.match import PEAK_UNITS, answer, summary
 from matching.uncertainty.budget import budget_from_tables
 from matching.uncertainty.evaluate import evaluate
 from modelling import escape
@@ -225,12 +225,7 @@ def result_html(result: Mapping[str, Any], folder: Path, out: Path) -> str:
     """The result of ``rigmatch match`` in ``folder``, which is served below ``out``."""
     report = address_of(folder / "report.html", out)
     rows = [_row(trade) for trade in result["adapters"]]
-    caption = "What to order (errors for unmeasured torques, the rest tuned for each"
-    unmeasured = result["response_error"]["unmeasured_after"]
-    ordered = [trade["error_as_ordered"] for trade in result["adapters"]]
-    if any(abs(error - unmeasured) > SAME_RELATIVE * unmeasured for error in ordered):
-        caption += f"; gains tuned over drawn beds after that make it {number(unmeasured, 2)}"
-    caption += ")"
+    caption = "What to order (median errors over fresh beds, over their tolerance, the rest tuned for each)"
     order = table(HEAD, rows, caption) if rows else "<p>No quantity of an adapter was allowed to move.</p>"
     figures = "".join(
         f'<figure class="picture" tabindex="0">'
@@ -256,7 +251,7 @@ def _row(trade: Mapping[str, Any]) -> tuple[str, ...]:
 
 # --- The tab *Match*: the case as a form, a run with progress, results, and a map that answers what-if questions.
 
-STARTS = 14
+STARTS = 4
 TITLES = {
     "move": "What may move (bounds)", "loop": "Loop", "limits": "Limits", "response": "Compared responses",
     "targets": "Target modes", "manoeuvre": "Manoeuvre", "operating_point": "Operating point",

@@ -1133,7 +1133,7 @@ def trade_figure(trades: Sequence[AdapterTrade]) -> Figure:
             axes.set_visible(False)
         for axes, trade in zip(panels, trades):
             values, errors = np.array(trade.curve).T
-            axes.axvspan(*trade.acceptable, color=BAND, label="as good within 2 %")
+            axes.axvspan(*trade.acceptable, color=BAND, label="no worse than 2 % and the scatter")
             axes.plot(
                 values,
                 errors,
@@ -1155,7 +1155,7 @@ def trade_figure(trades: Sequence[AdapterTrade]) -> Figure:
                 axes.set_xscale("log")
             axes.set_xlabel(f"{component(trade.name)} [{unit(trade.unit)}]")
             axes.set_title(f"ordered {number(trade.ordered)}, planned {number(trade.planned)}", fontsize=9)
-        panels[0].set_ylabel("Response error, unmeasured torques")
+        panels[0].set_ylabel("Response error over fresh beds\n(median, over its tolerance)")
         handles, labels = panels[0].get_legend_handles_labels()
         fig.legend(handles, labels, loc="outside upper center", ncols=5)
     return fig
@@ -1292,12 +1292,6 @@ def adapters_of(result: MatchResult) -> list[ParameterResult]:
     return [row for row in result.parameters if row.name.startswith("rig.")]
 
 
-def traded_before_beds(result: MatchResult) -> bool:
-    """Whether the gains were tuned over drawn beds after the adapters: errors of the trade are then not the match's."""
-    after = result.response_error.unmeasured
-    return any(abs(trade.error_as_ordered - after) > SAME_RELATIVE * after for trade in result.adapters)
-
-
 def to_order(result: MatchResult) -> list[ScreenPoint]:
     """Adapters, and whether the dynamometers suffice."""
     adapters = adapters_of(result)
@@ -1311,10 +1305,9 @@ def to_order(result: MatchResult) -> list[ScreenPoint]:
     ]
     gain = next((trade for trade in result.adapters if trade.error_all_as_planned is not None), None)
     if changed and gain is not None and gain.error_all_as_planned is not None:
-        before = ", before the gains were tuned over drawn beds" if traded_before_beds(result) else ""
         reason = (
-            f"for unmeasured torques the response error is then {number(gain.error_as_ordered, 2)} instead of "
-            f"{number(gain.error_all_as_planned, 2)} with the bed as planned{before}"
+            f"over fresh beds the response error is then {number(gain.error_as_ordered, 2)} of what is allowed instead "
+            f"of {number(gain.error_all_as_planned, 2)} with the bed as planned"
         )
         points[-1] = ScreenPoint(points[-1].text, "; ".join(filter(None, (points[-1].reason, reason))))
     if not points:
@@ -1680,7 +1673,6 @@ def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
         "explanations": [*_explanations(result), DEAD_TIME],
         "adapters": [row.to_dict() | {"change": change(row.start, row.tuned)} for row in adapters_of(result)],
         "trades": {trade.name: trade for trade in result.adapters},
-        "trades_before_beds": traded_before_beds(result),
         "to_order": to_order(result),
         "to_enter": to_enter(result),
         "why_these_values": why_these_values(result),
@@ -1787,17 +1779,11 @@ def _manoeuvre(name: str, torque: Any) -> str:
 
 
 def _search(result: MatchResult) -> str:
-    if result.verification.beds and result.tuned.loop.structure.is_observer:
-        return (
-            "The weights of the observer were tuned over beds that fill the box of what is not known exactly; "
-            f"{result.verification.beds.drawn} fresh beds judged the result."
-        )
-    stable = [value for value in result.starts if value is not None]
-    if not stable:
-        return f"None of {len(result.starts)} starts ended in a stable loop."
-    best = min(stable)
-    agreeing = sum(value <= best * (1 + NEAR_BEST) + 1e-12 for value in stable)
-    return f"Of {len(result.starts)} starts {len(stable)} ended in a stable loop and {agreeing} within 1 % of the best."
+    count = 0 if result.verification.beds is None else result.verification.beds.drawn
+    return (
+        "Controller, residual vehicle and adapters were tuned together over beds that fill the box of what is not "
+        f"known exactly; {count} fresh beds judged the result."
+    )
 
 
 def _equations(result: MatchResult) -> dict[str, Any]:
