@@ -21,7 +21,7 @@ from modelling.units import printed
 
 # --- What a search found, and what would do: relaxations that were solved and verified.
 
-LIMIT_RESERVE = 1.02  # on the least demand of a limit: the simulated manoeuvre takes a little more than the vehicle's
+LIMIT_RESERVE = 1.05  # on the least demand of a limit: the simulated manoeuvre takes a little more than the vehicle's
 DEAD_TIMES_TRIED = 3  # halvings of the range of dead times, on a logarithmic scale
 AT_BOUND = 1e-2  # of a quantity's range: what ends so near a bound may be held by it
 FACTORS = (3.0, 30.0)  # by which bounds are moved out, in turn

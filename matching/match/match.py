@@ -39,7 +39,7 @@ from matching.worker_pool import SideProcesses
 from modelling.modal.modes import damped_modes
 
 SHORT = SearchSettings(
-    drawn=8, pool=16, rounds=1, steps=5, most_steps=20, joint_rounds=1, scenarios=0, blind=0, fresh=40
+    drawn=8, pool=16, rounds=1, steps=5, most_steps=20, joint_rounds=1, scenarios=0, blind=16, fresh=40
 )
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
 RESIDUAL = "residual_vehicle."

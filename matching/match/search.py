@@ -294,8 +294,8 @@ class Judged:
 
     @property
     def merit(self) -> float:
-        """By which points are compared: the cost, and much for what is missed."""
-        return self.cost + self.penalty * float(np.maximum(-self.least, 0.0).sum())
+        """By which points are compared: the cost, and much for what is missed, more where the errors are large."""
+        return self.cost + self.penalty * max(self.cost, 1.0) * float(np.maximum(-self.least, 0.0).sum())
 
 
 @dataclass(frozen=True)
@@ -934,6 +934,7 @@ def _improve(search: Search, begin: np.ndarray, within: tuple[np.ndarray, np.nda
     cannot do anything for one requirement may still do so for the others (elastic mode).
     """
     count, settings = 0, search.settings
+    price = 3 * settings.penalty * max(1.0, search.judged(begin).cost)
     moving = np.flatnonzero(search.free)
     room = search.judged(begin).room
     of_damping = np.arange(len(room)) < len(search.active)
@@ -951,13 +952,13 @@ def _improve(search: Search, begin: np.ndarray, within: tuple[np.ndarray, np.nda
         count += 1
         if count > settings.points_a_step * steps:
             raise _TooManyPoints
-        return search.judged(whole(y)).cost + 3 * settings.penalty * float(y[len(moving) :].sum())
+        return search.judged(whole(y)).cost + price * float(y[len(moving) :].sum())
 
     @lru_cache(maxsize=1)  # cost and requirements ask for their slopes one after the other, at the same point
     def slopes(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         of_cost, of_room = search.slopes(whole(np.array(y)))
-        price = np.full(slacks.shape[1], 3 * settings.penalty)
-        return np.concatenate([of_cost[moving], price]), np.hstack([of_room[:, moving], slacks])
+        prices = np.full(slacks.shape[1], price)
+        return np.concatenate([of_cost[moving], prices]), np.hstack([of_room[:, moving], slacks])
 
     bounds = [*zip(within[0][moving], within[1][moving], strict=True), *[(0.0, None)] * len(missed)]
     try:
