@@ -299,7 +299,7 @@ def driven(system: System, torques: Mapping[str, Manoeuvre], rate: float = 1000.
     names = [part.name for part in system.inputs]
     for name in torques:
         if name not in names:
-            raise InputError(name, f"is no input of the model", f"its inputs are {', '.join(names)}")
+            raise InputError(name, "is no input of the model", f"its inputs are {', '.join(names)}")
     if not torques:
         raise InputError("recording", "no input is named", f"write one of {', '.join(names)} with its manoeuvre")
     time = max(torques.values(), key=lambda torque: torque.duration).time(rate)
