@@ -53,12 +53,14 @@ def test_what_is_on_record_is_not_done_again(tmp_path):
         assert len(record.read_text().splitlines()) == 6  # another study is not mixed up with it
 
 
-def test_a_killed_worker_costs_nothing_but_time(tmp_path):
+def test_after_a_killed_worker_the_same_call_goes_on(tmp_path):
     record, died = tmp_path / "record.jsonl", str(tmp_path / "died")
-    with executor_of(1) as executor:
-        rows = run(slow.once, slow.prepare, 0.0, [1, died, 3], executor, content="a", record=record)
-    assert rows == [1, died, 3]
+    call = (slow.once, slow.prepare, 0.0, [1, died, 3])
+    with executor_of(1) as executor, pytest.raises(InputError, match="the same command goes on"):
+        run(*call, executor, content="a", record=record)
     assert Path(died).read_text() == "1"
+    with executor_of(1) as executor:
+        assert run(*call, executor, content="a", record=record) == [1, died, 3]
 
 
 STUDY = """
@@ -66,7 +68,7 @@ import sys
 sys.path.insert(0, {here!r})
 import slow
 from pathlib import Path
-from matching.executors import executor_of
+from matching.worker_pool import executor_of
 from matching.studies import run
 if __name__ == "__main__":
     with executor_of(1) as executor:

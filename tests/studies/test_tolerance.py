@@ -246,7 +246,7 @@ def test_command(case, tmp_path, capsys):
     assert (tmp_path / "tolerance.svg").exists()
     assert not (tmp_path / "tolerance.partial.jsonl").exists()
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time"]]) == 2
-    assert "write e.g." in capsys.readouterr().err
+    assert "write NAME=VALUE" in capsys.readouterr().err
 
 
 def test_python_users_bring_their_own_executor(case, tmp_path):
