@@ -16,9 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from matching.match.attempt import Question, VerifiedSolution, target_results, task_of
-from matching.match.case import Case, Move, apply
+from matching.match.case import Case, Move, apply, scaled, unscaled
 from matching.match.loop import of_observer
-from matching.match.programme import SLOTS, Problem, scaled, unscaled
+from matching.match.programme import SLOTS, Problem
 from matching.match.responses import (
     BandNodes,
     ComparedBed,

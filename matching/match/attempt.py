@@ -23,13 +23,15 @@ from matching.match.case import (
     demands,
     goals,
     released_moves,
+    scaled,
     shares_of,
     target_modes,
+    unscaled,
 )
 from matching.match.loop import feedback_on, linear_bed
 from matching.match.loop_modes import ClosedLoop, LoopMode, inside_unit_circle, match_mode, neutral_motions
 from matching.match.objectives import REGISTERED
-from matching.match.programme import scaled, solved, unscaled
+from matching.match.programme import solved
 from matching.match.result import TargetResult
 from matching.match.solve import Near, Solution, TuningTask, solve, warm
 from matching.match.verify import Traces, Verification, verify

@@ -28,6 +28,7 @@ from matching.match.loop import (
     resolvent,
     return_difference,
     sampled_beds,
+    without_resting,
 )
 from modelling.bed.bed import ObserverController
 from modelling.bed.observer import NOISE, TRUST, Feedback, Filter, ObserverModel, last_command, predicted, summed
@@ -615,7 +616,6 @@ def _descended(
 # --- Fresh beds drawn from what is not known exactly, judged by the exact loop.
 
 ERROR_POINTS = 150  # of the response error over the band, midpoints of equal parts of its logarithm
-AT_REST = 1e-7  # of z: a rigid motion without drag stands at 1; rounding moves it by less
 MODES = 16  # of a bed, the least damped ones, that the search for the worst bed looks at
 AT_ONCE = 50  # beds
 
@@ -742,10 +742,8 @@ class Judge:
 
     def _ratios(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Damping ratios (b, x) of poles (b, x), 1 of what does not swing, and which beds (b,) are stable."""
-        resting = np.abs(z - 1) < AT_REST
-        moving = np.where(resting, 0.0, z)
-        stable = (np.abs(moving) < 1).all(axis=1) & (resting.sum(axis=1) <= self.neutral * (1 + bool(len(self._own))))
-        return damping_ratios(moving, self.controller.sample_time), stable
+        moving = without_resting(z, self.neutral * (1 + bool(len(self._own))))
+        return damping_ratios(moving, self.controller.sample_time), (np.abs(moving) < 1).all(axis=1)
 
     def dampings(self, positions: np.ndarray) -> np.ndarray:
         """:meth:`dampings_of` beds at positions (b, p) of the box."""
@@ -754,7 +752,8 @@ class Judge:
     def dampings_of(self, values: Sequence[Mapping[str, float]]) -> np.ndarray:
         """Damping ratios (b, m) of the least damped modes, least first; −1 where a bed grows without swinging."""
         ratios, stable = self._ratios(self._poles(sampled_beds(self.case, values)))
-        least = np.sort(ratios, axis=1)[:, : 2 * MODES : 2]  # pairs
+        padded = np.pad(ratios, ((0, 0), (0, 2 * MODES)), constant_values=1.0)  # sets differ in delayed commands
+        least = np.sort(padded, axis=1)[:, : 2 * MODES : 2]  # pairs
         least[:, 0] = np.where(stable | (least[:, 0] < 0), least[:, 0], -1.0)
         return least
 

@@ -397,6 +397,7 @@ def resolvent(A: np.ndarray) -> Resolvent:
 KEPT_DAMPING = 0.95  # of its damping without control that a mode of the bed keeps above the roll-off
 FORGOTTEN = 1e-3  # of z: poles that decay faster have no frequency worth a number
 LEAST_DAMPING = 1e-6  # damping ratio, of a mode of the bed's own
+AT_REST = 1e-7  # of z: a rigid motion without drag stands at 1; rounding moves it by less
 SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
 
 
@@ -744,6 +745,14 @@ def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     Poles that do not swing have no damping ratio.
     """
     return np.abs(z).max(axis=1), damping_ratios(z, step).min(axis=1)
+
+
+def without_resting(z: np.ndarray, neutral: int) -> np.ndarray:
+    """Poles (b, x) of a loop with 0 in place of those nearest to 1, ``neutral`` at most: motions that nothing slows."""
+    near = np.argsort(np.abs(z - 1), axis=1)[:, :neutral]
+    rows, moving = np.arange(len(z))[:, None], z.astype(complex)
+    moving[rows, near] = np.where(np.abs(z[rows, near] - 1) < AT_REST, 0.0, z[rows, near])
+    return moving
 
 
 def damping_ratios(z: np.ndarray, step: float) -> np.ndarray:

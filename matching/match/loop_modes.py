@@ -16,6 +16,7 @@ from matching.match.loop import (
     closed_matrices,
     controller_on,
     side_by_side,
+    without_resting,
 )
 from modelling.bed.vehicle import cut
 from modelling.linear.state_space import linear_motion
@@ -122,7 +123,6 @@ class LoopMode:
 
 HIGHEST_SHARE = 0.45  # of the sampling frequency, up to which modes are listed
 SHORTEST_MEMORY = 1e-3  # of z: what decays faster from sample to sample is no mode
-AT_REST = 1e-7  # of z: a rigid motion without drag stands at 1; rounding moves it by less
 RESTING_BELOW = 1e-6  # rad/s, the same in continuous time
 
 
@@ -227,8 +227,7 @@ def modes_of(bed: LinearBed) -> tuple[LoopMode, ...]:
 
 def inside_unit_circle(z: np.ndarray, neutral: int) -> bool:
     """Whether poles z (x,) are stable, of which ``neutral`` may rest at 1."""
-    resting = np.abs(z - 1) < AT_REST
-    return int(resting.sum()) <= neutral and bool(np.all(np.abs(z[~resting]) < 1))
+    return bool((np.abs(without_resting(z[None], neutral)) < 1).all())
 
 
 def neutral_motions(bed: LinearBed) -> int:

@@ -23,12 +23,11 @@ from matching.match.attempt import (
     target_results,
     unloaded_lashes,
 )
-from matching.match.case import LEAST_SHARE_TO_MOVE, Case, Move, apply, change_weight
+from matching.match.case import LEAST_SHARE_TO_MOVE, Case, Move, apply, change_weight, scaled
 from matching.match.in_time import truth_of
 from matching.match.limits import Relaxations, led_by_dead_time, limits, relaxations
 from matching.match.loop import linear_bed
 from matching.match.objectives import REGISTERED
-from matching.match.programme import scaled
 from matching.match.responses import ComparedBed, SimpleVehicle, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.match.robustness import not_kept, noted, of_beds, on_drawn_beds, over_beds

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from matching.match.case import Case, Compared, Move
+from matching.match.case import Case, Compared, Move, is_logarithmic
 from matching.match.loop import body, interface_speed, linear_bed, shaft_torque, vehicle_response, watched
 from matching.match.loop_modes import on_emulated_side
 from matching.match.programme import (
@@ -21,7 +21,6 @@ from matching.match.programme import (
     Terms,
     closed_loop,
     fixed_numbers,
-    is_logarithmic,
     jacobian,
     logarithm,
     response,

@@ -21,7 +21,7 @@ from matching.match.beds import (
     planned,
     sensor_noise,
 )
-from matching.match.case import LARGEST_ROLLED_OFF, Case, Move, Requirements, apply, requirements
+from matching.match.case import LARGEST_ROLLED_OFF, Case, Move, Requirements, apply, requirements, scaled, unscaled
 from matching.match.loop import (
     BedSet,
     FrequencyResponse,
@@ -38,7 +38,6 @@ from matching.match.loop import (
     sampled_beds,
 )
 from matching.match.loop_modes import neutral_motions
-from matching.match.programme import scaled, unscaled
 from matching.match.tune_observer import DAMPING_RESERVE, LARGEST_ROOM, RESERVE, WORST
 from matching.match.verify import FRESH, Verification, verify
 from modelling.bed.bed import HARDWARE

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from matching.match.case import Case, Demands, Goal, Move, apply
+from matching.match.case import Case, Demands, Goal, Move, apply, scaled
 from matching.match.loop import closed_poles, feedback_on, linear_bed, side_by_side
 from matching.match.loop_modes import inside_unit_circle, neutral_motions
-from matching.match.programme import SLOTS, SURVEY_HZ, Objective, Problem, build, eigenpairs, scaled, solved
+from matching.match.programme import SLOTS, SURVEY_HZ, Objective, Problem, build, eigenpairs, solved
 from matching.studies import finished
 from matching.worker_pool import executor_of
 from modelling.modal.modes import modes

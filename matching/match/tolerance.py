@@ -236,17 +236,17 @@ class Prepared:
             "modulus_margin": margins_of(responses_of(case, beds[1:], values, self._grid), controller),
             "stable": np.array(stable, float),
         }
+        of_band = responses_of(case, beds[1:], values, self.nodes.frequencies)
+        acting = frequency_response(controller, self.nodes.frequencies)
+        for name, known in (("response_error", case.loop.measured), ("response_error_unmeasured", ())):
+            squares = log_squares(responses(of_band, acting, known), of_band.vehicle).mean(axis=2)
+            figures[name] = np.sqrt(squares @ self.nodes.weights)
         for name, mode in self.modes.items():
             s = self._followed(sampled, controller, mode)
             figures[f"{name}_frequency"], figures[f"{name}_damping_ratio"] = (
                 np.abs(s) / (2 * np.pi),
                 -s.real / np.abs(s),
             )
-        of_band = responses_of(case, beds[1:], values, self.nodes.frequencies)
-        acting = frequency_response(controller, self.nodes.frequencies)
-        for name, known in (("response_error", case.loop.measured), ("response_error_unmeasured", ())):
-            squares = log_squares(responses(of_band, acting, known), of_band.vehicle).mean(axis=2)
-            figures[name] = np.sqrt(squares @ self.nodes.weights)
         return figures
 
     def _followed(self, beds: SampledBeds, controller: SampledController, mode: LoopMode) -> np.ndarray:

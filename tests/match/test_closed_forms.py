@@ -134,7 +134,8 @@ def test_equations_and_state_space_of_a_structure_are_one_law(small, structure):
     values = {"proportional_gain": 37.0, "integral_gain": 11.0, "torque_feed_forward": 0.4, "lead_time": 0.004}
     loop = replace(small.loop, structure=STRUCTURES[structure]).with_values(values | {"acceleration_feed_forward": 0.7})
     parts = linear_bed(replace(small, loop=loop))
-    law, residual = parts.controller, parts.residual_space
+    residual = parts.residual_space
+    law = loop.structure.controller(loop, residual, parts.case.rig)
     for s in (0.3 + 2j, 40j, -1 + 300j):
         H = law.C @ np.linalg.solve(s * np.eye(len(law.A)) - law.A, law.B) + law.D
         R = residual.C @ np.linalg.solve(s * np.eye(len(residual.A)) - residual.A, residual.B)
