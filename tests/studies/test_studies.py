@@ -53,14 +53,17 @@ def test_what_is_on_record_is_not_done_again(tmp_path):
         assert len(record.read_text().splitlines()) == 6  # another study is not mixed up with it
 
 
-def test_after_a_killed_worker_the_same_call_goes_on(tmp_path):
+def test_a_killed_worker_is_one_line_and_the_same_study_goes_on(tmp_path):
     record, died = tmp_path / "record.jsonl", str(tmp_path / "died")
-    call = (slow.once, slow.prepare, 0.0, [1, died, 3])
-    with executor_of(1) as executor, pytest.raises(InputError, match="the same command goes on"):
-        run(*call, executor, content="a", record=record)
+
+    def study():
+        with executor_of(1) as executor:
+            return run(slow.once, slow.prepare, 0.0, [1, died, 3], executor, content="a", record=record)
+
+    with pytest.raises(InputError, match=r"a worker process was killed.*the same command goes on from there"):
+        study()
+    assert study() == [1, died, 3]
     assert Path(died).read_text() == "1"
-    with executor_of(1) as executor:
-        assert run(*call, executor, content="a", record=record) == [1, died, 3]
 
 
 STUDY = """
