@@ -517,7 +517,7 @@ def _fields(fig: Any, mesh: QuadMesh) -> None:
     where = [("x", "@left{0.000} to @right{0.000}"), ("y", "@bottom{0.000} to @top{0.000}")]
     for hover in fig.hover:
         hover.renderers = []
-    fig.add_tools(HoverTool(tooltips=[(str(mesh.get_label()), "@value"), *where], renderers=[drawn]))
+    fig.add_tools(HoverTool(tooltips=[(str(mesh.get_label()).lstrip("_"), "@value"), *where], renderers=[drawn]))
     fig.height = FIELDS_PX
     fig.grid.visible = False
 

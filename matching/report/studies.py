@@ -97,7 +97,7 @@ def map_figure(result: Map) -> Figure:
             if known.size:
                 scale = Normalize(0, 100) if share else LogNorm(known.min() / 1.02, known.max() * 1.02)
                 masked = np.ma.masked_invalid(values)
-                fields = axes.pcolormesh(columns, rows, masked, cmap=colours, norm=scale, label=words)
+                fields = axes.pcolormesh(columns, rows, masked, cmap=colours, norm=scale, label=f"_{words}")
                 fig.colorbar(fields, ax=axes, format="%g", label=words)
             axes.set(xlim=columns[[0, -1]], ylim=rows[[0, -1]])
             _write(axes, result, values)
