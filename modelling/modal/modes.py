@@ -78,6 +78,7 @@ def split(shapes: np.ndarray, turns: np.ndarray, J: np.ndarray, image: np.ndarra
 # --- Damped modes: eigenvalues of the linear model, rigid motions taken out before they can blur.
 
 ZERO_EIGENVALUE = 1e-9  # of the largest eigenvalue: what is smaller is rounding
+ZERO_IF_WIDE = 1e-14  # the same in modal coordinates
 
 
 def damped_modes(
@@ -105,14 +106,16 @@ def damped_modes_of(linear: Linear) -> Modes:
     """Damped modes of a linear model, see :func:`damped_modes`."""
     model, n = linear.model, linear.model.n
     parts = elements(model, linear.p[None], linear.x0)
-    eigenvalues, vectors = _damped_eigen(linear, parts)
+    wide = bool(_wide(parts, *_eigen(parts)).any())
+    eigenvalues, vectors = _damped_eigen(linear, parts, wide)
     speed = vectors[n : 2 * n]
     rigid = _rigid(eigenvalues, speed, parts)
     size = np.abs(eigenvalues)
-    keep = np.flatnonzero(rigid | (size > ZERO_EIGENVALUE * size.max(initial=0.0)))
+    zero = (ZERO_IF_WIDE if wide else ZERO_EIGENVALUE) * size.max(initial=0.0)
+    keep = np.flatnonzero(rigid | (size > zero))
     keep = keep[np.lexsort((size[keep], ~rigid[keep]))]
     eigenvalues, vectors, speed, rigid = eigenvalues[keep], vectors[:, keep], speed[:, keep], rigid[keep]
-    eigenvalues[np.abs(eigenvalues) <= ZERO_EIGENVALUE * size.max(initial=0.0)] = 0.0
+    eigenvalues[np.abs(eigenvalues) <= zero] = 0.0
 
     peak = speed[np.argmax(np.abs(speed), axis=0), range(len(keep))]
     peak = np.where(np.abs(peak) > 1e-12 * np.abs(vectors).max(axis=0), peak, 1.0)  # a lag moves nothing
@@ -132,12 +135,39 @@ def damped_modes_of(linear: Linear) -> Modes:
     )  # fmt: skip
 
 
-def _damped_eigen(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray]:
+def _damped_eigen(linear: Linear, parts: Elements, wide: bool) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues with Im ≥ 0 and vectors (x, m), after angles that nothing depends on are taken out."""
-    rest = deflated(linear, parts)
-    eigenvalues, vectors = np.linalg.eig(rest.A)
+    if wide:
+        A, lift = _in_modal_coordinates(linear.A, parts)
+    else:
+        rest = deflated(linear, parts)
+        A, lift = rest.A, rest.lift
+    eigenvalues, vectors = np.linalg.eig(A)
     upper = eigenvalues.imag >= 0
-    return eigenvalues[upper].astype(complex), (rest.lift @ vectors[:, upper]).astype(complex)
+    return eigenvalues[upper].astype(complex), (lift @ vectors[:, upper]).astype(complex)
+
+
+def _in_modal_coordinates(A: np.ndarray, parts: Elements) -> tuple[np.ndarray, np.ndarray]:
+    """A (l, l) of undamped modal coordinates, angles times ω, and what takes those to all states (x, l).
+
+    In them, the stiffnesses are the undamped ω, which are known to all digits where frequencies are decades apart; what
+    else depends on angles stays, if rounding cannot have made it.
+    """
+    squares, shapes = _by_singular_values(parts, 0)
+    r, n = int(parts.rigid()[0]), len(squares)
+    omega = np.where(np.arange(n) < r, 1.0, np.sqrt(squares))
+    across = shapes.T @ parts.mass_matrix()[0]
+    forward, back = (np.eye(len(A)) for _ in range(2))
+    forward[:n, :n], forward[n : 2 * n, n : 2 * n] = shapes / omega, shapes
+    back[:n, :n], back[n : 2 * n, n : 2 * n] = omega[:, None] * across, across
+    modal, largest = back @ A @ forward, np.abs(back) @ np.abs(A) @ np.abs(forward)
+    known = np.zeros_like(modal)
+    known[range(n), range(n, 2 * n)], known[range(n, 2 * n), range(n)] = omega, -omega
+    known[range(n, n + r), range(r)] = 0.0
+    modal[:, :n] = np.where(np.abs(modal - known)[:, :n] <= 1e-12 * largest[:, :n], known[:, :n], modal[:, :n])
+    modal[:n] = known[:n]
+    left = np.arange(len(A)) >= (0 if modal[:, :r].any() else r)
+    return modal[np.ix_(left, left)], forward[:, left]
 
 
 def _rigid(eigenvalues: np.ndarray, speed: np.ndarray, parts: Elements) -> np.ndarray:

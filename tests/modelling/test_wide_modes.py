@@ -10,10 +10,10 @@ from modelling.modal.modes import damped_modes_of, modes
 from modelling.model_file import from_dict
 
 
-def chain(inertia, stiffness):
+def chain(inertia, stiffness, damping=None):
     shafts = {
-        f"s{i}": {"between": [f"i{i}", f"i{i + 1}"], "stiffness": float(k), "damping": 0.0}
-        for i, k in enumerate(stiffness)
+        f"s{i}": {"between": [f"i{i}", f"i{i + 1}"], "stiffness": float(k), "damping": float(d)}
+        for i, (k, d) in enumerate(zip(stiffness, [0.0] * len(stiffness) if damping is None else damping, strict=True))
     }
     return from_dict({"inertias": {f"i{i}": {"J": float(J)} for i, J in enumerate(inertia)}, "shafts": shafts})
 
@@ -74,6 +74,26 @@ def test_modes_over_fourteen_decades_of_stiffness_in_geared_trees(seed):
     expected = digits(J, ends, k, ratios)
     np.testing.assert_allclose(found.frequencies[1:], expected[1:], rtol=1e-7)
     assert found.frequencies[0] == 0
+
+
+def test_damped_modes_over_many_decades():
+    """Against eigenvalues with 50 digits, in twists and speeds."""
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 7))
+        J, k = 10 ** rng.uniform(-5, 2, n), 10 ** rng.uniform(-4, 10, n - 1)
+        d = rng.choice([0, 2e-3, 0.04, 0.6], n - 1) * np.sqrt(k * J[1:] * J[:-1] / (J[1:] + J[:-1]))
+        found = damped_modes_of(linearise(chain(J, k, d))).eigenvalues[1:]
+        with mp.workdps(50):
+            J, k, d = (mp.diag([mp.mpf(float(value)) for value in values]) for values in (J, k, d))
+            twist = mp.matrix((np.eye(n)[:-1] - np.eye(n)[1:]).tolist())
+            rates = mp.zeros(2 * n - 1)
+            rates[: n - 1, n - 1 :] = twist
+            rates[n - 1 :, : n - 1] = -(J**-1) * twist.T * k
+            rates[n - 1 :, n - 1 :] = -(J**-1) * twist.T * d * twist
+            expected = sorted((complex(value) for value in mp.eig(rates, right=False)), key=abs)[1:]
+        apart = [np.abs(found - complex(value.real, abs(value.imag))).min() / abs(value) for value in expected]
+        assert max(apart) < 1e-7
 
 
 @pytest.mark.parametrize("ratio", [1.0, 3.0, -0.7])
