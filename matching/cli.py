@@ -450,7 +450,11 @@ def supervised(command: Callable[[], int]) -> int:
     """
     if "_ARGCOMPLETE" in os.environ or not hasattr(os, "fork"):
         return command()
-    parent, child = os.getpid(), os.fork()
+    parent = os.getpid()
+    try:
+        child = os.fork()
+    except OSError as error:  # no further process is allowed
+        return _say(str(of_the_machine(error) or error), BAD_INPUT)
     if child == 0:
         os.setsid()
         with contextlib.suppress(ImportError, OSError, AttributeError):  # not on Linux

@@ -246,8 +246,12 @@ def line_of(where: str, wrong: str = "") -> int | None:
     path = Path(file)
     if path.suffix != ".toml" or not path.is_file() or path.stat().st_size > LARGEST_SEARCHED:
         return None
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError:  # as it may be what the error says
+        return None
     wanted = _parts(re.sub(r": +", ".", place).split(" ")[0].rstrip(":")) if place else []
-    lines = [*_places(path.read_text(encoding="utf-8", errors="replace").splitlines())]
+    lines = [*_places(text.splitlines())]
     quoted = [[*wanted, *_parts(name)] for name in _QUOTED.findall(wrong)]
     for exact in quoted:
         for here, number in lines:
