@@ -134,9 +134,11 @@ def _model(system: System) -> str:
 
 
 def _case(case: Case) -> str:
+    notes = "".join(f"\n  note: {note}" for note in case.notes)
     return (
         f"a case: {_counted(case.loop.dynamometers, 'dynamometer')}, {_counted(case.targets, 'target mode')}, "
         f"{_counted(case.moves, 'quantity')} that may move; vehicle {_model(case.vehicle)}; rig {_model(case.rig)}"
+        f"{notes}"
     )
 
 
