@@ -134,9 +134,11 @@ def _model(system: System) -> str:
 
 
 def _case(case: Case) -> str:
+    notes = "".join(f"\n  note: {note}" for note in case.notes)
     return (
         f"a case: {_counted(case.loop.dynamometers, 'dynamometer')}, {_counted(case.targets, 'target mode')}, "
         f"{_counted(case.moves, 'quantity')} that may move; vehicle {_model(case.vehicle)}; rig {_model(case.rig)}"
+        f"{notes}"
     )
 
 
@@ -450,7 +452,11 @@ def supervised(command: Callable[[], int]) -> int:
     """
     if "_ARGCOMPLETE" in os.environ or not hasattr(os, "fork"):
         return command()
-    parent, child = os.getpid(), os.fork()
+    parent = os.getpid()
+    try:
+        child = os.fork()
+    except OSError as error:  # no further process is allowed
+        return _say(str(of_the_machine(error) or error), BAD_INPUT)
     if child == 0:
         os.setsid()
         with contextlib.suppress(ImportError, OSError, AttributeError):  # not on Linux

@@ -372,14 +372,12 @@ def run_match(arguments: Arguments) -> dict[str, Any]:
         aside.prepare("matching.report.match", "matching.report.curves", "bokeh.plotting")
         with steps("match", OF_A_MATCH) as tell:
             matched = match(case, arguments.seed, arguments.starts, tell, beds=arguments.beds, aside=aside)
-        from matching.report.curves import curve_data, moving_figures
-        from matching.report.match import content, drawn_figures, page
+        from matching.report.match import content, page, pictures
 
-        pictures = aside.begin(drawn_figures, matched)
-        made = provenance(matched.case, arguments.seed)
-        result, curves, acting = content(matched), curve_data(matched), moving_figures(matched)
-        drawn = pictures.result()
-    files: dict[str, str | bytes] = {"report.html": page(matched, drawn, made, acting, curves)}
+        drawing = aside.begin(pictures, matched)
+        made, result = provenance(matched.case, arguments.seed), content(matched)
+        drawn, moving = drawing.result()
+    files: dict[str, str | bytes] = {"report.html": page(matched, drawn, moving, made, arguments.out)}
     files |= {f"figures/{name}.svg": image for name, image in drawn.items()}
     files |= case_files(matched.tuned)
     return write_results(arguments.out, "result.json", result | {"made_by": made.to_dict()}, files)
@@ -421,7 +419,7 @@ def run_map(arguments: Arguments) -> dict[str, Any]:
     study, record = _studied(api.map, "map", arguments, case=case, **axes)
     drawn = map_figure(study)
     files: dict[str, str | bytes] = {f"map.{kind}": image(drawn, kind) for kind in ("svg", "png")}
-    files["report.html"] = map_page(study, image(drawn), provenance(case, arguments.seed))
+    files["report.html"] = map_page(study, drawn, provenance(case, arguments.seed))
     written = write_results(arguments.out, "map.json", study.to_dict(), files)
     record.unlink(missing_ok=True)
     return written
@@ -453,9 +451,8 @@ def run_tolerance(arguments: Arguments) -> dict[str, Any]:
     case, added = api.load_case(arguments.case), _tolerances(arguments)
     study, record = _studied(api.tolerance, "tolerance", arguments, case=case, added=added)
     drawn = plot_tolerance(study)
-    picture = image(drawn)
-    report = tolerance_page(study, drawn, picture, provenance(case, arguments.seed))
-    files: dict[str, str | bytes] = {"tolerance.svg": picture, "report.html": report}
+    report = tolerance_page(study, drawn, provenance(case, arguments.seed))
+    files: dict[str, str | bytes] = {"tolerance.svg": image(drawn), "report.html": report}
     written = write_results(arguments.out, "tolerance.json", study.to_dict(), files)
     record.unlink(missing_ok=True)
     return written

@@ -42,7 +42,7 @@ from modelling.fidelity.measures import (
 )
 from modelling.recordings.read import Channel, read_channels, read_signals
 from modelling.recordings.recording import GAP_STEPS, Recording
-from modelling.toml import check_keys, no_pipe, number, one_of, read_toml, text, title
+from modelling.toml import check_file, check_keys, no_pipe, number, one_of, read_toml, text, title
 from modelling.units import Unit, signal_quantity, signal_unit, to_si
 
 # --- Which causes reduce the fidelity, ranked: dynamics, model, measurement; by signal its ordinate, delay and noise.
@@ -303,7 +303,7 @@ def fidelity_from_tables(
 ) -> tuple[str, Fidelity]:
     """As :func:`read_case` for tables as ``tomllib`` reads them; other files are looked for beside ``path``."""
     where = str(path)
-    check_keys(tables, KEYS, where)
+    check_file(tables, KEYS, where, "fidelity case")
     method = _method(tables, where, arithmetic, nrmse)
     recordings = None
     if "recordings" in tables:

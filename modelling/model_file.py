@@ -13,7 +13,7 @@ from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind, place_in_file, shared_place
 from modelling.errors import InputError, unknown
 from modelling.system import TABLES, Differential, Effect, Gear, Inertia, Input, Quantity, Sensor, Shaft, System
-from modelling.toml import check_keys, read_toml, text, title
+from modelling.toml import check_file, check_keys, read_toml, text, title
 from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 # --- Files
@@ -55,7 +55,7 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
     InputError
         One line that names file and key.
     """
-    check_keys(data, _TOP, where)
+    check_file(data, _TOP, where, "model")
     try:
         return System(
             inertias=tuple(_parts(data, "inertias", where, _inertia)),

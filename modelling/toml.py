@@ -58,13 +58,26 @@ def read_toml(path: str | Path) -> dict[str, Any]:
             "save the file as UTF-8 text, or, if it is a recording, look at it with 'rigmatch explore'",
         ) from None
     except tomllib.TOMLDecodeError as fault:
-        raise InputError(str(path), f"is not TOML: {fault}", "correct that line") from None
+        raise _not_toml(path, content, fault) from None
     except ValueError as fault:  # a number of thousands of digits, say
         raise InputError(str(path), f"cannot be read: {fault}", "write ordinary numbers") from None
     except RecursionError:
         raise InputError(str(path), "is nested too deeply", "a model file has three levels") from None
     _check_integers(tables, path)
     return tables
+
+
+def _not_toml(path: str | Path, content: bytes, fault: tomllib.TOMLDecodeError) -> InputError:
+    """The error for a text that is not TOML: a recording, a decimal comma, or a line to be corrected."""
+    if os.path.splitext(path)[1].lower() in RECORDINGS:
+        return InputError(
+            str(path), "is a recording, where a model or case file is expected", "check the order of files"
+        )
+    for count, line in enumerate(content.decode("utf-8", "replace").splitlines(), 1):
+        if comma := _DECIMAL_COMMA.search(line):
+            right = f"write a decimal point: {comma[1]}.{comma[2]}"
+            return InputError(f"{path}, line {count}", f"{comma[0].lstrip('= ')!r} has a decimal comma", right)
+    return InputError(str(path), f"is not TOML: {fault}", "correct that line")
 
 
 def no_pipe(path: Path, where: str) -> Path:
@@ -93,9 +106,38 @@ def _check_integers(tables: dict[str, Any], path: str | Path) -> None:
             raise InputError(str(path), "has an integer of hundreds of digits", "write ordinary numbers")
 
 
+KINDS = {  # kinds of files: keys that only they have at the top, and a command that reads them
+    "case": ({"vehicle", "rig", "targets"}, "match"),
+    "model": ({"inertias", "shafts"}, "modes"),
+    "budget": ({"measurand", "measurands"}, "uncertainty"),
+    "fidelity case": ({"system_dynamics", "residual_vehicle_model"}, "fidelity"),
+    "channel file": ({"channels"}, "diagnose --channels"),
+}
+RECORDINGS = {".csv", ".txt", ".dat", ".tsv", ".mf4", ".mdf", ".mat", ".parquet", ".xlsx", ".lvm"}
+_DECIMAL_COMMA = re.compile(r"=\s*(-?\d+),(\d+)\s*(?:#|$)")
+
+
 def key_place(where: str, key: str) -> str:
     """How an error names a key: ``file.toml: key`` at the top of a file, ``file.toml: table.key`` in a table."""
     return f"{where}.{key}" if ": " in where else f"{where}: {key}"
+
+
+def check_file(tables: Mapping[str, Any], known: Iterable[str], where: str, kind: str) -> None:
+    """Check the keys at the top of a file of a kind (``case``, ``model``, …).
+
+    Raises
+    ------
+    InputError
+        If there is an unknown key; where the file is of another kind, it says so.
+    """
+    known = sorted(known)
+    for key in tables:
+        if key in known:
+            continue
+        for other, (marks, command) in KINDS.items():
+            if other != kind and not marks.isdisjoint(tables):
+                raise InputError(where, f"is a {other}, where a {kind} is expected", f"give it to 'rigmatch {command}'")
+        raise unknown(key, known, where)
 
 
 def check_keys(table: Any, known: Iterable[str], where: str) -> dict[str, Any]:
@@ -246,8 +288,12 @@ def line_of(where: str, wrong: str = "") -> int | None:
     path = Path(file)
     if path.suffix != ".toml" or not path.is_file() or path.stat().st_size > LARGEST_SEARCHED:
         return None
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError:  # as it may be what the error says
+        return None
     wanted = _parts(re.sub(r": +", ".", place).split(" ")[0].rstrip(":")) if place else []
-    lines = [*_places(path.read_text(encoding="utf-8", errors="replace").splitlines())]
+    lines = [*_places(text.splitlines())]
     quoted = [[*wanted, *_parts(name)] for name in _QUOTED.findall(wrong)]
     for exact in quoted:
         for here, number in lines:

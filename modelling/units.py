@@ -566,7 +566,10 @@ def to_si(value: object, si: str, where: str) -> float:
         raise InputError(where, f"{type(value).__name__} where a quantity is expected", right)
     if isinstance(value, str):
         match = _NUMBER.fullmatch(value)
-        if not match:
+        if not match or match[2].startswith(","):
+            if re.match(r"\s*-?\d+,\d", value):
+                right = f"write a decimal point: {value.replace(',', '.', 1)!r}"
+                raise InputError(where, f"{_short(value)} has a decimal comma", right)
             raise InputError(where, f"{_short(value)} is no quantity", right)
         number = float(match[1]) * factor(match[2].strip(), si, where)
     else:

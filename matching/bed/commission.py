@@ -43,7 +43,7 @@ from matching.match.case_file import case_files, load_case
 from matching.match.match import match
 from matching.studies import append, rows
 from modelling.display import Displayed
-from modelling.errors import InputError
+from modelling.errors import VERSION, InputError
 from modelling.fmu.export import controller_fmu
 from modelling.recordings.read import Channel, read_recording, read_signals
 from modelling.toml import no_pipe
@@ -185,10 +185,10 @@ class Stages:
     folder: Path
 
     def done(self, name: str, inputs: str) -> dict[str, Any] | None:
-        """Figures of a step that was done on the same inputs (a checksum) and whose files are all as they were."""
-        figures = None
+        """Figures of a step that was done on the same inputs by the same version and whose files are as they were."""
+        figures, key = None, checksum(f"{VERSION} {inputs}")
         for row in rows(self.folder / RECORD, KINDS):
-            if row["step"] == name and row["inputs"] == inputs and self._unchanged(name, row["files"]):
+            if row["step"] == name and row["inputs"] == key and self._unchanged(name, row["files"]):
                 figures = row["figures"]
         return figures
 
@@ -209,7 +209,8 @@ class Stages:
         files, figures = work()
         write_all(self.folder / name, files)
         sums = {path: checksum(content) for path, content in files.items()}
-        append(self.folder / RECORD, {"step": name, "inputs": inputs, "files": sums, "figures": figures})
+        key = checksum(f"{VERSION} {inputs}")
+        append(self.folder / RECORD, {"step": name, "inputs": key, "files": sums, "figures": figures})
         return figures
 
     def _unchanged(self, name: str, files: Mapping[str, str]) -> bool:
@@ -220,10 +221,11 @@ class Stages:
         return True
 
     def of_files(self, *paths: Path) -> str:
-        """Checksum of the contents of files."""
+        """Checksum of the formats and contents of files."""
         total = hashlib.sha256()
         for path in paths:
             no_pipe(path, str(path))
+            total.update(path.suffix.encode())
             total.update(hashlib.sha256(path.read_bytes()).digest())
         return total.hexdigest()[:32]
 
@@ -412,7 +414,7 @@ class Circle:
             files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
             return files | {"verification.json": strict_json(result)}, result
 
-        return self._stages.run(name, self._of_run(_of_case(case)), work)
+        return self._stages.run(name, self._of_run(_of_case(case)), work, lambda _: self._as_handed(name))
 
     def _identified(self, matched: Path, number: int) -> dict[str, Any]:
         """Excite, record, diagnose."""
@@ -460,7 +462,11 @@ class Circle:
             keep_recording(self._folder / name, taken)
             return {taken.name: taken.content}, {}
 
-        self._stages.run(name, self._of_run(excitation + _of_case(case)), work)
+        self._stages.run(name, self._of_run(excitation + _of_case(case)), work, lambda _: self._as_handed(name))
+
+    def _as_handed(self, name: str) -> bool:
+        """Whether nobody put another recording into the bed's folder since the step took one."""
+        return self._bed.is_file() or self._by_hand.unchanged(name, kept_recording(self._folder / name))
 
     def _of_run(self, plan: str) -> str:
         """Checksum of what a run of the bed depends on: its plan, the order, and the bed itself."""
@@ -484,7 +490,7 @@ def _case_at(path: Path) -> Case:
 
 
 def _of_case(case: Case) -> str:
-    return checksum("".join(case_files(case).values()))
+    return checksum(str(case_files(case)))
 
 
 # --- Why short

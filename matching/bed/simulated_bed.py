@@ -269,6 +269,14 @@ class ByHand:
             raise InputError(str(present[0]), f"is there as {present[1].name} too", "leave one of them")
         return self._taken(present[0], estimate)
 
+    def unchanged(self, name: str, kept: Path) -> bool:
+        """Whether the folder holds no recording of that name any more, or only the one that a step kept."""
+        present = [place for place in _places(self.folder, name) if place.is_file()]
+        return not present or (
+            [place.suffix for place in present] == [kept.suffix]
+            and _content(present[0], present[0]) == _content(kept, kept)
+        )
+
     def _taken(self, place: Path, estimate: Callable[[Path], str]) -> HandedRecording:
         """The recording as it is, or as it is when it has stood still; what it shows until then is said."""
         name = f"{KEPT}{place.suffix}"

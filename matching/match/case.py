@@ -723,13 +723,12 @@ def shares_of(case: Case, vehicle: Modes, rig_modes: list[Mode | None]) -> np.nd
 
 def counterparts(case: Case) -> list[Mode | None]:
     """For every target the rig mode that answers to it: same symmetry, most alike on the shared inertias, or None."""
-    vehicle, rig = modes(case.vehicle), modes(case.rig)
+    rig = modes(case.rig)
     shared = [
         part.name for part in case.rig.inertias if part.name in {inertia.name for inertia in case.vehicle.inertias}
     ]
     counterpart_modes: list[Mode | None] = []
-    for target in case.targets:
-        wanted = vehicle[target.mode - 1]
+    for wanted, _ in target_modes(case):
         shape = np.array([[wanted.shape.get(f"inertias.{name}", 0.0)] for name in shared])
         elastic = [mode for mode in rig if mode.frequency > 0 and mode.symmetry == wanted.symmetry]
         if not elastic:

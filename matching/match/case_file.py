@@ -31,7 +31,7 @@ from modelling.errors import InputError, unknown
 from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
 from modelling.model_file import dumps, load, quantity
 from modelling.system import Effect, OperatingPoint, Quantity, System, mirror_image, resistance
-from modelling.toml import no_pipe, read_toml, title
+from modelling.toml import check_file, no_pipe, read_toml, title
 from modelling.units import to_si
 
 # --- Case file
@@ -460,6 +460,7 @@ def _with_road_load(vehicle: System, bodies: list[str], load: Any, radius: float
 # --- Reading case files; every complaint is one line that names file and key.
 
 TOLERANCES = {"tolerance": 0.1, "unmeasured_tolerance": 0.3}  # response errors that are still called matched
+UNLIKE = 10.0  # ratio of a shared quantity's values from which it can hardly be the same hardware
 _TOP = {
     "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",
     "operating_point", "uncertainty", "residual_vehicle",
@@ -479,10 +480,9 @@ def load_case(path: str | Path) -> Case:
 def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for beside ``where``."""
     path = Path(where)
-    for key in data:
-        if key not in _TOP:
-            raise unknown(key, sorted(_TOP), where)
+    check_file(data, _TOP, where, "case")
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
+    _check_not_swapped(data, vehicle, rig, where)
     try:
         vehicle, rig, notes = without_exact_delays(vehicle, rig)
     except InputError as fault:
@@ -518,9 +518,30 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         read_uncertainty(data, vehicle, rig, loop, where),
         torque_curve=curve,
         simple_vehicle=simple,
-        notes=notes,
+        notes=(*_unlike(vehicle, rig), *notes),
         **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
     )
+
+
+def _check_not_swapped(data: Mapping[str, Any], vehicle: System, rig: System, where: str) -> None:
+    tables = data.get("dynamometers")
+    entries = tables.values() if isinstance(tables, dict) else ()
+    named = {str(table.get("torque_input")) for table in entries if isinstance(table, dict)}
+    of_vehicle, of_rig = ({part.name for part in system.inputs} for system in (vehicle, rig))
+    if named and named <= of_vehicle and named.isdisjoint(of_rig):
+        raise InputError(f"{where}: vehicle, rig", "are exchanged: the vehicle has the dynamometers", "exchange them")
+
+
+def _unlike(vehicle: System, rig: System) -> list[str]:
+    """A note on every shared quantity that differs so much that it can hardly be the same hardware."""
+    notes = []
+    for name in vehicle.parameters.keys() & rig.parameters.keys():
+        there, here = vehicle.parameters[name].value, rig.parameters[name].value
+        if there > 0 and here > 0 and max(there / here, here / there) >= UNLIKE:
+            notes.append(
+                f"{name} is {there:g} in the vehicle and {here:g} {rig.units[name]} in the rig: the same part?"
+            )
+    return sorted(notes)
 
 
 def _named_model(data: Mapping[str, Any], key: str, path: Path) -> System:

@@ -1,36 +1,25 @@
-"""Curves of a match as data to calculate with, and as figures that act in the browser."""
+"""A Matplotlib figure's curves, bars and fields as figures that act in the browser (Bokeh, inline): zoom and hover."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle, StepPatch
 from matplotlib.text import Annotation
 
-from matching.match.result import MatchResult
 from matching.report.common import (
-    BAND,
     LABELLED_RATIO,
-    LIMIT,
-    LINES,
-    MATCHED,
     MOST_POINTS,
-    RIG,
-    csv_table,
     decimated,
-    unit,
 )
-from matching.report.match import curves_of, drawn_modes, magnitude_label, sensitivity, signals
-from modelling.units import SENSOR_UNITS
 
 # --- Bars and histograms of a Matplotlib axes in a figure that acts: each bar says its name and its value.
 
@@ -78,7 +67,6 @@ def draw_bars(fig: Any, axes: Any) -> None:
         members = [bar for bar in bars if (bar.colour, bar.alpha, bar.hatch, bar.label) == look]
         drawn.append(_quads(fig, axes, members, ticks))
     fig.add_tools(HoverTool(tooltips=[("", "@label"), ("", "@words")], renderers=drawn))
-    _marks(fig, axes)
 
 
 def _within(bar: _Bar, axes: Any) -> _Bar:
@@ -246,7 +234,7 @@ def shared_label(axes: Any, which: str) -> str:
 
 # --- Figures of Bokeh for a page: one look, and scripts and elements that need no network.
 
-HEIGHT_PX = 260
+HEIGHT_PX, FIELDS_PX = 260, 420  # of a figure with curves, of one with coloured fields
 RANDOM = re.compile(
     r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 )  # names that Bokeh draws: the same page twice differs
@@ -363,10 +351,8 @@ def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
     """Scripts and elements by the figures' names (:func:`matching.report.curves.embedded_figures`).
 
     Axes without curves or bars, or with scales that the browser's library does not have, are left out, and figures
-    that are linear near zero alone (pictures keep pages small); so is everything where that library is not installed.
+    that are linear near zero alone (pictures keep pages small).
     """
-    if find_spec("bokeh") is None:
-        return {}
     panels = {name: _panels(fig) for name, fig in figures.items()}
     return embedded_figures({name: shown for name, shown in panels.items() if shown}, side_by_side=True)
 
@@ -381,16 +367,33 @@ def _panels(fig: Figure) -> list[Any]:
         place = axes.get_subplotspec()
         rows.setdefault(-1 if place is None else place.rowspan.start, []).append(axes)
     if len(rows) < 2 or max(map(len, rows.values())) < 2:
-        return [_panel(axes) for axes in shown]
+        return _with_legends([_panel(axes) for axes in shown])
     from bokeh.layouts import column
 
-    lines = [wrapping_row([_panel(axes) for axes in row]) for row in rows.values()]
-    return [column(lines, sizing_mode="stretch_width")]
+    made = [[_panel(axes) for axes in row] for row in rows.values()]
+    _with_legends([panel for row in made for panel in row])
+    return [column([wrapping_row(row) for row in made], sizing_mode="stretch_width")]
+
+
+def _with_legends(panels: list[Any]) -> list[Any]:
+    """Panels with a legend each, but for one that says no more than an earlier one."""
+    told: set[str] = set()
+    for panel in panels:
+        words = {item.label.value for legend in panel.legend for item in legend.items}
+        if words <= told:
+            for legend in panel.legend:
+                legend.visible = False
+        else:
+            place_legend(panel)
+        told |= words
+    return panels
 
 
 def _is_drawable(axes: Any) -> bool:
     with_bars = has_bars(axes)
-    drawable = any(map(_is_curve, axes.lines)) or with_bars
+    drawable = (
+        any(map(_is_curve, axes.lines)) or with_bars or any(isinstance(own, QuadMesh) for own in axes.collections)
+    )
     scales = ("linear", "log") if with_bars else SCALES
     return bool(
         axes.get_visible()
@@ -419,19 +422,26 @@ def _panel(axes: Any) -> Any:
     for patch in axes.patches:
         _band_patch(fig, axes, patch)
     for area in axes.collections:
-        if isinstance(area, PolyCollection):
+        if isinstance(area, QuadMesh):
+            _fields(fig, area)
+        elif isinstance(area, PolyCollection):
             _area(fig, area)
     for line in axes.lines:
         _drawn_line(fig, line)
     if has_bars(axes):
         draw_bars(fig, axes)
+    else:
+        for drawn_axis, axis in ((fig.xaxis, axes.xaxis), (fig.yaxis, axes.yaxis)):
+            if names := _named_ticks(axis):
+                drawn_axis.ticker, drawn_axis.major_label_overrides = sorted(names), names
+    _marks(fig, axes)
     _texts(fig, axes)
-    place_legend(fig)
     return fig
 
 
 def _drawn_line(fig: Any, line: Any) -> None:
-    if not _is_curve(line):
+    is_point = len(line.get_xdata()) == 1 and line.get_marker() in MARKERS
+    if not is_point and not _is_curve(line):
         return
     x, y = (np.asarray(values, float) for values in line.get_data())
     label = str(line.get_label())
@@ -441,7 +451,7 @@ def _drawn_line(fig: Any, line: Any) -> None:
     columns |= {"value": values} if axis.get_scale() == "symlog" else {}
     looks = {"color": to_hex(line.get_color()), "alpha": 1.0 if line.get_alpha() is None else float(line.get_alpha())}
     name = "" if label.startswith("_") else label
-    if line.get_linestyle() not in ("None", "none", ""):
+    if line.get_linestyle() not in ("None", "none", "") and not is_point:
         dash = MATPLOTLIB_DASHES.get(str(line.get_linestyle()), "dashed")
         fig.line(
             "x",
@@ -487,116 +497,44 @@ def _area(fig: Any, area: Any) -> None:
         fig.patch(x, y, color=to_hex(colours[0][:3]), alpha=float(colours[0][3]), line_width=0, name="", **named)
 
 
+def _fields(fig: Any, mesh: QuadMesh) -> None:
+    """Coloured fields, each of which tells its borders and its value."""
+    from bokeh.models import HoverTool
+
+    corners = np.asarray(mesh.get_coordinates(), float)
+    values: np.ndarray = np.ma.filled(
+        np.ma.asarray(mesh.get_array(), float).reshape(np.array(corners.shape[:2]) - 1), np.nan
+    )
+    known = np.isfinite(values)
+    left, bottom = (corners[:-1, :-1, k][known] for k in (0, 1))
+    right, top = (corners[1:, 1:, k][known] for k in (0, 1))
+    columns = {
+        "left": left, "right": right, "bottom": bottom, "top": top,
+        "value": [f"{value:.4g}" for value in values[known]],
+        "colour": [to_hex(colour) for colour in mesh.to_rgba(values[known])],
+    }  # fmt: skip
+    drawn = fig.quad("left", "right", "top", "bottom", source=columns, color="colour", line_color="white", name="")
+    where = [("x", "@left{0.000} to @right{0.000}"), ("y", "@bottom{0.000} to @top{0.000}")]
+    for hover in fig.hover:
+        hover.renderers = []
+    fig.add_tools(HoverTool(tooltips=[(str(mesh.get_label()).lstrip("_"), "@value"), *where], renderers=[drawn]))
+    fig.height = FIELDS_PX
+    fig.grid.visible = False
+
+
 def _band_patch(fig: Any, axes: Any, patch: Any) -> None:
     """A band across the axes, such as that of the noise."""
-    if not isinstance(patch, Rectangle) or patch.get_data_transform() != axes.get_yaxis_transform(which="grid"):
+    if not isinstance(patch, Rectangle):
         return
-    bottom, top = placed(axes.yaxis, [patch.get_y(), patch.get_y() + patch.get_height()]).tolist()
     left, right = map(float, axes.get_xlim())
+    bottom, top = map(float, axes.get_ylim())
+    if patch.get_data_transform() == axes.get_yaxis_transform(which="grid"):
+        bottom, top = patch.get_y(), patch.get_y() + patch.get_height()
+    elif patch.get_data_transform() == axes.get_xaxis_transform(which="grid"):
+        left, right = patch.get_x(), patch.get_x() + patch.get_width()
+    else:
+        return
+    bottom, top = placed(axes.yaxis, [bottom, top]).tolist()
     label = str(patch.get_label())
     named = {} if label.startswith("_") else {"legend_label": label}
     fig.quad(left, right, top, bottom, color=to_hex(patch.get_facecolor()[:3]), level="underlay", name="", **named)
-
-
-# --- The curves of a match's figures as tables (CSV), to be calculated with.
-
-
-def curve_data(result: MatchResult) -> dict[str, str]:
-    """CSV texts by the name of the figure whose curves they hold."""
-    tables = {"responses": _responses_csv(result)}
-    if drawn := signals(result):
-        columns = {f"{signal.title}, {who} [{signal.label.rpartition(' in ')[2]}]": values
-                   for signal in drawn for who, values in signal.curves.items()}  # fmt: skip
-        tables["manoeuvre"] = csv_table(["time [s]", *columns], zip(drawn[0].time, *columns.values(), strict=True))
-    return tables
-
-
-def _responses_csv(result: MatchResult) -> str:
-    head, columns = ["frequency [Hz]"], [result.curves.frequencies]
-    units = {sensor.name: unit(SENSOR_UNITS[sensor.measures]) for sensor in result.case.vehicle.sensors}
-    for index, pair in enumerate(result.case.compared):
-        for who, values in curves_of(result, index).items():
-            name = f"{pair.sensor} / {pair.input}, {who}"
-            head += [f"{name}, modulus [{units[pair.sensor]} per N·m]", f"{name}, phase [deg]"]
-            columns += [np.abs(values), np.degrees(np.angle(values))]
-    return csv_table(head, zip(*columns, strict=True))
-
-
-# --- Figures of a report that act: hover, zoom, curves switched by the legend. Bokeh, inline; none where it is missing.
-
-DASHES = {"vehicle": "solid", "rig": "dashed", "matched": "solid", "unmeasured": "dotted"}
-
-
-def moving_figures(result: MatchResult) -> dict[str, str]:
-    """Scripts and elements by the name of the figure that they stand for; ``library`` is Bokeh itself.
-
-    Empty where Bokeh is not installed: then the report has its pictures alone.
-    """
-    if find_spec("bokeh") is None:
-        return {}
-    drawn = {"responses": _responses(result), "manoeuvre": _manoeuvre(result), "sensitivity": _sensitivity(result)}
-    return embedded_figures({name: figures for name, figures in drawn.items() if figures}, side_by_side=True)
-
-
-def _responses(result: MatchResult) -> list[Any]:
-    figures: list[Any] = []
-    frequencies = result.curves.frequencies
-    for index, pair in enumerate(result.case.compared):
-        title = f"{pair.input} → {pair.sensor}".replace("_", " ")
-        shared = {"x_range": figures[0][0].x_range} if figures else {}
-        labels = ("Frequency in Hz", magnitude_label(result, pair))
-        modulus = acting_figure(title, *labels, x_axis_type="log", y_axis_type="log", **shared)
-        phase = acting_figure("", "Frequency in Hz", "Phase in °", x_axis_type="log", x_range=modulus.x_range)
-        for fig in (modulus, phase):
-            _band(fig, result.response_error.band)
-        for who, values in curves_of(result, index).items():
-            line = _line(modulus, frequencies, np.abs(values), who)
-            below = _line(phase, frequencies, np.degrees(np.angle(values)), who)
-            line.js_link("visible", below, "visible")
-        place_legend(modulus)
-        phase.legend.visible = False
-        figures.append([modulus, phase])
-    return figures
-
-
-def _manoeuvre(result: MatchResult) -> list[Any]:
-    figures: list[Any] = []
-    for signal in signals(result):
-        shared = {"x_range": figures[0].x_range} if figures else {}
-        fig = acting_figure(signal.title, "Time in s", signal.label, **shared)
-        for who, values in signal.curves.items():
-            _line(fig, signal.time, values, who)
-        place_legend(fig)
-        figures.append(fig)
-    return figures
-
-
-def _sensitivity(result: MatchResult) -> list[Any]:
-    loop = sensitivity(result.tuned, drawn_modes(result), result.verification.required)
-    fig = acting_figure("", "Frequency in Hz", "Largest singular value", x_axis_type="log", y_axis_type="log")
-    _curve(fig, loop.frequencies, loop.S, "|S|", color=MATCHED, line_width=1.6)
-    _curve(fig, loop.frequencies, loop.T, "|T|", color=RIG, line_width=1.4, line_dash="dashed")
-    for limit in loop.limits:
-        ends = np.array([limit.begins, loop.frequencies[-1]])
-        _curve(fig, ends, np.full(2, limit.largest), limit.words, color=LIMIT, line_width=1.2, line_dash="dotted")
-    place_legend(fig)
-    return [fig]
-
-
-def _band(fig: Any, band: tuple[float, float]) -> None:
-    """The matched band, Hz."""
-    from bokeh.models import BoxAnnotation
-
-    fig.add_layout(BoxAnnotation(left=band[0], right=band[1], fill_color=BAND, fill_alpha=1, level="image"))
-
-
-def _line(fig: Any, x: np.ndarray, y: np.ndarray, who: str) -> Any:
-    """A curve of vehicle, rig or matched rig."""
-    style = LINES[who]
-    looks = {"color": style["color"], "line_width": style["linewidth"], "alpha": style.get("alpha", 1.0)}
-    return _curve(fig, x, y, style["label"], line_dash=DASHES[who], **looks)
-
-
-def _curve(fig: Any, x: np.ndarray, y: np.ndarray, label: str, **looks: Any) -> Any:
-    x, y = decimated(x, y)
-    return fig.line(x.astype(np.float32), y.astype(np.float32), legend_label=label, name=label, **looks)

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
-from markupsafe import Markup
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 
-from matching.export import exported_controller
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import LARGEST_ROLLED_OFF, Case, Compared, Requirements
-from matching.match.in_time import EVERYTHING_STATED, TruthInTime
+from matching.match.in_time import TruthInTime
 from matching.match.loop import bed_set, controller_of, frequency_response
 from matching.match.loop import return_difference as sampled_difference
 from matching.match.loop_modes import LoopMode
@@ -37,6 +32,7 @@ from matching.report.common import (
     amount,
     change,
     component,
+    csv_table,
     decimated,
     embedded,
     environment,
@@ -55,15 +51,13 @@ from matching.report.common import (
     styled,
     unit,
 )
+from matching.report.curves import acting
 from matching.report.drivetrain import MOST_INERTIAS, case_figure
-from matching.report.modes import Column, ModeAnimation, energy_figure
+from matching.report.modes import Column, energy_figure
 from modelling import display
-from modelling.bed.bed import HARDWARE, OF_BED, ControllerBlock, Loop
+from modelling.bed.bed import HARDWARE
 from modelling.bed.controllers import STRUCTURES
-from modelling.controller.law import OpenedShaft
-from modelling.errors import InputError
 from modelling.modal.result import Mode
-from modelling.system import System
 from modelling.units import SENSOR_UNITS
 
 # --- Response errors over the drawn beds that judged an observer, as a distribution.
@@ -168,93 +162,9 @@ def error_rows(robust: Verification) -> list[ErrorRow]:
     ]
 
 
-# --- A controller's block diagram as SVG, from the blocks of its structure: one column, readable on a narrow screen.
+# --- |S| and |T| of the feedback loop over frequency, with the limits that the case sets.
 
-WIDTH, LEFT, RIGHT, TOP = 440, 124, 416, 10  # pixels: of the drawing, and where its boxes begin and end
-LINE, PAD, GAP = 17, 9, 34  # pixels: a line of text, above and below texts in a box, between boxes
-NAME_PX, VALUE_PX = 6.6, 7.6  # of a letter, with room for wide fonts; values are bold
-LETTERS_IN_BOX, LETTERS_BESIDE, LETTERS_BETWEEN = 40, 15, 48  # that fit on one line
-
-
-@dataclass(frozen=True)
-class EnteredNumber:
-    """A number that somebody enters: name, and value with unit."""
-
-    name: str
-    value: str
-
-    @property
-    def lines(self) -> int:
-        """1, or 2 where name and value need a line each."""
-        return 1 if NAME_PX * len(self.name) + VALUE_PX * len(self.value) < RIGHT - LEFT - 30 else 2
-
-
-@dataclass(frozen=True)
-class DrawnBox:
-    """One box as drawn; y in pixels."""
-
-    title: tuple[str, ...]
-    entries: tuple[EnteredNumber, ...]
-    gives: tuple[str, ...]
-    takes: tuple[tuple[str, ...], ...]
-    on_bed: bool
-    y: float
-    height: float
-
-
-def block_diagram(loop: Loop, of_residual_vehicle: Sequence[EnteredNumber]) -> Markup:
-    """The controller of one dynamometer and its bed as an SVG element, with every number that is entered.
-
-    Parameters
-    ----------
-    loop : Loop
-        With the tuned values.
-    of_residual_vehicle : sequence of EnteredNumber
-        The values of the residual vehicle.
-    """
-    boxes: list[DrawnBox] = []
-    y = float(TOP)
-    for block in (*loop.structure.blocks, *OF_BED):
-        box = _box(block, _block_entries(block, loop, of_residual_vehicle), block in OF_BED, y)
-        boxes.append(box)
-        y += box.height + GAP + LINE * (len(box.gives) - 1)
-    title = f"ControllerBlock diagram of the controller of each dynamometer, structure {loop.structure.name}"
-    values = {
-        "boxes": boxes, "title": title, "width": WIDTH, "height": y + 4, "left": LEFT, "right": RIGHT, "line": LINE,
-        "pad": PAD, "gap": GAP,
-    }  # fmt: skip
-    return Markup(environment().get_template("block_diagram.svg").render(values))
-
-
-def _block_entries(
-    block: ControllerBlock, loop: Loop, of_residual_vehicle: Sequence[EnteredNumber]
-) -> list[EnteredNumber]:
-    entries = []
-    for name in block.quantities:
-        if name in HARDWARE:
-            entries.append(EnteredNumber(spaced(name), practical(loop[name], HARDWARE[name].unit)))
-        else:
-            entries.append(
-                EnteredNumber(
-                    spaced(name), f"{number(loop[name], 5)} {unit(loop.structure.quantities[name].unit)}".rstrip()
-                )
-            )
-    return entries + (list(of_residual_vehicle) if block.holds_residual_vehicle else [])
-
-
-def _box(block: ControllerBlock, entries: Sequence[EnteredNumber], on_bed: bool, y: float) -> DrawnBox:
-    title = tuple(textwrap.wrap(block.title, LETTERS_IN_BOX - 4))
-    takes = tuple(tuple(textwrap.wrap(signal, LETTERS_BESIDE)) for signal in block.takes)
-    lines = len(title) + sum(entry.lines for entry in entries)
-    beside = sum(len(signal) for signal in takes) + 0.5 * len(takes)
-    height = 2 * PAD + LINE * max(lines, beside)
-    return DrawnBox(title, tuple(entries), tuple(textwrap.wrap(block.gives, LETTERS_BETWEEN)), takes, on_bed, y, height)
-
-
-# --- Figure of the loop's distance from instability: smallest singular value of I + L, and the loci of L.
-
-MARGIN_LOWEST_HZ, MARGIN_HIGHEST_HZ = 1e-2, 500.0  # below, only the integrator acts; above, the loop gain is negligible
-POINTS = 2000
+LOWEST_HZ, HIGHEST_HZ, POINTS = 1e-2, 500.0, 2000  # below, only the integrator acts; above, the loop gain is small
 
 
 def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
@@ -264,89 +174,9 @@ def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
 
 
 def frequencies_around(modes: list[float]) -> np.ndarray:
-    """A grid (f,) in Hz, dense around the modes, where the response of a lightly damped loop changes fast."""
-    near = [np.linspace(0.92, 1.08, 201) * mode for mode in modes if MARGIN_LOWEST_HZ < mode < MARGIN_HIGHEST_HZ]
-    return np.unique(np.concatenate([np.geomspace(MARGIN_LOWEST_HZ, MARGIN_HIGHEST_HZ, POINTS), *near]))
-
-
-def margin_figure(case: Case, modes: list[float], margin_from: float = 0.0) -> Figure:
-    """Distance from instability over frequency, and the loop's loci about −1.
-
-    Parameters
-    ----------
-    case : Case
-        With the tuned values.
-    modes : list of float
-        Hz; the grid is dense around them.
-    margin_from : float
-        Hz; the margin is required from there on, below there the loop has to follow the emulated modes.
-    """
-    f = frequencies_around(modes)
-    f = f[f < 0.499 / case.loop["sample_time"]]  # a sampled loop has no more
-    difference = return_difference(case, f)
-    distance = np.linalg.svd(difference, compute_uv=False)[:, -1]
-    required = case.limits["modulus_margin"]
-    with styled():
-        fig = figure(12.4, 4.6)
-        left, right = fig.subplots(1, 2, width_ratios=[1.5, 1])
-        begins = min(max(margin_from, f[0]), f[-1])
-        least = int(np.argmin(np.where(f >= begins, distance, np.inf)))
-        left.plot(f, distance, color=MATCHED, linewidth=1.6)
-        left.fill_between([begins, f[-1]], 0, required, color="#EEEEEE", zorder=0, linewidth=0)
-        left.plot([begins, f[-1]], [required, required], color=LIMIT, linestyle="--", linewidth=1.2)
-        where = {"textcoords": "offset points", "fontsize": 8}
-        from_there = margin_from > f[0]
-        words = f"required: {required:g}" + (f"\nfrom {number(begins, 3)} Hz" if from_there else "")
-        left.annotate(
-            words, (begins, 0 if from_there else required), (4, 4 if from_there else -11), color=LIMIT, **where
-        )
-        left.plot(f[least], distance[least], "o", color="#222222", markersize=5)
-        said = f"least: {number(distance[least], 3)} at {number(f[least], 3)} Hz"
-        beside = (0, -13 if distance[least] > 0.2 else 9)
-        left.annotate(said, (f[least], distance[least]), beside, ha="center", **where)
-        left.set_xscale("log")
-        left.set_xlim(f[0], f[-1])
-        left.set_ylim(0, min(max(2.0, 4 * distance[least]), 3.0))
-        left.set_xlabel("Frequency in Hz")
-        left.set_ylabel("Smallest singular value of I + L")
-        left.set_title("Distance from instability")
-        _loci(right, np.linalg.eigvals(difference) - 1, required, f >= begins)
-    return fig
-
-
-def _loci(axes: Any, loci: np.ndarray, required: float, counts: np.ndarray) -> None:
-    """Loci (f, u); pale where the margin does not count (f,)."""
-    loci = _continuous(loci)
-    below = ~counts | np.append(~counts[1:], False)
-    for k, line in enumerate(("-", (0, (4, 2)), ":")[: loci.shape[1]]):
-        counted, rest = (np.where(part, loci[:, k], np.nan) for part in (counts, below))
-        look = {"color": MATCHED, "linestyle": line}
-        axes.plot(counted.real, counted.imag, linewidth=1.6, label=f"locus {k + 1}", **look)
-        if not counts.all():
-            axes.plot(rest.real, rest.imag, linewidth=0.8, alpha=0.5, **look)
-    axes.add_patch(Circle((-1, 0), required, facecolor="#EEEEEE", edgecolor=LIMIT, linestyle="--", linewidth=1.2))
-    axes.plot(-1, 0, "+", color="#222222", markersize=10, markeredgewidth=1.6)
-    axes.annotate("−1", (-1, 0), (4, 5), textcoords="offset points", fontsize=8)
-    axes.set_aspect("equal")
-    axes.set_xlim(-2.6, 1.6)
-    axes.set_ylim(-1.9, 1.9)
-    axes.set_xlabel("Real part")
-    axes.set_ylabel("Imaginary part")
-    axes.set_title("Loci of the open loop L, positive frequencies")
-    if loci.shape[1] > 1:
-        axes.legend(fontsize=8, loc="lower right")
-
-
-def _continuous(loci: np.ndarray) -> np.ndarray:
-    """Loci (f, u) sorted so that each column is continuous over frequency."""
-    out = loci.copy()
-    for k in range(1, len(out)):
-        _, order = scipy.optimize.linear_sum_assignment(np.abs(out[k - 1][:, None] - loci[k][None, :]))
-        out[k] = loci[k][order]
-    return out
-
-
-# --- |S| and |T| of the feedback loop over frequency, with the limits that the case sets.
+    """Hz, dense around lightly damped modes."""
+    around = [f * np.linspace(0.8, 1.25, 200) for f in modes if f > 0]
+    return np.unique(np.concatenate([np.geomspace(LOWEST_HZ, HIGHEST_HZ, POINTS), *around]))
 
 
 @dataclass(frozen=True)
@@ -360,7 +190,7 @@ class CurveLimit:
     @property
     def words(self) -> str:
         """For a figure."""
-        from_there = f" from {self.begins:.3g} Hz" if self.begins > MARGIN_LOWEST_HZ else ""
+        from_there = f" from {self.begins:.3g} Hz" if self.begins > LOWEST_HZ else ""
         return f"{self.curve} ≤ {self.largest:g}{from_there}"
 
 
@@ -415,64 +245,6 @@ def sensitivity_figure(loop: SensitivityCurves) -> Figure:
     return fig
 
 
-# --- The tuned controller in time, on beds that are not the model: lines for a terminal, rows of a table.
-
-
-def in_time_lines(result: Mapping[str, Any]) -> list[str]:
-    """Error of the bed as modelled and of those with everything wrong, and what an open lash does."""
-    in_time = result.get("in_time")
-    if not in_time or not in_time["rows"]:
-        return []
-    first, *others, last = in_time["rows"]
-    wrong = [row for row in others if row["what_is_wrong"] == EVERYTHING_STATED]
-    errors = "; ".join(f"{row['what_is_wrong']}: {_pair(row)}" for row in (*wrong, last))
-    lash = in_time["open_lash"]
-    swinging = f"; open lash: {_lash(lash)}" if lash else ""
-    return [
-        f"in time, {number(in_time['duration'], 2)} s on beds that are not the model, largest error over range: as "
-        f"modelled {_pair(first)}; {errors}{swinging}"
-    ]
-
-
-def _pair(row: Mapping[str, Any]) -> str:
-    measured, unmeasured = _largest_error(row["measured"]), _largest_error(row["unmeasured"])
-    return measured if measured == unmeasured else f"{measured} (measured torques), {unmeasured} (unmeasured)"
-
-
-def _largest_error(errors: Mapping[str, float] | None) -> str:
-    return "not stable" if errors is None else percent(max(errors.values()))
-
-
-def _lash(lash: Mapping[str, Any]) -> str:
-    if not lash["limit_cycles"]:
-        return f"{lash['drawn']} of {lash['drawn']} drawn ones come to rest"
-    return f"{lash['limit_cycles']} of {lash['drawn']} drawn ones swing on where the vehicle comes to rest"
-
-
-def lash_sentence(truth: TruthInTime) -> str:
-    """What drawn lashes do, as a sentence; empty where none was tried."""
-    lash = truth.lash
-    if lash is None:
-        return ""
-    return (
-        f"After a short torque pulse with an open lash, {_lash(lash.to_dict())}; at the end the worst bed swings by "
-        f"{number(lash.largest_swing, 2)} N·m rms, the vehicle by {number(lash.vehicle_swing, 2)} N·m."
-    )
-
-
-def in_time_table(truth: TruthInTime) -> dict[str, Any]:
-    """Heads and rows for the page: of every sensor the error with measured and with unmeasured torques."""
-    rows = []
-    for row in truth.rows:
-        cells = []
-        for name in truth.sensors:
-            for errors in (row.measured, row.unmeasured):
-                cells.append("not stable" if errors is None else percent(errors[name]))
-        rows.append({"words": row.words, "cells": cells})
-    heads = [name.replace("_", " ") for name in truth.sensors]
-    return {"heads": heads, "rows": rows, "seconds": truth.seconds, "lash": lash_sentence(truth)}
-
-
 # --- Figure of the response error when one value is wrong: how accurately each must be known.
 
 
@@ -511,7 +283,7 @@ def robustness_figure(rows: Sequence[Wrong], error: float, most: int = 14) -> Fi
                 said = f"{row.off}: {'unstable' if not row.stable else number(row.error, 2)}"
                 axes.annotate(said, (reach, at), (4, 0), textcoords="offset points", va="center", fontsize=8)
         axes.axvline(error, color=LIMIT, linestyle="--", linewidth=1.2)
-        axes.set_yticks(range(len(names)), names, fontsize=8)
+        axes.set_yticks(range(len(names)), [component(name) for name in names], fontsize=8)
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.set_xlim(0, top * 1.12)
         axes.grid(False, axis="y")
@@ -647,7 +419,8 @@ def signals(result: MatchResult) -> list[Signal]:
             limit = result.case.limits.get(f"dynamometer_{what}")
             curves = {"matched": traces.matched[f"dynamometers.{dyno.name}.{what}"]}
             label = f"{what.capitalize()} in {unit(PEAK_UNITS[what])}"
-            drawn.append(Signal(f"Dynamometer {dyno.name}, {what}", label, traces.time, curves, limit))
+            name = "" if dyno.name == "dynamometer" else f" {dyno.name}"
+            drawn.append(Signal(f"Dynamometer{name}, {what}", label, traces.time, curves, limit))
     return drawn
 
 
@@ -1042,85 +815,10 @@ def _targets(axes: Any, result: MatchResult) -> None:
     axes.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), fontsize=7.5, ncols=2, borderaxespad=0.1)
 
 
-# --- Figures of the tuned quantities: between their bounds with the weight on a change, and what adapters to order.
+# --- What adapters to order: the error over each quantity.
 
 COLUMNS, PANEL_HEIGHT = 3, 2.9  # inches
 LOGARITHMIC_FROM = 8.0  # largest over smallest value tried
-DECADES_FROM = 1e4  # upper over lower bound: such a bar is logarithmic, or every value would stand at its lower end
-
-
-def quantity_figure(result: MatchResult) -> Figure:
-    """A bar from bound to bound for every quantity that was allowed to move, with start, tuned value and weight."""
-    rows = result.parameters
-    with styled():
-        fig = figure(12.4, 1.2 + 0.36 * max(len(rows), 1))
-        weighted = any(row.weight for row in rows)
-        bars, *weights = fig.subplots(
-            1, 1 + weighted, sharey=True, squeeze=False, width_ratios=[3.2, 1][: 1 + weighted]
-        )[0]
-        for place, row in enumerate(rows):
-            _bar(bars, place, row)
-        for axes in weights:
-            _weights(axes, rows)
-        bars.set_yticks(range(len(rows)), [_label(row) for row in rows], fontsize=8)
-        bars.set_ylim(len(rows) - 0.4, -0.6)
-        bars.set_xlim(-0.22, 1.22)
-        bars.set_xticks([0, 0.5, 1], ["lower bound", "middle", "upper bound"])
-        bars.grid(False, axis="y")
-        handles, labels = bars.get_legend_handles_labels()
-        unique = dict(zip(labels, handles))
-        fig.legend(list(unique.values()), list(unique), loc="outside upper center", ncols=4)
-    return fig
-
-
-def _weights(axes: Any, rows: Sequence[ParameterResult]) -> None:
-    for place, row in enumerate(rows):
-        axes.barh(place, row.weight, height=0.5, color="#BBBBBB", edgecolor="#333333", linewidth=0.6)
-        axes.annotate(
-            number(row.weight, 2), (row.weight, place), (3, 0), textcoords="offset points", va="center", fontsize=8
-        )
-    axes.grid(False, axis="y")
-    axes.set_xlabel("Weight on a change")
-    axes.tick_params(left=False)
-    axes.margins(x=0.2)
-
-
-def _bar(axes: Any, place: int, row: ParameterResult) -> None:
-    decades = row.lower > 0 and row.upper >= DECADES_FROM * row.lower
-
-    def at(value: float) -> float:
-        if decades:
-            return math.log(max(value, row.lower) / row.lower) / math.log(row.upper / row.lower)
-        return (value - row.lower) / (row.upper - row.lower)
-
-    axes.barh(place, 1, height=0.34, color="#ECECEC", edgecolor="#AAAAAA", linewidth=0.6)
-    axes.plot([at(row.start), at(row.tuned)], [place, place], color=MATCHED, linewidth=2.2, zorder=3)
-    axes.plot(
-        at(row.start),
-        place,
-        "|",
-        color="#222222",
-        markersize=12,
-        markeredgewidth=1.6,
-        zorder=4,
-        label="start",
-        linestyle="none",
-    )
-    marker = (
-        {"label": "at a bound", "markerfacecolor": LIMIT, "marker": "s"}
-        if row.at_bound
-        else {"label": "tuned", "markerfacecolor": MATCHED, "marker": "D"}
-    )
-    if row.fixed:
-        marker = {"label": "not moved, need not be identified accurately", "markerfacecolor": "white", "marker": "D"}
-    axes.plot(at(row.tuned), place, markersize=6.5, markeredgecolor="#222222", zorder=5, linestyle="none", **marker)
-    axes.annotate(number(row.lower, 3), (-0.025, place), va="center", ha="right", fontsize=8)
-    axes.annotate(number(row.upper, 3), (1.025, place), va="center", ha="left", fontsize=8)
-
-
-def _label(row: ParameterResult) -> str:
-    moved = number(row.tuned) if row.fixed or row.start == row.tuned else f"{number(row.start)} → {number(row.tuned)}"
-    return f"{row.name}\n{moved} {unit(row.unit)}"
 
 
 def trade_figure(trades: Sequence[AdapterTrade]) -> Figure:
@@ -1161,48 +859,6 @@ def trade_figure(trades: Sequence[AdapterTrade]) -> Figure:
     return fig
 
 
-# --- The response error of every compared function: rig without control, matched rig, and torque not measured.
-
-SMALLEST_DRAWN = 1e-4  # smaller errors are drawn as this
-KINDS = {"rig": ("before", "o"), "unmeasured": ("unmeasured", "D"), "matched": ("after", "s")}
-
-
-def error_figure(result: MatchResult) -> Figure:
-    """One row a function, on a logarithmic axis, with the errors that the case allows."""
-    rows, case = result.response_error.functions, result.case
-    with styled():
-        fig = figure(8.0, 1.3 + 0.42 * len(rows))
-        axes = fig.subplots()
-        places, written = np.arange(len(rows))[::-1], set[tuple[str, int]]()
-        for who, (key, mark) in KINDS.items():
-            values = [getattr(row, key) for row in rows]
-            known = [(value, place) for value, place in zip(values, places, strict=True) if value is not None]
-            if not known or (who == "unmeasured" and values == [row.after for row in rows]):
-                continue
-            drawn, at = [max(value, SMALLEST_DRAWN) for value, _ in known], [place for _, place in known]
-            axes.plot(drawn, at, mark, color=LINES[who]["color"], label=LINES[who]["label"], markersize=8,
-                      markeredgecolor="#222222", fillstyle="none" if who == "unmeasured" else "full")  # fmt: skip
-            for value, place in known:
-                if (said := (number(value, 2), int(place))) in written:
-                    continue
-                written.add(said)
-                axes.annotate(number(value, 2), (max(value, SMALLEST_DRAWN), place), (0, 6),
-                              textcoords="offset points", ha="center", fontsize=7)  # fmt: skip
-        for allowed, words in ((case.tolerance, "measured"), (case.unmeasured_tolerance, "unmeasured")):
-            if np.isfinite(allowed):
-                axes.axvline(allowed, color=LIMIT, linestyle="--", linewidth=1.2)
-                axes.annotate(f"allowed, {words}", (allowed, -0.7), (2, 0), textcoords="offset points", fontsize=7,
-                              rotation=90, va="bottom", color=LIMIT)  # fmt: skip
-        axes.set_xscale("log")
-        axes.set_ylim(-0.8, len(rows) - 0.2)
-        names = [f"{spaced(pair.input)} → {spaced(pair.sensor)}" for pair in case.compared]
-        axes.set_yticks(places, names)
-        axes.grid(False, axis="y")
-        axes.set_xlabel(f"Response error, {result.response_error.band[0]:g} to {result.response_error.band[1]:g} Hz")
-        fig.legend(loc="outside upper center", ncols=3, fontsize=8)
-    return fig
-
-
 # --- The figures of a match, by file name, and the overview.
 
 CAPTIONS = {
@@ -1215,15 +871,11 @@ CAPTIONS = {
     "manoeuvre": "The manoeuvre, simulated with a delay line and a sampled controller.",
     "in_time": "A bed with everything wrong at once, the worst of those drawn, beside the nonlinear vehicle with the "
     "same specimen. Dotted: the controller does not measure the torque.",
-    "errors": "Response error of every compared function. Dashed: what the case allows.",
     "sensitivity": "Sensitivity S and complementary sensitivity T of the feedback loop on the bed as planned. Grey: "
     "the limits, each from the frequency on from which it counts.",
-    "margin": "Distance of the feedback loop from instability, with the exact dead time; grey: too near.",
     "beds": "Drawn beds: share of them whose response error is at most so large; the points are median and 95 %.",
-    "quantities": "Tuned quantities between their bounds, on a logarithmic scale where these are four decades apart or "
-    "more, and the weight on a change of each where one was set.",
     "trade": "What to order: the response error for unmeasured torques over each adapter quantity, the rest tuned for "
-    "each value, and the range that is as good within 2 %. Dotted: what the bed as planned reaches.",
+    "each value, and the range that is no worse than 2 % and the scatter. Dotted: what the bed as planned reaches.",
     "robustness": "How accurately each quantity must be known: response error when one value is wrong.",
 }
 
@@ -1245,7 +897,6 @@ def drawers(result: MatchResult) -> dict[str, Callable[[], Figure]]:
         "overview": lambda: overview(result),
         "modes": lambda: match_modes_figure(result),
         "responses": lambda: response_figure(result),
-        "errors": lambda: error_figure(result),
     }
     begins = min((torque.at for torque in case.manoeuvre.values()), default=0.0)
     if of_manoeuvre := signals(result):
@@ -1254,16 +905,12 @@ def drawers(result: MatchResult) -> dict[str, Callable[[], Figure]]:
         made["in_time"] = lambda: trace_figure(of_worst_bed, begins)
     frequencies = drawn_modes(result)
     required = result.verification.required
-    margin_from = required.margin_from
     made["sensitivity"] = lambda: sensitivity_figure(sensitivity(tuned, frequencies, required))
-    made["margin"] = lambda: margin_figure(tuned, frequencies, margin_from)
     if max(len(system.inertias) for system in (case.vehicle, case.rig)) <= MOST_INERTIAS:
         made["drivetrain"] = lambda: case_figure(tuned)
     beds = result.verification.beds
     if beds and beds.unmeasured:
         made["beds"] = lambda: beds_figure(beds, case.unmeasured_tolerance)
-    if result.parameters:
-        made["quantities"] = lambda: quantity_figure(result)
     if result.adapters:
         made["trade"] = lambda: trade_figure(result.adapters)
     if wrong := wrong_values(result):
@@ -1276,333 +923,119 @@ def figures(result: MatchResult) -> dict[str, Figure]:
     return {name: draw() for name, draw in drawers(result).items()}
 
 
-def drawn_figures(result: MatchResult) -> dict[str, bytes]:
-    """The figures of a match as SVG, by name."""
-    return {name: image(draw()) for name, draw in drawers(result).items()}
+def pictures(result: MatchResult) -> tuple[dict[str, bytes], dict[str, str]]:
+    """The figures of a match as SVG by name, and what makes them act in the browser."""
+    drawn = figures(result)
+    return {name: image(fig) for name, fig in drawn.items()}, acting(drawn)
 
 
-# --- What a report begins with: what to order, to enter and to watch, each with its reason.
+# --- A match in words, from the content of ``result.json``: a verdict and a table, the same for terminal and page.
 
+MOST_TARGETS, MOST_MOVED, MOST_LIMITS = 4, 4, 3  # lines of the terminal's answer
 SAME_RELATIVE = 1e-9  # values that differ by no more count as equal
-MOST_POINTS = 4  # of a list on the first screen
-
-
-def adapters_of(result: MatchResult) -> list[ParameterResult]:
-    """Quantities of the rig that were allowed to move."""
-    return [row for row in result.parameters if row.name.startswith("rig.")]
-
-
-def to_order(result: MatchResult) -> list[ScreenPoint]:
-    """Adapters, and whether the dynamometers suffice."""
-    adapters = adapters_of(result)
-    changed = [row for row in adapters if abs(row.tuned - row.start) > SAME_RELATIVE * abs(row.start)]
-    points = [
-        ScreenPoint(
-            f"{component(row.name)}: {amount(row.tuned, row.unit)} instead of {amount(row.start, row.unit)}",
-            "at the bound that the case sets" if row.at_bound else "",
-        )
-        for row in changed[:MOST_POINTS]
-    ]
-    gain = next((trade for trade in result.adapters if trade.error_all_as_planned is not None), None)
-    if changed and gain is not None and gain.error_all_as_planned is not None:
-        reason = (
-            f"over fresh beds the response error is then {number(gain.error_as_ordered, 2)} of what is allowed instead "
-            f"of {number(gain.error_all_as_planned, 2)} with the bed as planned"
-        )
-        points[-1] = ScreenPoint(points[-1].text, "; ".join(filter(None, (points[-1].reason, reason))))
-    if not points:
-        helps = "no change of them helps" if adapters else "none was allowed to change"
-        points = [ScreenPoint("adapters as planned", helps)]
-    return [*points, *_dynamometers(result)]
-
-
-def _dynamometers(result: MatchResult) -> list[ScreenPoint]:
-    """Whether the dynamometers, where the case limits them, do what the manoeuvre needs."""
-    shares = {
-        need.what: need.peak / need.limit
-        for need in needs(result)
-        if need.limit and need.what.startswith("dynamometers.")
-    }
-    if not shares:
-        return []
-    most = max(shares, key=lambda what: shares[what])
-    enough = "dynamometers as planned" if shares[most] <= 1 else "larger dynamometers"
-    what = spaced(most.rpartition(".")[2])
-    return [
-        ScreenPoint(
-            enough, f"the manoeuvre takes {percent(shares[most], 0)} of their {what}, the limit that it comes nearest"
-        )
-    ]
-
-
-def to_enter(result: MatchResult) -> list[ScreenPoint]:
-    """The controller's values, each with what it is."""
-    loop = result.tuned.loop
-    return [
-        ScreenPoint(f"{spaced(name)} {amount(loop[name], known.unit, 5)}", known.meaning)
-        for name, known in loop.structure.quantities.items()
-    ]
-
-
-def why_these_values(result: MatchResult) -> str:
-    """What the values to enter are the best of."""
-    limits, band = result.case.limits, result.response_error.band
-    margin = f"the modulus margin stays above {number(limits['modulus_margin'], 3)}"
-    if result.verification.beds and result.case.loop.structure.is_observer:
-        drawn = result.verification.beds.drawn
-        return (
-            f"Tuned for the least response error to unmeasured torques, {number(band[0])} to {number(band[1])} Hz, "
-            f"over beds drawn within [uncertainty]; {margin} above the emulated band, the loop rolls off, and sensor "
-            f"noise stays within its limit. Judged on {drawn} fresh beds."
-        )
-    counted_from = result.verification.margin_from
-    counted = f" from {number(counted_from, 3)} Hz on" if counted_from > 0 else ""
-    return f"Tuned for the least response error, {number(band[0])} to {number(band[1])} Hz, while {margin}{counted}."
-
-
-def measured_inputs(result: MatchResult) -> list[str]:
-    """Compared inputs whose torque the controller takes as measured."""
-    loop = result.tuned.loop
-    simulated = [source.name for part in result.tuned.residual_vehicle.parts for source in part.inputs]
-    measured = loop.structure.measured_inputs(loop.measured, simulated)
-    return [name for name in dict.fromkeys(pair.input for pair in result.case.compared) if name in measured]
-
-
-def to_watch(result: MatchResult) -> list[ScreenPoint]:
-    """What limits the match or may spoil it, most important first."""
-    points = [ScreenPoint(limit) for limit in result.limits[1:]]
-    points += [ScreenPoint(f"check failed: {check.what}", check.outcome) for check in checks(result) if not check.holds]
-    points += _of_beds(result)
-    error = result.response_error
-    if measured_inputs(result):
-        points.append(
-            ScreenPoint(
-                f"response error {number(error.after, 2)} for measured torques, {number(error.unmeasured, 2)} for "
-                "unmeasured ones",
-                "an unmeasured torque is known only by what it does"
-                + (", as the observer estimates it" * result.case.loop.structure.is_observer),
-            )
-        )
-    wrong = wrong_values(result)
-    unstable = [f"{row.name} {row.off}" for row in wrong if not row.stable]
-    if unstable:
-        points.append(
-            ScreenPoint(f"the loop becomes unstable with {sentence(unstable[:MOST_POINTS])}", "the rest as planned")
-        )
-    known = [row for row in wrong if row.stable and row.error is not None]
-    worst = max(known, key=lambda row: row.error or 0.0, default=None)
-    if worst is not None and (worst.error or 0.0) > error.after:
-        reason = f"{worst.off} makes the response error {number(worst.error, 2)}, more than any other quantity does"
-        points.append(ScreenPoint(f"{component(worst.name)} must be known best", reason))
-    return points[:MOST_POINTS] or [ScreenPoint("nothing", "every check passed")]
-
-
-def _of_beds(result: MatchResult) -> list[ScreenPoint]:
-    """The worst bed of the box, where it is damped by less than is required."""
-    beds = result.verification.beds
-    if beds is None or beds.worst is None or not 0 < beds.worst.damping_ratio < beds.required_damping:
-        return []
-    return [
-        ScreenPoint(
-            f"the worst bed within [uncertainty] is stable with a least damping ratio of "
-            f"{number(beds.worst.damping_ratio, 2)}, {number(beds.required_damping, 2)} is required",
-            f"it depends most on {sentence([component(name) for name in beds.worst.named])}",
-        )
-    ]
-
-
-# --- A match in words, from the content of ``result.json``: one sentence, and at most twenty lines for a terminal.
-
-MOST_LINES, MOST_TARGETS, MOST_NEEDS, MOST_NAMES = 19, 4, 4, 3  # of the summary for a terminal
-
-BELOW = 0.99  # of the lower bound: an error below it by more than rounding
+HEADS = ("", "vehicle", "rig alone", "matched", "asked")
 
 
 def content(result: MatchResult) -> dict[str, Any]:
     """The content of ``result.json``: the result, what was ``asked`` for, what the manoeuvre ``needs``."""
-    entries = result.to_dict()
+    entries, case = result.to_dict(), result.case
     if not math.isfinite(result.objective):  # no start ended within the limits
         entries["objective"] = None
-    return entries | {"asked": dict(result.case.limits), "needs": [vars(need) for need in needs(result)]}
+    asked: dict[str, Any] = dict(case.limits)
+    tolerances = {"tolerance": case.tolerance, "unmeasured_tolerance": case.unmeasured_tolerance}
+    asked |= {name: value for name, value in tolerances.items() if math.isfinite(value)}
+    return entries | {"asked": asked, "needs": [vars(need) for need in needs(result)]}
 
 
 def answer(result: Mapping[str, Any]) -> str:
-    """The answer in one sentence."""
+    """The verdict in one sentence."""
     error = result["response_error"]
     before, after = error["before"], number(error["after"], 2)
     fall = f"is {after}" if before is None else f"falls from {number(before, 2)} to {after}"
     if result["status"] == "matched":
         frequencies = sentence([f"{hertz(target['vehicle'])} Hz" for target in result["targets"]])
         mode = "mode" if len(result["targets"]) == 1 else "modes"
+        band = f"{number(error['band'][0])}–{number(error['band'][1])} Hz"
         return (
             f"The rig reproduces the vehicle's response: it has the target {mode} at {frequencies} within tolerance, "
-            f"and its response error over {_band(error)} {fall}."
+            f"and its response error over {band} {fall}."
         )
     first = result["limits"][0] if result["limits"] else "a check fails"
     first = first[:1].lower() + first[1:] if first[1:2].islower() else first
     return f"The rig cannot reproduce the vehicle's response within these bounds: {first.rstrip('.')}."
 
 
-def summary(result: Mapping[str, Any]) -> str:
-    """The result for a terminal, at most nineteen lines: the answer, what limits it, targets and errors, what moved."""
-    head = [f"{result['status'].upper()}  {result.get('title', '')}".rstrip(), answer(result)]
-    head += [f"also: {limit}" for limit in result["limits"][1:3]]
-    body = [_target(target) for target in result["targets"][:MOST_TARGETS]]
-    body += [_errors(result), *_fidelity(result), _loop(result), *_beds(result), *in_time_lines(result)]
-    body += [operating_point(result), *_needed(result.get("needs", []))[:MOST_NEEDS]]
-    tail = _not_moved(result["parameters"])
-    moved = [row for row in result["parameters"] if not row["fixed"] and row["tuned"] != row["start"]]
-    moved.sort(key=lambda row: -abs(row["tuned"] - row["start"]) / (row["upper"] - row["lower"]))
-    room = max(1, MOST_LINES - len(head) - len(body) - len(tail))
-    of_checks = result.get("verification", {}).get("notes", [])
-    notes = [f"note: {note}" for note in result.get("notes", []) if note not in of_checks]  # where there is room
-    return "\n".join([*head, *body, *_all_moved(moved, room), *tail, *notes][:MOST_LINES])
+def key_figures(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Rows of the table under the verdict: what, vehicle, rig alone, matched, and what was asked."""
+    asked, error = result.get("asked", {}), result["response_error"]
+    rows: list[tuple[str, ...]] = [
+        (_mode(target), f"{hertz(target['vehicle'])} Hz", f"{hertz(target['rig'])} Hz",
+         f"{hertz(target['matched'])} Hz", "met" if target["met"] else "NOT MET")
+        for target in result["targets"][:MOST_TARGETS]
+    ]  # fmt: skip
+    before = "" if error["before"] is None else number(error["before"], 2)
 
+    def at_most(name: str) -> str:
+        return f"≤ {number(asked[name], 2)}" if name in asked else ""
 
-def _band(error: Mapping[str, Any]) -> str:
-    return f"{number(error['band'][0])}–{number(error['band'][1])} Hz"
-
-
-def _errors(result: Mapping[str, Any]) -> str:
-    error = result["response_error"]
-    before = "" if error["before"] is None else f", rig without control {number(error['before'], 3)}"
-    unmeasured = f"; {number(error['unmeasured_after'], 3)} for an unmeasured torque"
-    if error.get("unmeasured_bound") is not None:
-        unmeasured += f" ({number(error['unmeasured_bound'], 2)} with an ideal estimator on these sensors)"
+    rows.append(("response error", "", before, number(error["after"], 2), at_most("tolerance")))
     structure = STRUCTURES[result["structure"]]
-    if not structure.has_feed_forward and not structure.is_observer:  # the same for all torques
-        unmeasured = ""
-    below = ""
-    if error["after"] < BELOW * error["bound"]:
-        below = " (of torques that step; the match is below it within its band)"
-    return (
-        f"response error {_band(error)}: {number(error['after'], 3)} matched{before}{unmeasured}; lower bound set by "
-        f"the dead time{below} {number(error['bound'], 2)} as sampled, {number(error['bound_unsampled'], 2)} without "
-        "sampling"
-    )
+    if structure.has_feed_forward or structure.is_observer:
+        unmeasured = number(error["unmeasured_after"], 2)
+        rows.append(("response error, unmeasured torques", "", before, unmeasured, at_most("unmeasured_tolerance")))
+    beds = result.get("beds")
+    if beds and beds["drawn"]:
+        spread = f"{number(beds['unmeasured_median'], 2)}, {number(beds['unmeasured_95'], 2)}"
+        rows.append((f"  on {beds['drawn']} drawn beds: median, 95 %", "", "", spread, ""))
+        rows.append(("drawn beds stable, damped", "", "", f"{beds['stable']}, {beds['damped']}", str(beds["drawn"])))
+    if limited := [need for need in result.get("needs", []) if need["limit"]]:
+        most = max(limited, key=lambda need: need["peak"] / need["limit"])
+        part, _, quantity = most["what"].rpartition(".")
+        peak, limit = practical(most["peak"], most["unit"]), practical(most["limit"], most["unit"])
+        rows.append((f"{component(part)}, {spaced(quantity)}", "", "", peak, f"≤ {limit}"))
+    return rows
 
 
-def _fidelity(result: Mapping[str, Any]) -> list[str]:
-    fidelity = result.get("fidelity")
-    return [fidelity_line(fidelity)] if fidelity else []
+def _mode(target: Mapping[str, Any]) -> str:
+    side = "" if target["symmetry"] == "none" else f" ({target['symmetry']})"
+    return f"target mode {target['vehicle_mode']}{side}"
 
 
-def _loop(result: Mapping[str, Any]) -> str:
-    limits = result.get("asked", {})
-    required = f" (required {number(limits['modulus_margin'], 3)})" if "modulus_margin" in limits else ""
-    counted_from = result.get("modulus_margin_from", 0.0)
-    counted = f" from {number(counted_from, 3)} Hz on" if counted_from > 0 else ""
-    return (
-        f"loop {'stable' if result['stable'] else 'NOT STABLE'}, modulus margin {number(result['modulus_margin'], 3)}"
-        f"{counted}{required}, slowest pole {number(result['spectral_abscissa'], 3)} 1/s"
-    )
+def summary(result: Mapping[str, Any]) -> str:
+    """The result for a terminal: verdict, table, what limits it, what moved."""
+    rows = [HEADS, *key_figures(result)]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADS))]
+    table = ["  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    more = [f"also: {limit}" for limit in result["limits"][1:MOST_LIMITS]]
+    plant = [row for row in moved(result["parameters"]) if not row["name"].startswith("loop.")]
+    lines = [
+        f"{component(row['name'])}: {amount(row['start'], row['unit'])} → {amount(row['tuned'], row['unit'])}"
+        + (", at its bound" if row["at_bound"] else "")
+        for row in plant[:MOST_MOVED]
+    ]
+    if len(plant) > MOST_MOVED:
+        lines.append(f"{len(plant) - MOST_MOVED} more quantities moved: result.json")
+    title = f"{result['status'].upper()}  {result.get('title', '')}".rstrip()
+    return "\n".join([title, answer(result), "", *table, "", *more, *lines]).rstrip()
+
+
+def moved(parameters: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Quantities that moved, those farthest within their bounds first."""
+    rows = [row for row in parameters if abs(row["tuned"] - row["start"]) > SAME_RELATIVE * abs(row["start"])]
+    return sorted(rows, key=lambda row: -abs(row["tuned"] - row["start"]) / (row["upper"] - row["lower"]))
 
 
 def operating_point(result: Mapping[str, Any]) -> str:
     """The steady motion from which the manoeuvre begins, in one line."""
     speeds, torques = result.get("operating_point", {}), result.get("operating_torques", {})
     if not any(speeds.values()):
-        return "operating point: none stated, standstill assumed; torques, speeds and powers count from there"
+        return "none stated, standstill assumed; torques, speeds and powers count from there"
     turning = [f"{spaced(name)} {practical(speed, 'rad/s', 4)}" for name, speed in speeds.items()]
     driven = [f"{spaced(name)} {practical(torque, 'N*m')}" for name, torque in torques.items()]
-    return f"operating point: {sentence(_ends(turning))}; {sentence(_ends(driven))}"
+    return f"{sentence(turning)}; {sentence(driven)}"
 
 
-def _ends(parts: list[str]) -> list[str]:
-    """The first, and as many of the last as the rest of a line takes: drive first, dynamometers last."""
-    return parts if len(parts) <= MOST_NAMES else [parts[0], *parts[1 - MOST_NAMES :]]
-
-
-def _beds(result: Mapping[str, Any]) -> list[str]:
-    """What drawn beds and sensor noise do under an observer; nothing for feedback laws."""
-    beds, margin = result.get("beds"), result.get("margin")
-    if not beds or not margin or not beds["drawn"]:
-        return []
-    noise = max(result["command_noise"].values())
-    return [
-        f"{beds['stable']} of {beds['drawn']} beds drawn within [uncertainty] stable, least damping ratio "
-        f"{number(beds['smallest_damping_ratio'], 3)} (required {number(beds['required_damping_ratio'], 3)}"
-        f"{_of_its_own(beds)}{_worst(beds.get('worst'))}); their "
-        f"response error: measured torques {_spread(beds, 'error')}, unmeasured {_spread(beds, 'unmeasured')}"
-        f"{_largest(beds.get('largest_error'))}{_simulated(result)}",
-        f"modulus margin {number(margin['modulus'], 3)} from {number(margin['from'], 3)} Hz on, |T| at most "
-        f"{number(margin['largest_rolled_off'], 3)} from {number(margin['rolled_off_from'], 3)} Hz on, sensor noise "
-        f"makes {number(noise, 3)} N·m rms of command",
-    ]
-
-
-def _of_its_own(beds: Mapping[str, Any]) -> str:
-    """Why beds count as damped with a mode that has less than is required."""
-    if beds["damped"] < beds["drawn"] or beds["smallest_damping_ratio"] >= beds["required_damping_ratio"]:
-        return ""
-    return "; less is a mode of the bed's own beyond the roll-off"
-
-
-def _simulated(result: Mapping[str, Any]) -> str:
-    """What the beds' errors count otherwise than that of the bed as planned; nothing without a feed-forward."""
-    functions = result["response_error"].get("functions", ())
-    with_two_errors = any(row["before"] is None and row["unmeasured"] != row["after"] for row in functions)
-    if not STRUCTURES[result["structure"]].has_feed_forward or not with_two_errors:
-        return ""
-    return " (torques inside the residual vehicle count as measured on the beds, as unmeasured in the error above)"
-
-
-def _worst(worst: Mapping[str, Any] | None) -> str:
-    return "" if worst is None else f"; of the worst bed of the box {number(worst['damping_ratio'], 3)}"
-
-
-def _largest(largest: Mapping[str, Any] | None) -> str:
-    return "" if largest is None else f", largest found in the box {number(largest['unmeasured'], 3)}"
-
-
-def _spread(beds: Mapping[str, Any], name: str) -> str:
-    return f"{number(beds[f'{name}_median'], 3)} (median) and {number(beds[f'{name}_95'], 3)} (95 %)"
-
-
-def _needed(rows: list[Mapping[str, Any]]) -> list[str]:
-    """One line for each dynamometer and shaft."""
-    by_component: dict[str, list[str]] = {}
-    for need in rows:
-        limit = f" of {practical(need['limit'], need['unit'])}" if need["limit"] else ""
-        name = component(need["what"].rsplit(".", 1)[0])
-        share = need["what"].endswith(".torque_over_speed")
-        peak = (
-            f"{percent(need['peak'], 0)} of its torque at its speed" if share else practical(need["peak"], need["unit"])
-        )
-        by_component.setdefault(name, []).append(peak if share else peak + limit)
-    return [f"{name} needs {sentence(parts)}" for name, parts in by_component.items()]
-
-
-def _not_moved(parameters: list[Mapping[str, Any]]) -> list[str]:
-    names = [component(row["name"]) for row in parameters if row["fixed"]]
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    return [f"need not be identified accurately: {'; '.join(names[:MOST_NAMES])}{more}"] if names else []
-
-
-def _target(target: Mapping[str, Any]) -> str:
-    side = target["symmetry"].replace("none", "")
-    return (
-        f"mode {target['vehicle_mode']:<3}{side:13} vehicle {hertz(target['vehicle'])} Hz, "
-        f"rig {hertz(target['rig'])}, matched {hertz(target['matched'])}, "
-        f"from simulation {hertz(target['seen_in_simulation'])}: {'met' if target['met'] else 'NOT MET'}"
-    )
-
-
-def _all_moved(rows: list[Mapping[str, Any]], room: int) -> list[str]:
-    """A line for each quantity that moved; those for which there is no room in one line."""
-    if len(rows) <= room:
-        return [_moved(row) for row in rows]
-    rest = [f"{row['name']} {number(row['tuned'])} {unit(row['unit'])}".rstrip() for row in rows[room - 1 :]]
-    return [*(_moved(row) for row in rows[: room - 1]), f"also moved: {', '.join(rest)}"]
-
-
-def _moved(row: Mapping[str, Any]) -> str:
-    remarks = [change(row["start"], row["tuned"]), "at its bound" if row["at_bound"] else ""]
-    moved = f"{row['name']}: {number(row['start'])} → {number(row['tuned'])} {unit(row['unit'])}".rstrip()
-    return f"{moved} ({', '.join(filter(None, remarks))})" if any(remarks) else moved
-
-
-# --- The report of a match: one HTML page that opens anywhere, without network.
+# --- The report of a match: verdict, figure, what to do now; the evidence in folds. One page without network.
 
 DEAD_TIME = (
     "A command acts one dead time after it is given, so a controller can only act on what it predicts for that time; a "
@@ -1610,15 +1043,14 @@ DEAD_TIME = (
     "command that knows every state and every measured torque but nothing of the future. It is the best over all "
     "frequencies, for torques that step; within a band alone a controller can be below it."
 )
-NEAR_BEST = 0.01  # relative: starts that end this near to the best objective count as agreeing
 
 
 def page(
     result: MatchResult,
     images: Mapping[str, bytes],
-    made: Provenance | None = None,
     moving: Mapping[str, str] | None = None,
-    data: Mapping[str, str] | None = None,
+    made: Provenance | None = None,
+    folder: str = "RESULT",
 ) -> str:
     """The page as HTML.
 
@@ -1626,121 +1058,118 @@ def page(
     ----------
     result : MatchResult
     images : mapping of str to bytes
-        Figures by the names of :func:`matching.report.match.figures`, as SVG or PNG.
+        Figures by the names of :func:`figures`, as SVG or PNG.
+    moving : mapping of str to str, optional
+        The same to act in the browser, as :func:`matching.report.curves.acting` has them.
     made : Provenance, optional
         What the result was made from; without it the page does not say.
-    moving : mapping of str to str, optional
-        Figures that act, as :func:`matching.report.curves.moving_figures` has them.
-    data : mapping of str to str, optional
-        CSV of the curves by the name of their figure.
+    folder : str
+        Where the result lies, for the commands that the page shows.
     """
-    values = context(result, images) | {"made": made, "moving": moving or {}, "data": _addresses(data or {})}
-    return environment().get_template("match.html").render(values)
-
-
-def _addresses(data: Mapping[str, str]) -> dict[str, str]:
-    """Tables as addresses from which a browser saves them."""
-    return {name: in_address(text, "text/csv") for name, text in data.items()}
-
-
-def summary_html(result: MatchResult) -> str:
-    """Answer and targets for a notebook."""
-    template = (
-        "<p><b>{{ status }}</b>: {{ answer }}</p>"
-        "<table><tr><th>mode</th><th>vehicle</th><th>rig</th><th>matched</th></tr>"
-        "{% for row in targets %}<tr><td>{{ row.vehicle_mode }}</td><td>{{ row.vehicle|hertz }} Hz</td>"
-        "<td>{{ row.rig|hertz }} Hz</td><td>{{ row.matched|hertz }} Hz</td></tr>{% endfor %}</table>"
-    )
-    values = {"status": result.status, "answer": answer(content(result)), "targets": result.targets}
-    return environment().from_string(template).render(values)
-
-
-def context(result: MatchResult, images: Mapping[str, bytes]) -> dict[str, Any]:
-    """Values of the template."""
-    tuned, error, residual = result.tuned, result.response_error, _residual(result)
-    return {
+    entries, error = content(result), result.response_error
+    loop, beds = result.tuned.loop, result.verification.beds
+    return environment().get_template("match.html").render({
         "title": result.case.title or "Match of a test bed to a vehicle",
-        "status": result.status,
-        "answer": answer(content(result)),
-        "limits": result.limits,
-        "notes": result.notes,
-        "targets": result.targets,
-        "error": error,
-        "band": f"{number(error.band[0])}–{number(error.band[1])} Hz",
-        "measured_note": _measured_note(result),
+        "status": result.status, "answer": answer(entries), "limits": result.limits, "notes": result.notes,
+        "to_do": to_do(result, folder), "to_watch": to_watch(result),
+        "heads": HEADS, "key_figures": key_figures(entries),
+        "targets": result.targets, "error": error, "needs": needs(result), "checks": checks(result),
+        "operating_point": operating_point(entries), "dead_time": DEAD_TIME,
+        "manoeuvre": sentence([_manoeuvre(name, torque) for name, torque in result.tuned.manoeuvre.items()]),
+        "moved": [row | {"change": change(row["start"], row["tuned"])} for row in entries["parameters"]],
+        "trades": result.adapters,
         "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
         "in_time": in_time_table(result.in_time) if result.in_time.rows else None,
-        "explanations": [*_explanations(result), DEAD_TIME],
-        "adapters": [row.to_dict() | {"change": change(row.start, row.tuned)} for row in adapters_of(result)],
-        "trades": {trade.name: trade for trade in result.adapters},
-        "to_order": to_order(result),
-        "to_enter": to_enter(result),
-        "why_these_values": why_these_values(result),
-        "to_watch": to_watch(result),
-        "needs": needs(result),
-        "operating_point": operating_point(content(result)),
-        "manoeuvre": sentence([_manoeuvre(name, torque) for name, torque in tuned.manoeuvre.items()]),
-        "structure": tuned.loop.structure.name,
-        "requirements": requirement_rows(result.robust) if result.robust else [],
-        "bed_errors": error_rows(result.robust) if result.robust else [],
-        "unmeasured_note": "estimated by the observer" if tuned.loop.structure.is_observer else "feedback alone",
-        "has_feed_forward": tuned.loop.structure.has_feed_forward,
-        **_loop_rows(result),
-        "residual": residual,
-        "own_residual": result.simple_vehicle is not None,
-        "opened_shafts": _opened_shafts(result),
-        "diagram": block_diagram(tuned.loop, _entries(residual)),
-        "fixed": [row for row in result.parameters if row.fixed],
-        "checks": checks(result),
-        "search": _search(result),
-        "animations": _animations(result),
-        "figures": {name: embedded(image) for name, image in images.items()},
-        "captions": CAPTIONS,
+        "requirements": requirement_rows(result.verification) if beds else [],
+        "structure": loop.structure.name,
+        "controller": [
+            {"name": f"loop.{name}", "value": loop[name], "unit": known.unit, "meaning": known.meaning}
+            for name, known in ({**loop.structure.quantities, **HARDWARE}).items()
+        ],
+        "residual": _residual(result), "own_residual": result.simple_vehicle is not None,
+        "data": {name: in_address(text, "text/csv") for name, text in curve_data(result).items()},
+        "made": made, "moving": moving or {},
+        "figures": {name: embedded(image) for name, image in images.items()}, "captions": CAPTIONS,
         **_equations(result),
-    }
+    })  # fmt: skip
 
 
-def _animations(result: MatchResult) -> list[str]:
-    """Target modes of the vehicle, and the nearest modes of the rig without control, as moving drawings."""
-    drawings = []
-    for target in result.targets:
-        of_vehicle = next(mode for mode in result.vehicle_modes if mode.number == target.vehicle_mode)
-        of_rig = None if target.rig is None else nearest(result.rig_modes, target.rig, of_vehicle.symmetry)
-        pairs = [("Vehicle", of_vehicle, VEHICLE), ("Rig", of_rig, RIG)]
-        drawings += [ModeAnimation(mode, colour, title).svg for title, mode, colour in pairs if mode and mode.shape]
-    return drawings
-
-
-def _measured_note(result: MatchResult) -> str:
-    names = measured_inputs(result)
-    return f"{sentence([name.replace('_', ' ') for name in names])} measured" if names else "feedback alone"
-
-
-def _explanations(result: MatchResult) -> list[str]:
-    names = measured_inputs(result)
-    error = result.response_error
-    if not names:
-        return ["No torque is measured for a feed-forward: these errors are those of feedback alone."]
-    reaction = "by what its observer estimates" if result.tuned.loop.structure.is_observer else "by feedback alone"
+def to_do(result: MatchResult, folder: str) -> list[ScreenPoint]:
+    """What to order and which command comes next; where it is limited, how to see where it would not be."""
+    points = []
+    if result.status != "matched":
+        points = [ScreenPoint(f"Change what stands in the way: {limit}") for limit in result.limits[:MOST_LIMITS]]
+        other = next((row.name for row in adapters_of(result)), "loop.inverter_lag")
+        command = f"rigmatch map {result.case.path or 'CASE'} --x loop.dead_time --y {other} --out {folder}/map"
+        return [*points, ScreenPoint("See over two quantities where the match would hold", command=command)]
+    orders = [trade for trade in result.adapters if abs(trade.ordered / trade.planned - 1) > SAME_RELATIVE]
+    for trade in orders:
+        low, high = (amount(value, trade.unit, 3) for value in trade.acceptable)
+        points.append(
+            ScreenPoint(f"Order {component(trade.name)} {amount(trade.ordered, trade.unit)} instead of "
+                        f"{amount(trade.planned, trade.unit)}", f"{low} to {high} serves as well")
+        )  # fmt: skip
+    if not orders:
+        points.append(ScreenPoint("Order the adapters as planned", "no change of them gains anything that is allowed"))
+    points.append(
+        ScreenPoint("Put the controller onto the bed: an FMU with its C sources and its supervision",
+                    command=f"rigmatch export {folder} --controller controller.fmu")
+    )  # fmt: skip
     return [
-        f"Measured torques ({sentence([name.replace('_', ' ') for name in names])}) reach the feed-forward, "
-        f"a model of rig and vehicle that predicts across the dead time: error {number(error.after, 3)}. "
-        "To an unmeasured torque, such as a brake on the shaft or a torque the model lacks, the rig reacts "
-        f"{reaction}: error {number(error.unmeasured, 3)}. Both errors are true of this rig; which one counts "
-        "depends on where the torque comes from."
+        *points,
+        ScreenPoint("Plan what to record on the bed, then judge it", command=f"rigmatch excite {folder} --out excite"),
     ]
 
 
-def _loop_rows(result: MatchResult) -> dict[str, Any]:
-    loop = result.tuned.loop
+def to_watch(result: MatchResult) -> list[str]:
+    """What may spoil the match, most important first."""
+    points = [f"check failed: {check.what}, {check.outcome}" for check in checks(result) if not check.holds]
+    beds = result.verification.beds
+    if beds and beds.worst and 0 < beds.worst.damping_ratio < beds.required_damping:
+        points.append(
+            f"the worst bed within [uncertainty] has a damping ratio of {number(beds.worst.damping_ratio, 2)}, "
+            f"{number(beds.required_damping, 2)} is required; most by {sentence([*map(component, beds.worst.named)])}"
+        )
+    wrong = wrong_values(result)
+    points += [f"the loop becomes unstable with {component(row.name)} {row.off}" for row in wrong if not row.stable]
+    known = [row for row in wrong if row.stable and row.error is not None]
+    worst = max(known, key=lambda row: row.error or 0.0, default=None)
+    if worst is not None and (worst.error or 0.0) > result.response_error.after:
+        points.append(
+            f"{component(worst.name)} must be known best: {worst.off} makes the response error {number(worst.error, 2)}"
+        )
+    return points[:MOST_LIMITS]
 
-    def rows(table: Mapping[str, Any]) -> list[dict[str, Any]]:
-        return [
-            {"name": f"loop.{name}", "value": loop[name], "unit": knob.unit, "meaning": knob.meaning}
-            for name, knob in table.items()
-        ]
 
-    return {"knobs": rows(loop.structure.quantities), "hardware": rows(HARDWARE)}
+def adapters_of(result: MatchResult) -> list[ParameterResult]:
+    """Quantities of the rig that were allowed to move."""
+    return [row for row in result.parameters if row.name.startswith("rig.")]
+
+
+def in_time_table(truth: TruthInTime) -> dict[str, Any]:
+    """Heads and rows for the page: of every sensor the error with measured and with unmeasured torques."""
+    rows = []
+    for row in truth.rows:
+        pairs = [(row.measured, row.unmeasured)]
+        cells = [
+            "not stable" if errors is None else percent(errors[name])
+            for name in truth.sensors for pair in pairs for errors in pair
+        ]  # fmt: skip
+        rows.append({"words": row.words, "cells": cells})
+    return {"heads": [spaced(name) for name in truth.sensors], "rows": rows, "seconds": truth.seconds,
+            "lash": _lash(truth)}  # fmt: skip
+
+
+def _lash(truth: TruthInTime) -> str:
+    """What drawn lashes do, as a sentence; empty where none was tried."""
+    lash = truth.lash
+    if lash is None:
+        return ""
+    come = f"{lash.limit_cycles} of {lash.drawn} drawn beds swing on" if lash.limit_cycles else "every drawn bed rests"
+    return (
+        f"After a short torque pulse with an open lash {come}; at the end the worst bed swings by "
+        f"{number(lash.largest_swing, 2)} N·m rms, the vehicle by {number(lash.vehicle_swing, 2)} N·m."
+    )
 
 
 def _residual(result: MatchResult) -> list[dict[str, Any]]:
@@ -1749,59 +1178,46 @@ def _residual(result: MatchResult) -> list[dict[str, Any]]:
     rows = []
     for part in result.tuned.residual_vehicle.parts:
         for name, quantity in part.parameters.items():
-            if simple is None:
-                before = result.case.vehicle.parameters[name].value
-            else:
-                before, _ = simple.values.get(name, (quantity.value, quantity.value))
-            if quantity.value == 0 and before == 0:
-                continue
-            moved = abs(quantity.value - before) > SAME_RELATIVE * abs(before)
-            row = {"name": name, "value": quantity.value, "unit": part.units[name], "before": before}
-            rows.append(row | {"moved": moved})
+            before = result.case.vehicle.parameters[name].value if simple is None else quantity.value
+            if simple is not None:
+                before, _ = simple.values.get(name, (before, before))
+            if quantity.value or before:
+                rows.append({"name": name, "value": quantity.value, "unit": part.units[name], "before": before,
+                             "moved": abs(quantity.value - before) > SAME_RELATIVE * abs(before)})  # fmt: skip
     return rows
 
 
-def _entries(residual: list[dict[str, Any]]) -> list[EnteredNumber]:
-    """Values of the residual vehicle for the diagram."""
-    return [EnteredNumber(component(row["name"]), amount(row["value"], row["unit"], 5)) for row in residual]
-
-
-def _opened_shafts(result: MatchResult) -> list[OpenedShaft]:
-    """How the exported controller notices the opening of every shaft; nothing where it cannot be exported."""
-    try:
-        return list(exported_controller(result.tuned).shafts)
-    except InputError:
-        return []
-
-
 def _manoeuvre(name: str, torque: Any) -> str:
-    return f"{torque.words} of {number(torque.amplitude)} N·m on {name.replace('_', ' ')}"
-
-
-def _search(result: MatchResult) -> str:
-    count = 0 if result.verification.beds is None else result.verification.beds.drawn
-    return (
-        "Controller, residual vehicle and adapters were tuned together over beds that fill the box of what is not "
-        f"known exactly; {count} fresh beds judged the result."
-    )
+    return f"{torque.words} of {number(torque.amplitude)} N·m on {spaced(name)}"
 
 
 def _equations(result: MatchResult) -> dict[str, Any]:
-    systems: list[tuple[str, System]] = [("Vehicle", result.case.vehicle), ("Rig", result.case.rig)]
-    repeated = () if result.simple_vehicle is not None else result.case.residual_vehicle.parts
-    parts = result.case.residual_vehicle.parts
-    for place, part in enumerate(parts, 1):
-        systems.append(("Residual vehicle" + (f", part {place}" if len(parts) > 1 else ""), part))
     blocks = []
-    for title, system in systems:
+    for title, system in (("Vehicle", result.case.vehicle), ("Rig", result.case.rig)):
         written = equations(system)
         lines = [line for key in ("T", "V", "D", "motion") for line in written[key]]
-        name = f"{title}: {system.title}" if system.title else title
-        blocks.append({"title": name, "lines": lines, "repeated": any(system is part for part in repeated)})
+        blocks.append({"title": f"{title}: {system.title}" if system.title else title, "lines": lines})
     return {"equations": blocks, "legend": LEGEND}
 
 
-# --- A match: the overview figure, the answer in words, the summary for a notebook.
+def curve_data(result: MatchResult) -> dict[str, str]:
+    """CSV texts by the name of the figure whose curves they hold."""
+    head, columns = ["frequency [Hz]"], [result.curves.frequencies]
+    units = {sensor.name: unit(SENSOR_UNITS[sensor.measures]) for sensor in result.case.vehicle.sensors}
+    for index, pair in enumerate(result.case.compared):
+        for who, values in curves_of(result, index).items():
+            name = f"{pair.sensor} / {pair.input}, {who}"
+            head += [f"{name}, modulus [{units[pair.sensor]} per N·m]", f"{name}, phase [deg]"]
+            columns += [np.abs(values), np.degrees(np.angle(values))]
+    tables = {"responses": csv_table(head, zip(*columns, strict=True))}
+    if drawn := signals(result):
+        named = {f"{signal.title}, {who} [{signal.label.rpartition(' in ')[2]}]": values
+                 for signal in drawn for who, values in signal.curves.items()}  # fmt: skip
+        tables["manoeuvre"] = csv_table(["time [s]", *named], zip(drawn[0].time, *named.values(), strict=True))
+    return tables
+
+
+# --- Views for Python users.
 
 
 @display.plot.register
@@ -1812,11 +1228,17 @@ def plot(result: MatchResult) -> Figure:
 
 @display.text.register
 def said(result: MatchResult) -> str:
-    """One sentence, then the most important figures."""
+    """The verdict, then the most important figures."""
     return summary(content(result))
 
 
 @display.html.register
 def html(result: MatchResult) -> str:
-    """The result as HTML for a notebook."""
-    return summary_html(result)
+    """Verdict and key figures for a notebook."""
+    entries = content(result)
+    template = (
+        "<p><b>{{ status }}</b>: {{ answer }}</p><table><tr>{% for head in heads %}<th>{{ head }}</th>{% endfor %}</tr>"
+        "{% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</table>"
+    )
+    values = {"status": result.status, "answer": answer(entries), "heads": HEADS, "rows": key_figures(entries)}
+    return environment().from_string(template).render(values)

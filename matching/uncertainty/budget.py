@@ -17,7 +17,7 @@ import sympy
 
 from modelling.errors import InputError
 from modelling.escape import single_line
-from modelling.toml import check_keys, number, numbers, one_of, read_toml, text, title
+from modelling.toml import check_file, check_keys, number, numbers, one_of, read_toml, text, title
 from modelling.units import Unit, counts_angle, is_torque, registry, unit_of
 
 # --- The distributions an input can have: standard uncertainty from half-width (Eq. 12), fast draws, exact quantiles.
@@ -673,7 +673,7 @@ def read_budget(path: Path | str) -> Budget:
 
 def budget_from_tables(tables: dict[str, Any], where: str = "budget") -> Budget:
     """The budget in tables as ``tomllib`` reads them."""
-    check_keys(tables, TOP, where)
+    check_file(tables, TOP, where, "budget")
     coverage = number(tables, "coverage", where) if "coverage" in tables else 0.95
     if not 0 < coverage < 1:
         raise InputError(f"{where}: coverage", f"{coverage:g} is no probability", "give a number such as 0.95")

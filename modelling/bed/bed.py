@@ -16,41 +16,6 @@ from modelling.bed.vehicle import FeedForward, Interface, ResidualVehicle
 from modelling.linear.state_space import StateSpace, state_space
 from modelling.system import Input, Sensor, Shaft, System
 
-# --- The blocks of a controller, in the order in which a signal runs through them: what a diagram of it shows.
-
-
-@dataclass(frozen=True)
-class ControllerBlock:
-    """One block.
-
-    Attributes
-    ----------
-    title : str
-    gives : str
-        The signal that goes to the next block.
-    takes : tuple of str
-        Signals that enter beside that of the block before.
-    quantities : tuple of str
-        Values of the loop that are entered here, by name.
-    holds_residual_vehicle : bool
-        Whether the values of the residual vehicle are entered here.
-    """
-
-    title: str
-    gives: str
-    takes: tuple[str, ...] = ()
-    quantities: tuple[str, ...] = ()
-    holds_residual_vehicle: bool = False
-
-
-# What every structure's command runs through until it comes back as a reading.
-OF_BED = (
-    ControllerBlock("Dead time and inverter", "air-gap torque", quantities=("dead_time", "inverter_lag")),
-    ControllerBlock("Dynamometer, adapter, specimen", "torque at the flange", takes=("torques on the specimen",)),
-    ControllerBlock("Torque flange", "readings, once a sample", quantities=("torque_sensor_lag", "sample_time")),
-)
-
-
 # --- The control structure ``observer`` as it runs: estimate, command, prediction to the next sample.
 
 
@@ -182,8 +147,6 @@ class ControlStructure(ABC):
         As case files write it under ``loop.structure``.
     quantities : dict of str to LoopQuantity
         What may be tuned of it.
-    blocks : tuple of ControllerBlock
-        The controller of one dynamometer; every one of ``quantities`` is entered in one of them.
     has_feed_forward : bool
         Whether :meth:`feed_forward` gives one.
     is_observer : bool
@@ -194,7 +157,6 @@ class ControlStructure(ABC):
 
     name: str
     quantities: Mapping[str, LoopQuantity]
-    blocks: tuple[ControllerBlock, ...] = ()
     has_feed_forward: bool = False
     is_observer: bool = False
     further_starts: tuple[Mapping[str, float], ...] = ()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from modelling.bed.bed import ControllerBlock, ControlStructure, Loop, LoopQuantity, bed_model, of_model
+from modelling.bed.bed import ControlStructure, Loop, LoopQuantity, bed_model, of_model
 from modelling.bed.observer import Observer, riccati
 from modelling.bed.vehicle import FeedForward, ResidualVehicle
 from modelling.linear.state_space import StateSpace, discretise
@@ -94,18 +94,6 @@ QUANTITIES = {
     ),
     "lead_time": LoopQuantity("s", 0.003, 0.0, 0.1, "time constant of the lead that makes up for lags"),
 }
-BLOCKS: tuple[ControllerBlock, ...] = (
-    ControllerBlock("Residual vehicle", "reference speed", takes=("flange torque",), holds_residual_vehicle=True),
-    ControllerBlock(
-        "Speed control", "torque for the speed error", takes=("rotor speed",),
-        quantities=("proportional_gain", "integral_gain"),
-    ),
-    ControllerBlock(
-        "Feed-forward", "torque wanted", takes=("flange torque", "reference's acceleration"),
-        quantities=("torque_feed_forward", "acceleration_feed_forward"),
-    ),
-    ControllerBlock("Lead", "command", quantities=("lead_time",)),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -114,7 +102,6 @@ class PI(ControlStructure):
 
     name = "pi"
     quantities = QUANTITIES
-    blocks: tuple[ControllerBlock, ...] = BLOCKS
 
     def gives_torque(self, values: Mapping[str, float]) -> bool:
         """Unless every gain is 0."""
@@ -179,19 +166,12 @@ class PI(ControlStructure):
 # those
 # of ``pi``.
 
-FEED_FORWARD = ControllerBlock(
-    "Model of rig and vehicle, predicted across the dead time",
-    "command; the feedback below acts on how far readings deviate from the model",
-    takes=("measured torques",),
-)
-
 
 @dataclass(frozen=True)
 class ModelBased(PI):
     """Feed-forward through a model of rig and vehicle, with the feedback of :class:`PI`."""
 
     name = "model_based"
-    blocks = (FEED_FORWARD, *BLOCKS)
     has_feed_forward = True
 
     def gives_torque(self, values: Mapping[str, float]) -> bool:

@@ -10,7 +10,6 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from modelling.bed.bed import (
     BedModel,
-    ControllerBlock,
     ControlStructure,
     DelayedBed,
     Loop,
@@ -588,22 +587,6 @@ FURTHER_STARTS = (
     },
 )  # fmt: skip
 
-BLOCKS = (
-    ControllerBlock(
-        "Kalman filter", "states and unmeasured torques now",
-        takes=("flange torque", "rotor speed", "further sensors", "measured torques"),
-        quantities=(
-            "torque_drift", "dynamometer_drift", "dynamometer_swing", "dynamometer_noise", "shaft_noise",
-            "torque_sensor_noise", "rotor_speed_noise", "further_sensor_noise",
-        ),
-        holds_residual_vehicle=True,
-    ),
-    ControllerBlock(
-        "Prediction across the dead time", "the same when the command acts", takes=("commands on their way",)
-    ),
-    ControllerBlock("State feedback", "command", quantities=("command_weight", "command_change_weight")),
-)  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Observer(ControlStructure):
@@ -611,7 +594,6 @@ class Observer(ControlStructure):
 
     name = "observer"
     quantities = QUANTITIES
-    blocks = BLOCKS
     is_observer = True
     further_starts = FURTHER_STARTS
 

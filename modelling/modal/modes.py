@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import scipy
@@ -79,6 +78,7 @@ def split(shapes: np.ndarray, turns: np.ndarray, J: np.ndarray, image: np.ndarra
 # --- Damped modes: eigenvalues of the linear model, rigid motions taken out before they can blur.
 
 ZERO_EIGENVALUE = 1e-9  # of the largest eigenvalue: what is smaller is rounding
+ZERO_IF_WIDE = 1e-14  # the same in modal coordinates
 
 
 def damped_modes(
@@ -106,14 +106,16 @@ def damped_modes_of(linear: Linear) -> Modes:
     """Damped modes of a linear model, see :func:`damped_modes`."""
     model, n = linear.model, linear.model.n
     parts = elements(model, linear.p[None], linear.x0)
-    eigenvalues, vectors = _damped_eigen(linear, parts)
+    wide = bool(_wide(parts, *_eigen(parts)).any())
+    eigenvalues, vectors = _damped_eigen(linear, parts, wide)
     speed = vectors[n : 2 * n]
     rigid = _rigid(eigenvalues, speed, parts)
     size = np.abs(eigenvalues)
-    keep = np.flatnonzero(rigid | (size > ZERO_EIGENVALUE * size.max(initial=0.0)))
+    zero = (ZERO_IF_WIDE if wide else ZERO_EIGENVALUE) * size.max(initial=0.0)
+    keep = np.flatnonzero(rigid | (size > zero))
     keep = keep[np.lexsort((size[keep], ~rigid[keep]))]
     eigenvalues, vectors, speed, rigid = eigenvalues[keep], vectors[:, keep], speed[:, keep], rigid[keep]
-    eigenvalues[np.abs(eigenvalues) <= ZERO_EIGENVALUE * size.max(initial=0.0)] = 0.0
+    eigenvalues[np.abs(eigenvalues) <= zero] = 0.0
 
     peak = speed[np.argmax(np.abs(speed), axis=0), range(len(keep))]
     peak = np.where(np.abs(peak) > 1e-12 * np.abs(vectors).max(axis=0), peak, 1.0)  # a lag moves nothing
@@ -133,12 +135,39 @@ def damped_modes_of(linear: Linear) -> Modes:
     )  # fmt: skip
 
 
-def _damped_eigen(linear: Linear, parts: Elements) -> tuple[np.ndarray, np.ndarray]:
+def _damped_eigen(linear: Linear, parts: Elements, wide: bool) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues with Im ≥ 0 and vectors (x, m), after angles that nothing depends on are taken out."""
-    rest = deflated(linear, parts)
-    eigenvalues, vectors = np.linalg.eig(rest.A)
+    if wide:
+        A, lift = _in_modal_coordinates(linear.A, parts)
+    else:
+        rest = deflated(linear, parts)
+        A, lift = rest.A, rest.lift
+    eigenvalues, vectors = np.linalg.eig(A)
     upper = eigenvalues.imag >= 0
-    return eigenvalues[upper].astype(complex), (rest.lift @ vectors[:, upper]).astype(complex)
+    return eigenvalues[upper].astype(complex), (lift @ vectors[:, upper]).astype(complex)
+
+
+def _in_modal_coordinates(A: np.ndarray, parts: Elements) -> tuple[np.ndarray, np.ndarray]:
+    """A (l, l) of undamped modal coordinates, angles times ω, and what takes those to all states (x, l).
+
+    In them, the stiffnesses are the undamped ω, which are known to all digits where frequencies are decades apart; what
+    else depends on angles stays, if rounding cannot have made it.
+    """
+    squares, shapes = _by_singular_values(parts, 0)
+    r, n = int(parts.rigid()[0]), len(squares)
+    omega = np.where(np.arange(n) < r, 1.0, np.sqrt(squares))
+    across = shapes.T @ parts.mass_matrix()[0]
+    forward, back = (np.eye(len(A)) for _ in range(2))
+    forward[:n, :n], forward[n : 2 * n, n : 2 * n] = shapes / omega, shapes
+    back[:n, :n], back[n : 2 * n, n : 2 * n] = omega[:, None] * across, across
+    modal, largest = back @ A @ forward, np.abs(back) @ np.abs(A) @ np.abs(forward)
+    known = np.zeros_like(modal)
+    known[range(n), range(n, 2 * n)], known[range(n, 2 * n), range(n)] = omega, -omega
+    known[range(n, n + r), range(r)] = 0.0
+    modal[:, :n] = np.where(np.abs(modal - known)[:, :n] <= 1e-12 * largest[:, :n], known[:, :n], modal[:, :n])
+    modal[:n] = known[:n]
+    left = np.arange(len(A)) >= (0 if modal[:, :r].any() else r)
+    return modal[np.ix_(left, left)], forward[:, left]
 
 
 def _rigid(eigenvalues: np.ndarray, speed: np.ndarray, parts: Elements) -> np.ndarray:
@@ -274,7 +303,13 @@ def modes(system: System, values: Mapping[str, float] | None = None, state: np.n
         check_size(model)
         state = reference_motion(model, p).state
     parts = sparse_elements(model, p, state)
-    return _completed(model, parts, *lowest(parts, LOWEST_MODES)).case(0)
+    squares, shapes = lowest(parts, LOWEST_MODES)
+    if _wide(parts, squares, shapes).any():
+        if model.n > LARGEST_REPEATED:
+            wrong = "frequencies over so many decades are not found in so large a model"
+            raise InputError("", wrong, "join inertias at very stiff shafts to one")
+        squares, shapes = (found[None, ..., :LOWEST_MODES] for found in _by_singular_values(parts, 0))
+    return _completed(model, parts, squares, shapes).case(0)
 
 
 def modes_batch(
@@ -316,44 +351,53 @@ def modes_of(model: Model, p: np.ndarray, state: np.ndarray | None = None) -> Mo
         raise InputError("values", "a parameter is not finite", "give finite numbers")
     parts = elements(model, p, reference_states(model, p) if state is None else state)
     squares, shapes = _eigen(parts)
-    _correct_wide(parts, squares, shapes)
+    for case in np.flatnonzero(_wide(parts, squares, shapes)):
+        squares[case], shapes[case] = _by_singular_values(parts, int(case))
     if np.any(squares < -1e-11 * np.abs(squares).max(axis=1, keepdims=True)):
         raise InputError("", "the stiffness at this state is negative: no mode oscillates", "choose another state")
     return _completed(model, parts, squares, shapes)
 
 
-WIDE = 1e-10  # of the largest ω²: below, rounding in the stiffest shaft shows in the sixth digit
-MOST_WITH_MORE_DIGITS, MOST_CASES = 24, 4  # degrees of freedom and cases; some seconds
-DIGITS = 60
+WIDE = 1e-8  # of the largest ω²: below, rounding in the stiffest shaft shows in the eighth digit
+RAYLEIGH = 1e-8  # largest relative distance of ω² from the Rayleigh quotient of its shape
 
 
-def _correct_wide(parts: Elements, squares: np.ndarray, shapes: np.ndarray) -> None:
-    """Replace modes over more than five decades of frequency by those of a calculation with more digits, in place."""
-    count = squares.shape[1]
-    if not count or count > MOST_WITH_MORE_DIGITS or len(squares) > MOST_CASES:
-        return
-    rigid = parts.rigid()
-    for case in range(len(squares)):
-        elastic = squares[case, int(rigid[case]) :]
-        if len(elastic) > 1 and elastic[0] < WIDE * elastic[-1]:
-            squares[case], shapes[case] = _with_more_digits(parts, case)
+def _wide(parts: Elements | SparseElements, squares: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+    """Which cases (b,) have modes that rounding in the stiffest shaft may have changed."""
+    twists = _amplitudes(parts.spring_transformation, shapes)
+    quotients = (parts.stiffness[:, :, None] * twists**2).sum(axis=1)
+    elastic = np.arange(squares.shape[1]) >= parts.rigid()[:, None]
+    doubtful = np.abs(quotients - squares) > RAYLEIGH * np.abs(squares)
+    if isinstance(parts, Elements):
+        doubtful |= squares < WIDE * squares[:, -1:]
+    return (doubtful & elastic).any(axis=1) & (parts.stiffness >= 0).all(axis=1)
 
 
-def _with_more_digits(parts: Elements, case: int) -> tuple[np.ndarray, np.ndarray]:
-    """ω² (m,) and shapes (n, m) of one case with :data:`DIGITS` digits, from the inertias and springs themselves."""
-    from mpmath import mp
+def _by_singular_values(parts: Elements | SparseElements, case: int) -> tuple[np.ndarray, np.ndarray]:
+    """ω² (m,) and mass-normalised shapes (n, m) of one case, also over ten and more decades.
 
-    def quadratic(rows: np.ndarray, sizes: np.ndarray) -> Any:
-        own = mp.matrix((rows[case] if rows.ndim > 2 else rows).tolist())
-        return own.T * mp.diag([mp.mpf(float(size)) for size in sizes]) * own
+    With M = R'R and rows √k·twist, ω are the singular values of (rows)·R⁻¹. One-sided Jacobi rotations find them to
+    nearly all digits however far the stiffnesses are apart [1]; their sum K has lost the digits of the soft ones.
 
-    with mp.workdps(DIGITS):
-        mass = quadratic(parts.mass_transformation, parts.J[case])
-        stiffness = quadratic(parts.spring_transformation, parts.stiffness[case])
-        inverse = mp.inverse(mp.cholesky(mass))
-        squares, vectors = mp.eigsy(inverse * stiffness * inverse.T)
-        shapes = inverse.T * vectors
-        return np.array([float(value) for value in squares]), np.array(shapes.tolist(), dtype=float)
+    References
+    ----------
+    .. [1] Demmel, Gu, Eisenstat, Slapničar, Veselić, Drmač, "Computing the singular value decomposition with high
+       relative accuracy", Linear Algebra Appl. 299 (1999).
+    """
+    turns, twists = (
+        (rows if isinstance(rows, np.ndarray) else rows.toarray()) if rows.ndim == 2 else rows[case]
+        for rows in (parts.mass_transformation, parts.spring_transformation)
+    )
+    root = np.linalg.qr(np.sqrt(parts.J[case])[:, None] * turns, mode="r")
+    rows = np.sqrt(parts.stiffness[case])[:, None] * twists
+    own = scipy.linalg.solve_triangular(root, rows.T, trans="T").T
+    square = np.vstack([own, np.zeros((max(0, own.shape[1] - len(own)), own.shape[1]))])
+    sizes, _, right, scale, _, failed = scipy.linalg.lapack.dgejsv(
+        square, joba=2, jobu=3, jobv=0, jobr=0, jobt=0, jobp=0
+    )
+    if failed:
+        raise InputError("", "the modes cannot be computed", "check inertias, stiffnesses and gear ratios")
+    return (sizes[::-1] * scale[0] / scale[1]) ** 2, scipy.linalg.solve_triangular(root, right[:, ::-1])
 
 
 def _completed(model: Model, parts: Elements | SparseElements, squares: np.ndarray, shapes: np.ndarray) -> Modes:
@@ -382,9 +426,10 @@ def _eigen(parts: Elements) -> tuple[np.ndarray, np.ndarray]:
     scale = 1 / np.sqrt(diagonal)
     try:
         inverse = np.linalg.inv(np.linalg.cholesky(mass * scale[:, :, None] * scale[:, None, :])) * scale[:, None, :]
-    except np.linalg.LinAlgError:
-        wrong = "the inertias at one shaft differ too much for the digits of a computer"
-        raise InputError("", wrong, "check inertias and gear ratios") from None
+    except np.linalg.LinAlgError:  # inertias at one shaft that differ by all digits
+        cases = [_by_singular_values(parts, case) for case in range(len(mass))]
+        squares, shapes = zip(*cases, strict=True)
+        return np.stack(squares), np.stack(shapes)
     across = np.swapaxes(inverse, -1, -2)
     white = inverse @ stiffness @ across
     squares, shapes = np.linalg.eigh((white + np.swapaxes(white, -1, -2)) / 2)

@@ -196,7 +196,7 @@ def test_a_growing_recording_is_judged_as_soon_as_it_can_be(case, record, tmp_pa
     whole = record("good", noise=0.02).read_bytes()
     growing, folder = tmp_path / "running.csv", tmp_path / "case"
     growing.write_bytes(whole[: len(whole) // 8])  # ends within a line
-    monkeypatch.setattr("matching.bed_test.growing.time", Clock(lambda: growing.write_bytes(whole)))
+    monkeypatch.setattr("matching.bed.verify.time", Clock(lambda: growing.write_bytes(whole)))
     monkeypatch.setattr("matching.export.tuned_case", lambda _: SimpleNamespace(tuned=case))
     words = ["verify", str(folder), str(growing), "--follow", "5", "--out", str(tmp_path / "out"), "--json"]
     assert main(words) == 0
@@ -213,7 +213,7 @@ def test_whole_lines_of_a_growing_recording_are_copied(tmp_path, monkeypatch):
     growing = tmp_path / "r.csv"
     growing.write_bytes(b"time,a\n1,2\n3,")
     clock = Clock(lambda: None, lambda: growing.write_bytes(b"time,a\n1,2\n3,4\n5"))
-    monkeypatch.setattr("matching.bed_test.growing.time", clock)
+    monkeypatch.setattr("matching.bed.verify.time", clock)
     assert [copy.read_bytes() for (copy,) in snapshots([growing], 2.0, tmp_path / "copies")] == [
         b"time,a\n1,2\n",
         b"time,a\n1,2\n3,4\n",
@@ -229,7 +229,7 @@ def test_the_answer_is_that_of_the_files_as_they_are_in_the_end(case, record, tm
     growing, folder = tmp_path / "running.csv", tmp_path / "case"
     growing.write_bytes(whole)
     clock = Clock(lambda: growing.write_bytes(whole[: len(whole) // 8]))
-    monkeypatch.setattr("matching.bed_test.growing.time", clock)
+    monkeypatch.setattr("matching.bed.verify.time", clock)
     monkeypatch.setattr("matching.export.tuned_case", lambda _: SimpleNamespace(tuned=case))
     assert main(["verify", str(folder), str(growing), "--follow", "5", "--out", str(tmp_path / "out")]) == 2
     printed, said = capsys.readouterr()
@@ -244,7 +244,7 @@ def test_the_answer_is_that_of_the_files_as_they_are_in_the_end(case, record, tm
 def test_what_was_never_judged_is_not_said_to_have_an_answer(case, record, tmp_path, capsys, monkeypatch):
     growing = tmp_path / "running.csv"
     growing.write_bytes(record("good", noise=0.02).read_bytes()[:3000])
-    monkeypatch.setattr("matching.bed_test.growing.time", Clock(lambda: None))
+    monkeypatch.setattr("matching.bed.verify.time", Clock(lambda: None))
     monkeypatch.setattr("matching.export.tuned_case", lambda _: SimpleNamespace(tuned=case))
     assert main(["verify", str(tmp_path), str(growing), "--follow", "5", "--out", str(tmp_path / "out")]) == 2
     last = capsys.readouterr().err.splitlines()[-1]

@@ -56,7 +56,7 @@ def test_the_result_states_beds_margin_and_noise(result):
     assert stated["margin"]["modulus"] == result.verification.modulus_margin >= 0.5
     assert stated["margin"]["from"] == pytest.approx(2 * result.targets[0].vehicle, rel=1e-3)
     assert stated["command_noise"]["dyno"] <= 0.02 * 1500
-    assert "8 of 8 beds drawn" in summary(stated)
+    assert "on 8 drawn beds" in summary(stated)
     check_schema("match", stated)
 
 

@@ -40,7 +40,7 @@ def test_a_growing_recording_is_waited_for_and_followed(tmp_path, monkeypatch):
     clock = Clock(
         lambda: None, lambda: place.write_bytes(b"a\n1\n"), lambda: None, lambda: place.write_bytes(b"a\n1\n2\n3")
     )
-    monkeypatch.setattr("matching.bed_test.growing.time", clock)
+    monkeypatch.setattr("matching.bed.verify.time", clock)
 
     def estimate(copy):
         lines = copy.read_text().splitlines()

@@ -98,6 +98,18 @@ def test_it_goes_on_where_it_stopped(proven, monkeypatch):
     assert (out / "commission.json").read_bytes() == first
 
 
+@pytest.mark.parametrize(
+    "changed", [lambda folder: ["--bed", str(bed(folder, 0.9))], lambda _: ["--speed", "25"]], ids=["bed", "speed"]
+)
+def test_another_bed_or_another_speed_is_run_again(changed, proven, matched, monkeypatch, capsys):
+    def begun(*_, **__):
+        raise InputError("bed", "is run again", "")
+
+    monkeypatch.setattr(circle, "proof_recording", begun)
+    assert main([*proven[0], *changed(matched)]) == 2
+    assert "is run again" in capsys.readouterr().err
+
+
 def test_a_folder_says_what_to_record_and_takes_it(proven, matched, tmp_path, capsys):
     out, folder = tmp_path / "out", tmp_path / "recordings"
     folder.mkdir()
@@ -110,6 +122,13 @@ def test_a_folder_says_what_to_record_and_takes_it(proven, matched, tmp_path, ca
     shutil.copy(proven[1] / "1_verify" / "recording.csv", folder / "1_verify.csv")
     assert main(command) == 0
     assert capsys.readouterr().out.startswith("as_predicted")
+    first, *rows = (folder / "1_verify.csv").read_text(encoding="utf-8").splitlines()
+    (folder / "1_verify.csv").write_text("\n".join([first, *rows[: len(rows) // 2]]), encoding="utf-8")
+    assert main(command) == 0  # a better, here a shorter, recording in the place of the first is judged
+    assert len((out / "1_verify" / "recording.csv").read_text(encoding="utf-8").splitlines()) == 1 + len(rows) // 2
+    (folder / "1_verify.csv").unlink()
+    assert main(command) == 0
+    assert not capsys.readouterr().out.startswith("waiting")
 
 
 def test_a_case_without_a_steady_speed_is_told_before_its_match(tmp_path, monkeypatch):

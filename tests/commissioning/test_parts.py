@@ -14,6 +14,7 @@ from matching.bed.excite import Proof
 from matching.bed.identify import COVERAGE, LEAST_SHARE, bed_from_recordings, identified_case
 from matching.bed.simulated_bed import (
     SETTLING_SECONDS,
+    Waiting,
     bed_system,
     excited_recording,
     held_as_linear,
@@ -30,7 +31,7 @@ def case(tmp_path_factory):
     return load_case(write(tmp_path_factory.mktemp("case")))
 
 
-def test_a_step_is_done_once_and_again_where_its_files_or_inputs_changed(tmp_path):
+def test_a_step_is_done_once_and_again_where_its_files_inputs_or_the_program_changed(tmp_path, monkeypatch):
     stages, calls = Stages(tmp_path), []
 
     def work():
@@ -46,6 +47,32 @@ def test_a_step_is_done_once_and_again_where_its_files_or_inputs_changed(tmp_pat
     stages.run("1_step", "other", work)
     assert len(calls) == 3
     assert (tmp_path / "1_step" / "a.txt").read_text() == "text"
+    monkeypatch.setattr(module, "VERSION", "99")
+    stages.run("1_step", "other", work)
+    assert len(calls) == 4
+
+
+def test_another_seed_or_another_model_is_matched_again(tmp_path, monkeypatch):
+    """The text of the case file stays as it is where a model that it names changes."""
+    asked = []
+
+    def matched(case, seed, **_):
+        asked.append(seed)
+        return SimpleNamespace(to_dict=dict, tuned=case, status="matched", limits=())
+
+    monkeypatch.setattr(module, "match", matched)
+    monkeypatch.setattr(module, "plan_speed", lambda *_: 20.0)
+    monkeypatch.setattr(module, "tuned_case", create_autospec(module.tuned_case, side_effect=Waiting("the next step")))
+    path = write(tmp_path)
+
+    def run(seed):
+        Circle(tmp_path / "out", tmp_path / "bed", CommissionOrder(seed=seed)).run(path)
+        return len(asked)
+
+    assert [run(0), run(0), run(1), run(0)] == [1, 1, 2, 2]
+    vehicle = path.with_name("vehicle.toml")
+    vehicle.write_text(vehicle.read_text(encoding="utf-8").replace("stiffness = 8000", "stiffness = 8000.0001"))
+    assert run(0) == 3
 
 
 def test_a_bed_that_falls_short_is_diagnosed_from_its_own_recording(case, tmp_path, monkeypatch):

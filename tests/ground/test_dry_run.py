@@ -82,7 +82,6 @@ def test_a_wrong_file_is_one_line_and_exit_2(folder, capsys):
     ("words", "said"),
     [
         (["tolerance", REFERENCE / "case.toml", "--tolerance", "loop.ded_time=0.1"], "did you mean 'loop.dead_time'"),
-        (["tolerance", REFERENCE / "observer.toml", "--tolerance", "loop.dead_time=0.1"], "does not cover 'observer'"),
         (["modes", REFERENCE / "rig.toml", "--change", "inertias.motr.J=1"], "did you mean 'inertias.motor.J'"),
         (["map", REFERENCE / "case.toml", "--x", "loop.ded_time", "--y", "loop.inverter_lag"], "--x: 'loop.ded_time'"),
         (["uncertainty", ROOT / "examples" / "gum" / "mass.toml", "--wanted", "5 N"], "give it in mg"),

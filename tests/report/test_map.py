@@ -17,7 +17,7 @@ from matching.cli import main
 from matching.match.case_file import load_case
 from matching.match.map import Axis, Map, Point, axis, held_at, improved_at, map_case, match_at, quantities
 from matching.report.common import image
-from matching.report.studies import HATCHES, map_figure
+from matching.report.studies import map_figure
 from modelling.errors import InputError
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -121,7 +121,7 @@ def test_the_share_of_stable_beds_has_a_panel_where_beds_judge(case):
     drawn = map_figure(replace(plain, points=tuple(map(tuple, judged))))
     panels = [own for own in drawn.axes if own.get_xlabel()]
     assert len(panels) == 3
-    assert [text.get_text() for text in panels[2].texts] == ["100 %", "99.5 %", "50 %"]
+    assert [text.get_text() for text in panels[2].texts] == ["100", "100", "50"]
     assert len([own for own in map_figure(plain).axes if own.get_xlabel()]) == 2
 
 
@@ -172,38 +172,19 @@ def drawn_up(case, x, y, kind):
     return Map("drawn up", (0.5, 30.0), *axes, tuple(rows))
 
 
-def test_a_small_map_shows_its_errors_and_hatches_what_holds_it_up(case):
+def test_a_map_shows_its_errors_and_hatches_what_is_limited(case):
     found = drawn_up(case, (1e-3, 8e-3), (1e5, 2e5), lambda i, j: (i + j) % 3)
     drawn = map_figure(found)
     axes, other = (own for own in drawn.axes if own.get_xlabel())
-    assert [patch.get_hatch() for patch in axes.patches] == ["//", "\\\\", "//", "\\\\", "xx"]
+    assert [patch.get_hatch() for patch in axes.patches] == ["//"] * 3
     assert [text.get_text() for text in axes.texts] == ["0.01", "0.22", "0.2", "2.2"]
     assert [text.get_text() for text in other.texts] == ["0.03", "0.6", "0.6", "6"]
     assert axes.get_xlabel() == "loop.dead_time in ms"
     assert axes.get_ylabel() == f"{STIFFNESS} in N·m/rad"
-    said = [text.get_text() for text in drawn.legends[0].get_texts()]
-    assert said == [
-        "no stable loop found",
-        "target mode not met",
-        "shaft twist above its limit",
-        "the case as it is",
-    ]
+    assert [text.get_text() for text in drawn.legends[0].get_texts()] == ["limited", "the case as it is"]
     none = Point(1e-3, 1e5, "impossible", None, None, None, False, None, ("so",))
     nothing = replace(found, points=((none, none), (none, none)))
     assert image(map_figure(nothing), "png").startswith(b"\x89PNG")
-
-
-def test_a_large_map_shows_contours_with_the_border_of_what_is_held_up(case):
-    x, y = np.arange(1, 8) * 1e-3, np.geomspace(1e5, 1e6, 7)
-    axes = map_figure(drawn_up(case, x, y, lambda i, j: int(j > 4))).axes[0]
-    labels = {float(text.get_text()) for text in axes.texts}
-    assert labels
-    assert all(0.01 < own < 0.32 for own in labels)
-    border = next(own for own in axes.collections if type(own).__name__ == "LineCollection")
-    np.testing.assert_allclose([x for line in border.get_segments() for x, _ in line], 5.5e-3)
-    same = drawn_up(case, x, y, lambda i, j: 0)
-    points = tuple(tuple(replace(own, unmeasured=own.error) for own in row) for row in same.points)
-    assert len([own for own in map_figure(replace(same, points=points)).axes if own.get_xlabel()]) == 1
 
 
 @contextmanager
@@ -259,9 +240,3 @@ def test_any_executor_will_do_and_dead_time_costs(small):
         assert point.first is None or point.objective <= point.first
         assert bool(point.limited_by) == (point.status == "limited")
     assert points[0].error < points[1].error
-
-
-def test_every_limit_has_a_hatching_of_its_own():
-    patterns = [pattern for pattern, _ in HATCHES.values()]
-    assert len({"".join(sorted(pattern)) for pattern in patterns}) == len(patterns)
-    assert set("".join(patterns)) <= set(r"/\\|-+xoO.*")  # what Matplotlib draws; it says nothing of others in a Patch

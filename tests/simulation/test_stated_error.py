@@ -1,4 +1,4 @@
-"""The stated error bounds the true one, of random linear chains whose exact motion is known."""
+"""The stated error bounds the true one, and not by far, of random linear chains whose exact motion is known."""
 
 import numpy as np
 from scipy.linalg import expm
@@ -11,9 +11,9 @@ ROUNDING = 1e-8  # of a range: what the matrix exponentials lose
 
 
 def chain(rng):
-    """Inertias, stiffnesses and damping; the shafts vibrate from far below to far above the sampling rate."""
+    """Inertias, stiffnesses and damping; shafts vibrate far below, near and above the sampling rate."""
     count = int(rng.integers(2, 6))
-    inertia, frequency = 10 ** rng.uniform(-2, 1, count), 2 * np.pi * 10 ** rng.uniform(0.5, 3.3, count - 1)
+    inertia, frequency = 10 ** rng.uniform(-2, 1, count), 2 * np.pi * 10 ** rng.uniform(0.5, 4.0, count - 1)
     stiffness = frequency**2 * inertia[:-1] * inertia[1:] / (inertia[:-1] + inertia[1:])
     damping = 2 * rng.choice([0, 1e-4, 1e-2, 0.05], count - 1) * stiffness / frequency
     return inertia, stiffness, damping
@@ -31,26 +31,29 @@ def system(inertia, stiffness, damping):
 
 
 def exact(inertia, stiffness, damping, step, torque):
-    """Speeds and shaft torques (t, y) for a torque (t,) that is linear between its samples, by a matrix exponential."""
-    n = len(inertia)
+    """Speeds and shaft torques (t, y) for a torque (t,) that is linear between its samples, by a matrix exponential.
+
+    The states are speeds and twists: angles of a chain that turns would take the twists' digits.
+    """
+    n, m = len(inertia), 2 * len(inertia) - 1
     twist = np.eye(n)[:-1] - np.eye(n)[1:]
-    rates = np.zeros((2 * n + 2, 2 * n + 2))
-    rates[:n, n : 2 * n] = np.eye(n)
-    rates[n : 2 * n, :n] = -(twist.T * stiffness) @ twist / inertia[:, None]
-    rates[n : 2 * n, n : 2 * n] = -(twist.T * damping) @ twist / inertia[:, None]
-    rates[n, 2 * n] = 1 / inertia[0]
+    rates = np.zeros((m + 2, m + 2))
+    rates[n:m, :n] = twist
+    rates[:n, n:m] = -twist.T * stiffness / inertia[:, None]
+    rates[:n, :n] = -(twist.T * damping) @ twist / inertia[:, None]
+    rates[0, m] = 1 / inertia[0]
     rates *= step
-    rates[2 * n, 2 * n + 1] = 1.0
-    over_step = expm(rates)[: 2 * n]
-    states = np.zeros((len(torque), 2 * n))
+    rates[m, m + 1] = 1.0
+    over_step = expm(rates)[:m]
+    states = np.zeros((len(torque), m))
     for i, (now, change) in enumerate(zip(torque, np.diff(torque), strict=False)):
         states[i + 1] = over_step @ np.concatenate([states[i], [now, change]])
-    angles, speeds = states[:, :n], states[:, n:]
-    return np.hstack([speeds, angles @ twist.T * stiffness + speeds @ twist.T * damping])
+    speeds, twists = states[:, :n], states[:, n:]
+    return np.hstack([speeds, twists * stiffness + speeds @ twist.T * damping])
 
 
-def test_the_stated_error_bounds_the_true_one_in_95_of_100_chains():
-    bounded = []
+def test_the_stated_error_bounds_the_true_one_in_95_of_100_chains_and_not_by_far():
+    bounded, ratios = [], []
     for seed in range(60):
         rng = np.random.default_rng(seed)
         parts, step = chain(rng), 10 ** rng.uniform(-3, -2)
@@ -58,8 +61,10 @@ def test_the_stated_error_bounds_the_true_one_in_95_of_100_chains():
         torque = rng.normal(0, 20, SAMPLES) if seed % 2 else 20 * np.sin(2 * np.pi * 3 * time)
         done = simulate(system(*parts), time, {"u": torque}, start={})
         true = exact(*parts, step, torque)
-        for column, (name, reading) in enumerate(done.readings.items()):
-            error = np.abs(reading - true[:, column]).max() / np.ptp(true[:, column])
-            bounded.append(error <= max(done.integration_error[name], ROUNDING))
+        errors = np.abs(np.stack(list(done.readings.values()), axis=1) - true).max(axis=0) / np.ptp(true, axis=0)
+        stated = np.array(list(done.integration_error.values()))
+        bounded.append((errors <= np.maximum(stated, ROUNDING)).all())
+        ratios += (stated / errors)[errors > ROUNDING].tolist()
     assert np.mean(bounded) >= 0.95
-    assert len(bounded) > 300
+    assert len(ratios) > 100
+    assert np.median(ratios) < 10

@@ -53,11 +53,16 @@ def test_what_is_on_record_is_not_done_again(tmp_path):
         assert len(record.read_text().splitlines()) == 6  # another study is not mixed up with it
 
 
-def test_a_killed_worker_costs_nothing_but_time(tmp_path):
+def test_a_killed_worker_is_one_line_and_the_same_study_goes_on(tmp_path):
     record, died = tmp_path / "record.jsonl", str(tmp_path / "died")
-    with executor_of(1) as executor:
-        rows = run(slow.once, slow.prepare, 0.0, [1, died, 3], executor, content="a", record=record)
-    assert rows == [1, died, 3]
+
+    def study():
+        with executor_of(1) as executor:
+            return run(slow.once, slow.prepare, 0.0, [1, died, 3], executor, content="a", record=record)
+
+    with pytest.raises(InputError, match=r"a worker process was killed.*the same command goes on from there"):
+        study()
+    assert study() == [1, died, 3]
     assert Path(died).read_text() == "1"
 
 
@@ -66,7 +71,7 @@ import sys
 sys.path.insert(0, {here!r})
 import slow
 from pathlib import Path
-from matching.executors import executor_of
+from matching.worker_pool import executor_of
 from matching.studies import run
 if __name__ == "__main__":
     with executor_of(1) as executor:
