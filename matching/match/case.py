@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 import scipy
 
@@ -357,11 +356,6 @@ class DynamometerChain:
         """Largest |(remaining torque − inertia·acceleration)·factor| over the manoeuvre, inertia in kg·m²."""
         return float(np.abs((self.remaining_torque(passed) - inertia * self.acceleration) * factor).max())
 
-    def peak_expression(self, passed: tuple[str, ...], inertia: ca.MX, factor: np.ndarray | float = 1.0) -> ca.MX:
-        """:meth:`peak` as an expression of the inertia."""
-        torque, acceleration = ca.DM(self.remaining_torque(passed) * factor), ca.DM(self.acceleration * factor)
-        return ca.mmax(ca.fabs(torque - inertia * acceleration))
-
 
 class ExceededLimit(NamedTuple):
     """A limit of a dynamometer or of the shafts before it, what the manoeuvre takes of it, and what is allowed; SI."""
@@ -379,23 +373,6 @@ class Demands:
     chains: tuple[DynamometerChain, ...]
     limits: Mapping[str, float]
     torque_curve: TorqueCurve | None = None
-
-    def constraints(self, p: Mapping[str, ca.MX | float]) -> list[tuple[ca.MX, float]]:
-        """(rows, upper bound) pairs, each row a demand over its limit, to stay below 1."""
-        rows: list[ca.MX] = []
-        for chain in self.chains:
-            for shaft, before in chain.shafts:
-                torque = chain.peak_expression(before, _inertia(p, before))
-                if (limit := self.limits.get(f"shafts.{shaft}.torque")) is not None:
-                    rows.append(torque / limit)
-                if (limit := self.limits.get(f"shafts.{shaft}.twist")) is not None:
-                    rows.append(torque / p[f"rig.shafts.{shaft}.stiffness"] / limit)
-            total = _inertia(p, chain.inertias)
-            for name, factor in self._at_the_rotor(chain).items():
-                if (limit := self.limits.get(name)) is not None:
-                    rows.append(chain.peak_expression(chain.inertias, total, factor) / limit)
-        kept = [row for row in rows if not row.is_constant()]
-        return [(ca.vertcat(*kept), 1.0)] if kept else []
 
     def taken(self, values: Mapping[str, float]) -> list[ExceededLimit]:
         """Every limit with what the manoeuvre takes of it, whether it is exceeded or not."""
@@ -445,13 +422,6 @@ class Demands:
         if self.torque_curve is not None:
             factors[TORQUE_OVER_SPEED] = 1 / self.torque_curve.at(chain.speed)
         return factors
-
-
-def _inertia(p: Mapping[str, ca.MX | float], names: tuple[str, ...]) -> ca.MX:
-    total = ca.MX(0.0)
-    for name in names:
-        total = total + p[f"rig.inertias.{name}.J"]
-    return total
 
 
 def demands(case: Case, points: int = 400) -> Demands:
@@ -510,24 +480,10 @@ def _path(
     return (), (start, end)
 
 
-# --- Target modes as the optimiser needs them: eigenvalue and pattern over the dynamometers.
+# --- Target modes.
 
 FARTHEST_DAMPED = float(np.log(1.5))  # between a mode's damped and undamped frequency, logarithm
 LEAST_SCORE = 1e-3  # of any pair that may be one mode, so that as many as possible are paired
-
-
-@dataclass(frozen=True)
-class Goal:
-    """A target for the optimiser: eigenvalue wanted, rad/s, and pattern of speeds over the dynamometers (u,)."""
-
-    eigenvalue: complex
-    pattern: np.ndarray
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """What :func:`eigenpair` takes of it: |s|, damping ratio, pattern of length 1, (2 + u,)."""
-        size = abs(self.eigenvalue)
-        return np.array([size, -self.eigenvalue.real / size, *self.pattern / np.linalg.norm(self.pattern)])
 
 
 def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
@@ -576,30 +532,6 @@ def _mac(first: Mode, second: Mode, inertia: Mapping[str, float]) -> float:
     weight = np.sqrt(list(inertia.values()))
     a, b = (weight * np.array([mode.shape[name] for name in inertia]) for mode in (first, second))
     return float(abs(np.vdot(a, b)) ** 2 / max(np.vdot(a, a).real * np.vdot(b, b).real, 1e-300))
-
-
-def goals(case: Case, pairs: list[tuple[Mode, Mode]]) -> tuple[Goal, ...]:
-    """Eigenvalue wanted and pattern of the interface speeds for every target; one whose interfaces rest has none.
-
-    Dynamometers without torque have no loop and so no eigenpair of one: then the responses alone lead the way.
-    """
-    if case.loop.torqueless and not any(move.name.startswith("loop.") for move in case.moves):
-        return ()
-    cuts = {interface.shaft: interface for interface in case.residual_vehicle.interfaces}
-    made = []
-    for plain, damped in pairs:
-        pattern = np.array(
-            [
-                np.real(plain.shape.get(f"inertias.{cuts[dyno.follows].vehicle_end}", 0.0))
-                for dyno in case.loop.dynamometers
-            ]
-        )
-        if np.abs(pattern).max() < 1e-6:
-            continue
-        omega = 2 * np.pi * damped.frequency
-        eigenvalue = omega * complex(-damped.damping_ratio, np.sqrt(1 - damped.damping_ratio**2))
-        made.append(Goal(eigenvalue, pattern / np.abs(pattern).max()))
-    return tuple(made)
 
 
 # --- What every bed and the loop have to keep, for a controller to count as robust.

@@ -81,13 +81,17 @@ class SolvedAgain:
     problem: MatchProblem
     settings: SearchSettings
 
-    def values(self, case: Case, moves: Sequence[Move], solution: Solution) -> dict[str, float] | None:
+    def values(
+        self, case: Case, moves: Sequence[Move], solution: Solution, most_rounds: int = 1
+    ) -> dict[str, float] | None:
         """Values by name (SI) with which every target and limit of the changed case is met, or None."""
         settings = replace(self.settings, drawn=8, pool=32, scenarios=0)
         asked = replace(self.problem.demands, limits=case.limits)
         try:
             search = search_for(case, moves, self.problem.shares, asked, settings)
-            end = rounds(search, end_at(search, search.begin(solution.values)), 1, settings.steps)
+            end = rounds(
+                search, end_at(search, search.begin(solution.values)), most_rounds, most_rounds * settings.steps
+            )
             values = search.values(end.x)
             return values if self.meets_all(apply(case, values)) else None
         except InputError:
@@ -121,7 +125,7 @@ def _larger_limits(problem: MatchProblem, solution: Solution, again: SolvedAgain
     if not least:
         return {}
     case = replace(problem.case, limits={**problem.case.limits, **least})
-    return least if again.values(case, problem.moves, solution) is not None else {}
+    return least if again.values(case, problem.moves, solution, 3) is not None else {}
 
 
 def _shorter_dead_time(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> DeadTimeTrial | None:

@@ -1259,6 +1259,7 @@ def add_scenarios(search: Search, at: SearchEnd) -> bool:
 NEARLY_AS_CHEAP = 1.5  # times the cost of the cheapest start, up to which the requirements decide between starts
 SPREAD_GAINS = 8  # starts of a feedback law's gains, spread over their bounds (Sobol 1967)
 MIDDLE = 0.6  # of every gain's range, where a feedback law is searched from as well
+GENTLE = 0.02  # the same: a loop that does little is stable where a bed without control is
 
 
 @dataclass(frozen=True)
@@ -1375,7 +1376,7 @@ def _starts(search: Search) -> list[np.ndarray]:
     gains = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     if not gains.any():
         return [begin]
-    return [begin, np.where(gains, MIDDLE * (low + high), begin)]
+    return [begin, *(np.where(gains, low + part * (high - low), begin) for part in (MIDDLE, GENTLE))]
 
 
 def _anew(search: Search, x: np.ndarray) -> SearchEnd:

@@ -93,8 +93,8 @@ def hand_made(case):
         Curves(found.frequencies, found.vehicle, found.rig, found.matched, found.unmeasured),
         seen,
         1.0,
-        (1.0, 1.005, None),
-        2.0,
+        (1.0, 1.005),
+        seconds=2.0,
         simulated_in_time=in_time,
     )
 
