@@ -211,10 +211,17 @@ def held_at(case: Case, name: str, value: float) -> Case:
     return replace(moved, moves=left)
 
 
+# a feedback law's search at a point: its neighbours improve it
+OF_A_POINT = SearchSettings(drawn=8, pool=32, joint_rounds=1, scenarios=0, blind=0, fresh=40)
+
+
 def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
     """One point, from starts of its own."""
     try:
-        result = match(held_at(held_at(case, *x), *y), seed=seed, starts=starts, ordering=False)
+        settings = None if case.loop.structure.is_observer else OF_A_POINT
+        result = match(
+            held_at(held_at(case, *x), *y), seed=seed, starts=starts, ordering=False, settings=settings
+        )  # fmt: skip
     except InputError as fault:
         return Point(x[1], y[1], "impossible", None, None, None, False, None, (str(fault),))
     return _point(x[1], y[1], result)
@@ -242,7 +249,7 @@ def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Ne
     """
     if case.loop.structure.is_observer:
         return None
-    settings = SearchSettings(rounds=1, joint_rounds=1, scenarios=0)
+    settings = replace(OF_A_POINT, rounds=1, joint_rounds=1)
     try:
         result = match(
             held_at(held_at(case, *x), *y), ordering=False, begins=near.solutions,

@@ -217,6 +217,7 @@ def variables_of(case: Case, moves: Sequence[Move], shares: Mapping[str, float])
 
 # --- The controller and the beds at a point of the search. Beds depend on the quantities of the rig alone.
 
+UNSTABLE = 1e6  # cost of a bed as planned that is not stable: more than any errors of one that is
 KEPT = 40  # designs of a kind that are kept
 Design = TypeVar("Design")
 
@@ -285,17 +286,21 @@ class Judged:
         The same, of roll-off and margin the worst alone.
     penalty : float
         Cost of a requirement missed by all of it.
+    unstable : float
+        Cost of a bed as planned that is not stable, 0 where it is.
     """
 
     cost: float
     room: np.ndarray
     least: np.ndarray
     penalty: float
+    unstable: float = 0.0
 
     @property
     def merit(self) -> float:
         """By which points are compared: the cost, and much for what is missed, more where the errors are large."""
-        return self.cost + self.penalty * max(self.cost, 1.0) * float(np.maximum(-self.least, 0.0).sum())
+        missed = float(np.maximum(-self.least, 0.0).sum())
+        return self.cost + self.penalty * max(self.cost, 1.0) * missed + self.unstable
 
 
 @dataclass(frozen=True)
@@ -530,7 +535,13 @@ class Search:
         rooms = [np.clip(part, -1e2, settings.largest_room) for part in self._rooms(x, at)]
         *single, rolled_off, margin, targets = rooms
         worst = [np.array([part.min(initial=settings.largest_room)]) for part in (rolled_off, margin)]
-        return Judged(cost, np.concatenate(rooms), np.concatenate([*single, *worst, targets]), settings.penalty)
+        return Judged(
+            cost,
+            np.concatenate(rooms),
+            np.concatenate([*single, *worst, targets]),
+            settings.penalty,
+            UNSTABLE if rooms[0][0] <= -self._shares()[0] else 0.0,
+        )
 
     def _change(self, x: np.ndarray) -> float:
         changes = [
