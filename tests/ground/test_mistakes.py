@@ -53,7 +53,10 @@ def test_of_a_case(folder, capsys, pattern, by, said):
         ),
         (["modes", "case.toml"], "is a case, where a model is expected; give it to 'rigmatch match'"),
         (["uncertainty", "vehicle.toml"], "is a model, where a budget is expected"),
-        (["simulate", "road.csv", "vehicle.toml", "--out", "out"], "is a recording, where a model or case file is expected"),
+        (
+            ["simulate", "road.csv", "vehicle.toml", "--out", "out"],
+            "is a recording, where a model or case file is expected",
+        ),
     ],
 )
 def test_of_files_in_each_others_place(folder, capsys, words, said):
