@@ -124,7 +124,8 @@ class Ended:
     @property
     def cancelled(self) -> bool:
         """Whether it was asked to end."""
-        return self.code in (128 + signal.SIGINT, 128 + signal.SIGTERM)
+        asked = signal.SIGINT, signal.SIGTERM
+        return self.code in (*(128 + each for each in asked), *(-each for each in asked))  # the latter before it began
 
 
 class Job:

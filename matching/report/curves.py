@@ -132,12 +132,12 @@ def _bar(borders: tuple[float, float, float, float], lies: bool, patch: Any, lab
     return _Bar(left, right, bottom, top, lies, to_hex(face[:3]), float(face[3]), patch.get_hatch() or "", label)
 
 
-def _named_ticks(axis: Any) -> dict[float, str]:
-    """Texts of ticks that are names; none where they are numbers."""
+def _named_ticks(axis: Any, numbers: bool = False) -> dict[float, str]:
+    """Texts of ticks that are names; none where they are numbers, unless those are wanted too."""
     places = [float(place) for place in axis.get_majorticklocs()]
     texts = axis.get_major_formatter().format_ticks(places)
     named = {place: text for place, text in zip(places, texts, strict=True) if text}
-    return named if any(not _is_number(text) for text in named.values()) else {}
+    return named if numbers or any(not _is_number(text) for text in named.values()) else {}
 
 
 def _is_number(text: str) -> bool:
@@ -234,6 +234,7 @@ def shared_label(axes: Any, which: str) -> str:
 
 # --- Figures of Bokeh for a page: one look, and scripts and elements that need no network.
 
+COLOUR_BAR = "<colorbar>"  # what Matplotlib calls the axes of one
 HEIGHT_PX, FIELDS_PX = 260, 420  # of a figure with curves, of one with coloured fields
 RANDOM = re.compile(
     r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
@@ -359,7 +360,7 @@ def acting(figures: Mapping[str, Figure]) -> dict[str, str]:
 
 def _panels(fig: Figure) -> list[Any]:
     """Panels of a figure; where its axes stand in a grid, one layout that keeps its rows together."""
-    shown = [axes for axes in fig.axes if _is_drawable(axes)]
+    shown = [axes for axes in fig.axes if _is_drawable(axes) and axes.get_label() != COLOUR_BAR]
     if all(axes.get_yscale() == "symlog" for axes in shown):
         return []
     rows: dict[int, list[Any]] = {}
@@ -423,7 +424,7 @@ def _panel(axes: Any) -> Any:
         _band_patch(fig, axes, patch)
     for area in axes.collections:
         if isinstance(area, QuadMesh):
-            _fields(fig, area)
+            _fields(fig, axes, area)
         elif isinstance(area, PolyCollection):
             _area(fig, area)
     for line in axes.lines:
@@ -432,7 +433,7 @@ def _panel(axes: Any) -> Any:
         draw_bars(fig, axes)
     else:
         for drawn_axis, axis in ((fig.xaxis, axes.xaxis), (fig.yaxis, axes.yaxis)):
-            if names := _named_ticks(axis):
+            if names := _named_ticks(axis, any(isinstance(area, QuadMesh) for area in axes.collections)):
                 drawn_axis.ticker, drawn_axis.major_label_overrides = sorted(names), names
     _marks(fig, axes)
     _texts(fig, axes)
@@ -471,7 +472,9 @@ def _drawn_line(fig: Any, line: Any) -> None:
 
 
 def _texts(fig: Any, axes: Any) -> None:
-    """Texts that stand beside a point or a bar."""
+    """Texts that stand beside a point or a bar, or on a coloured field."""
+    on_fields = any(isinstance(own, QuadMesh) for own in axes.collections)
+    ground: dict[str, Any] = {"background_fill_color": "white", "background_fill_alpha": 0.75} if on_fields else {}
     for text in axes.texts:
         if not isinstance(text, Annotation) or text.xycoords != "data" or not text.get_text().strip():
             continue
@@ -482,7 +485,7 @@ def _texts(fig: Any, axes: Any) -> None:
             y_offset=-up * PIXELS_PER_POINT, text_font_size="11px", text_color=to_hex(text.get_color()), name="",
             text_align=text.get_horizontalalignment(),
             text_baseline=BASELINES.get(text.get_verticalalignment(), "middle"), angle=text.get_rotation(),
-            angle_units="deg",
+            angle_units="deg", **ground,
         )  # fmt: skip
 
 
@@ -497,7 +500,7 @@ def _area(fig: Any, area: Any) -> None:
         fig.patch(x, y, color=to_hex(colours[0][:3]), alpha=float(colours[0][3]), line_width=0, name="", **named)
 
 
-def _fields(fig: Any, mesh: QuadMesh) -> None:
+def _fields(fig: Any, axes: Any, mesh: QuadMesh) -> None:
     """Coloured fields, each of which tells its borders and its value."""
     from bokeh.models import HoverTool
 
@@ -518,6 +521,11 @@ def _fields(fig: Any, mesh: QuadMesh) -> None:
     for hover in fig.hover:
         hover.renderers = []
     fig.add_tools(HoverTool(tooltips=[(str(mesh.get_label()).lstrip("_"), "@value"), *where], renderers=[drawn]))
+    limited = [own for own in axes.patches if isinstance(own, Rectangle) and own.get_hatch()]
+    if limited:
+        borders = np.array([own.get_bbox().extents for own in limited]).T
+        fig.quad(borders[0], borders[2], borders[3], borders[1], fill_alpha=0, line_color=None, hatch_color="black",
+                 hatch_pattern=HATCHES["/"], hatch_alpha=0.6, name="", legend_label="limited")  # fmt: skip
     fig.height = FIELDS_PX
     fig.grid.visible = False
 

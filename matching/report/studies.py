@@ -29,6 +29,7 @@ from matching.report.common import (
     StudyPage,
     aligned,
     amount,
+    component,
     counted,
     csv_table,
     enough_digits,
@@ -181,7 +182,8 @@ def _label(axes: Any, result: Map) -> None:
         drawn_axis.set_minor_locator(NullLocator())
         drawn_axis.set_ticklabels([number(1e3 * value if in_ms else value, 3) for value in ticks])
         shown_unit = "ms" if in_ms else unit(axis.unit)
-        drawn_axis.set_label_text(f"{axis.name} in {shown_unit}" if shown_unit else axis.name)
+        name = component(axis.name)
+        drawn_axis.set_label_text(f"{name} in {shown_unit}" if shown_unit else name)
 
 
 # --- The page of a map: the best point, how far a match reaches, what limits it elsewhere; every point to download.
@@ -247,26 +249,29 @@ def _answer(result: Map, points: list[Point], matched: list[Point]) -> str:
 
 def _to_choose(result: Map, matched: list[Point]) -> list[ScreenPoint]:
     if not matched:
-        return [ScreenPoint("nothing on this map", NO_MATCH)]
+        return [ScreenPoint("Widen what is allowed", NO_MATCH)]
     best = min(matched, key=_error)
     chosen = [
-        ScreenPoint(_place(result, best), f"least error of all matched points, margin {number(best.modulus_margin, 3)}")
+        ScreenPoint(
+            f"Choose {_place(result, best)}",
+            f"least error of all matched points, margin {number(best.modulus_margin, 3)}",
+        )
     ]
     safest = max(matched, key=lambda point: point.modulus_margin or 0.0)
     if safest is not best:
         reason = f"largest modulus margin, {number(safest.modulus_margin, 3)}; error {number(safest.error, 3)}"
-        chosen.append(ScreenPoint(_place(result, safest), reason))
+        chosen.append(ScreenPoint(f"For more margin choose {_place(result, safest)}", reason))
     return chosen
 
 
 def _reach(axis: Axis, key: str, matched: list[Point]) -> ScreenPoint:
     values = sorted({getattr(point, key) for point in matched})
     if not values:
-        return ScreenPoint(f"{axis.name}: nowhere")
+        return ScreenPoint(f"{component(axis.name)}: nowhere")
     ends = " to ".join(dict.fromkeys(practical(value, axis.unit) for value in (values[0], values[-1])))
     whole = values[0] == axis.values[0] and values[-1] == axis.values[-1]
     return ScreenPoint(
-        f"{axis.name}: {ends}", "the whole range of the map" if whole else "with some value of the other"
+        f"{component(axis.name)}: {ends}", "the whole range of the map" if whole else "with some value of the other"
     )
 
 
@@ -279,7 +284,7 @@ def _in_the_way(points: list[Point]) -> list[ScreenPoint]:
 
 def _place(result: Map, point: Point) -> str:
     return ", ".join(
-        f"{axis.name} {practical(value, axis.unit) if axis.unit == 's' else amount(value, axis.unit)}"
+        f"{component(axis.name)} {practical(value, axis.unit) if axis.unit == 's' else amount(value, axis.unit)}"
         for axis, value in ((result.x, point.x), (result.y, point.y))
     )
 
@@ -472,10 +477,17 @@ def _to_tighten(study: Tolerance) -> list[ScreenPoint]:
                 largest[name] = share, spread
     ranked = sorted(largest.items(), key=lambda item: -item[1][0])[:WORST_DRIVERS]
     points = [
-        ScreenPoint(short_name(name), f"causes {100 * share:.0f} % of the variance of {result_words(spread.name)}")
+        ScreenPoint(_tighten(name), f"causes {100 * share:.0f} % of the variance of {result_words(spread.name)}")
         for name, (share, spread) in ranked
     ]
-    return points or [ScreenPoint("nothing", f"no quantity causes {percent(LEAST_SHARE, 0)} of a variance")]
+    return points or [ScreenPoint("Nothing", f"no quantity causes {percent(LEAST_SHARE, 0)} of a variance")]
+
+
+def _tighten(name: str) -> str:
+    """What to do about a quantity that scatters: parts are ordered, the loop and its sensors are measured."""
+    if name.startswith("rig."):
+        return f"Order {component(name)} with a smaller tolerance"
+    return f"Measure {component(name)} on the bed: 'rigmatch excite', then 'rigmatch identify'"
 
 
 def _expected(spread: Spread) -> ScreenPoint:

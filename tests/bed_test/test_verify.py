@@ -17,7 +17,7 @@ from matching.bed.verify import judge, read_recordings, snapshots
 from matching.cli import main
 from matching.export import exported_controller
 from matching.match.case_file import load_case
-from matching.match.loop import linear_bed
+from matching.match.loop import disturbing, linear_bed
 from matching.match.responses import error_figures
 from modelling.bed.controllers import STRUCTURES
 from modelling.errors import InputError
@@ -44,17 +44,18 @@ def controlled_bed(case, law, torque, noise=0.0, gain=1.0):
     """
     parts, step = linear_bed(case), case.loop["sample_time"]
     k, bed = len(parts.dynamometers), parts.bed
-    n, m = bed.B.shape
-    block = expm(np.block([[bed.A, bed.B], [np.zeros((m, n + m))]]) * step / FINE)
+    B = np.hstack([bed.commands, bed.torques])
+    n, m = B.shape
+    block = expm(np.block([[bed.A, B], [np.zeros((m, n + m))]]) * step / FINE)
     fine, push = block[:n, :n], block[:n, n:]
-    motor = k + parts.drives.index("motor_torque")
+    motor = k + disturbing(case).index("motor_torque")
     later = [np.linalg.matrix_power(fine, FINE - 1 - j) for j in range(FINE)]
     steps = round(case.loop["dead_time"] / step * FINE - FINE / 2)  # less the half sample of hold
     delay = -(-steps // FINE)
     old, new = (sum(later[j] @ push[:, :k] for j in span) for span in (range(steps % FINE), range(steps % FINE, FINE)))
     A = np.linalg.matrix_power(fine, FINE)
     torques = np.stack([power @ push[:, motor] for power in later], axis=1)
-    C = bed.C[: 2 * k] * np.concatenate([parts.torque_signs, np.ones(k)])[:, None]
+    C = bed.readings[: 2 * k]
     keep = np.eye(len(law.A)) - law.L @ law.E
     x, q = len(law.A), law.known.index("motor_torque")
     size = n + k * delay + x

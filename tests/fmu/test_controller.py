@@ -17,7 +17,6 @@ from matching.match.case_file import load_case
 from matching.match.loop import linear_bed
 from matching.match.verify import matched_motion
 from modelling.bed.controllers import STRUCTURES
-from modelling.bed.vehicle import cut
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import FAULTS
 from modelling.fmu.export import controller_fmu
@@ -105,8 +104,7 @@ def test_law_of_the_feed_forward_commands_what_the_verification_commands(case):
     case = with_structure(case, "model_based")
     time = np.arange(600) * case.loop["sample_time"]
     torques = {"motor_torque": 100.0 * (time > 0.05), "road_left": -200.0 * np.sin(20 * time)}
-    feed_forward = case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
-    wanted = matched_motion(linear_bed(case), feed_forward, torques)
+    wanted = matched_motion(linear_bed(case), torques)
     commands = closed(case, exported_controller(case).law, torques)
     for j, name in enumerate(("left", "right")):
         trace = wanted[f"dynamometers.{name}.command"]
@@ -122,7 +120,7 @@ def test_law_of_pi_is_its_sampled_state_space(case):
     for y, w in zip(readings, known, strict=True):
         sent, state = law.step(state, y, w, np.full(2, np.inf))
         got.append(sent)
-    own = parts.sampled_controller
+    own = parts.sampled_feedback
     drive = np.hstack([readings * np.concatenate([parts.torque_signs, np.ones(2)]), known])
     wanted = dlsim((own.A, own.B, own.C, own.D, law.sample_time), drive)[1]
     np.testing.assert_allclose(np.array(got), wanted, atol=1e-9 * np.abs(wanted).max())

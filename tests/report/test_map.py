@@ -179,8 +179,8 @@ def test_a_map_shows_its_errors_and_hatches_what_is_limited(case):
     assert [patch.get_hatch() for patch in axes.patches] == ["//"] * 3
     assert [text.get_text() for text in axes.texts] == ["0.01", "0.22", "0.2", "2.2"]
     assert [text.get_text() for text in other.texts] == ["0.03", "0.6", "0.6", "6"]
-    assert axes.get_xlabel() == "loop.dead_time in ms"
-    assert axes.get_ylabel() == f"{STIFFNESS} in N·m/rad"
+    assert axes.get_xlabel() == "dead time in ms"
+    assert axes.get_ylabel() == "flange left, stiffness in N·m/rad"
     assert [text.get_text() for text in drawn.legends[0].get_texts()] == ["limited", "the case as it is"]
     none = Point(1e-3, 1e5, "impossible", None, None, None, False, None, ("so",))
     nothing = replace(found, points=((none, none), (none, none)))
