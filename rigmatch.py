@@ -15,7 +15,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+MANOEUVRES = ("BackOut", "DriveAway", "Step", "Sweep", "TipIn")
 __all__ = [
+    "BackOut", "DriveAway", "Step", "Sweep", "TipIn",
     "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "map",
     "match", "modes", "new", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
         uncertainty,
         verify,
     )
+    from modelling.bed.manoeuvres import BackOut, DriveAway, Step, Sweep, TipIn
 
 PACKAGES = ("modelling", "matching")
 REPLACED = (
@@ -95,7 +98,7 @@ def __getattr__(name: str) -> Any:
         from modelling.errors import VERSION
 
         return VERSION
-    return getattr(import_module("matching.api"), name)
+    return getattr(import_module("modelling.bed.manoeuvres" if name in MANOEUVRES else "matching.api"), name)
 
 
 def __dir__() -> list[str]:

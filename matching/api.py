@@ -29,11 +29,14 @@ if TYPE_CHECKING:
     from matching.match.result import MatchResult
     from matching.match.tolerance import Tolerance
     from matching.uncertainty.result import Uncertainty
+    from modelling.bed.manoeuvres import Manoeuvre
     from modelling.linear.state_space import Response
     from modelling.modal.result import Modes
     from modelling.recordings.recording import Recording
     from modelling.simulation.stepping import Simulation
     from modelling.system import System
+
+    Torques = Mapping[str, Manoeuvre]
 
 
 # --- What a file holds: models, cases, recordings, and their drawing.
@@ -319,7 +322,7 @@ def response(model: System | File, frequencies: np.ndarray) -> Response:
 
 def simulate(
     model: System | File,
-    recording: Recording | File,
+    recording: Recording | File | Torques,
     *,
     channels: File | None = None,
     start: Any = "recorded",
@@ -335,8 +338,9 @@ def simulate(
     ----------
     model : System or path
         Model file (TOML).
-    recording : Recording or path
-        Recording (CSV, MDF, .mat or Parquet).
+    recording : Recording, path, or mapping of input to manoeuvre
+        Recording (CSV, MDF, .mat or Parquet). In Python also torques of inputs as manoeuvres, such as
+        ``{"motor_torque": rm.TipIn(amplitude=100)}``; other inputs are 0 and it starts at rest.
     channels : path, optional
         File that says what the channels are called in the recording (TOML).
     start : {"recorded", "rest", "steady"}, states by name or all states
@@ -371,6 +375,10 @@ def simulate(
     from modelling.simulation.simulate import simulate as run
 
     built = compiled(system_of(model))
+    if isinstance(recording, Mapping):
+        from modelling.bed.manoeuvres import driven
+
+        recording, start = driven(built.system, recording), "rest" if start == "recorded" else start
     measured = recording_of(recording, built.system, channels)
     measured.check_continuous()
     check_speed_units(built, measured)

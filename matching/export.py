@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag, null_space
+from scipy.linalg import null_space
 
 from matching.match.case import Case, apply, of_system
 from matching.match.case_file import load_case
 from matching.match.in_time import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
-from matching.match.loop import Parts, control_law, parts_of, shaft_torque
+from matching.match.loop import LinearBed, assembled_bed, control_law, linear_bed, shaft_torque
 from modelling.bed.bed import delayed_bed
 from modelling.bed.observer import NOISE
 from modelling.bed.vehicle import Interface, ResidualVehicle, cut
@@ -72,14 +72,14 @@ class BedEvents:
     errors: np.ndarray
 
 
-def no_events(bed: LinearBed, samples: int, count: int) -> BedEvents:
+def no_events(bed: WatchedBed, samples: int, count: int) -> BedEvents:
     """So many events of which none has begun."""
     law = bed.law
     return BedEvents(*(np.zeros((samples, size, count)) for size in (len(bed.A), len(law.known), len(law.sensors))))
 
 
 @dataclass(frozen=True)
-class LinearBed:
+class WatchedBed:
     """A rig with its lags as it may stand there, in deviations from a steady state; x states, k commands, y readings.
 
     Attributes
@@ -169,10 +169,9 @@ class LinearBed:
         return inverse
 
 
-def linear_bed(case: Case, law: ControlLaw, values: Mapping[str, float]) -> LinearBed:
+def watched_bed(case: Case, law: ControlLaw, values: Mapping[str, float]) -> WatchedBed:
     """The bed of a case with some ``values`` other than the case's, named as those that are uncertain."""
-    loop, dynamometers = case.loop, case.loop.dynamometers
-    k = len(dynamometers)
+    dynamometers, k = case.loop.dynamometers, len(case.loop.dynamometers)
     rig = case.rig.with_values(of_system(values, case.rig))
     more = replace(
         rig,
@@ -180,25 +179,14 @@ def linear_bed(case: Case, law: ControlLaw, values: Mapping[str, float]) -> Line
         sensors=(*rig.sensors, *(Sensor(shaft_torque(part.name), "torque", part.name) for part in rig.shafts)),
     )
     space = state_space(more)
-    lag, sensor_lag = (values.get(f"loop.{name}", loop[name]) for name in ("inverter_lag", "torque_sensor_lag"))
-    n = len(space.A)
-    A = block_diag(space.A, -np.eye(k) / lag, -np.eye(k) / sensor_lag)
-    commands = np.zeros((n + 2 * k, k))
-    readings = np.stack([np.pad(space.output(name), (0, 2 * k)) for name in law.sensors])
-    for j, dynamometer in enumerate(dynamometers):
-        gain = values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0)
-        A[:n, n + j] = gain * space.input(dynamometer.torque_input)
-        A[n + k + j, :n] = space.output(dynamometer.torque_sensor) / sensor_lag
-        commands[n + j, j] = 1 / lag
-        readings[j] = np.eye(n + 2 * k)[n + k + j]
-    readings *= np.array([[values.get(f"sensors.{name}.gain", 1.0)] for name in law.sensors])
-    return LinearBed(
-        rig, law, A, commands, readings,
+    bed = assembled_bed(case, space, values)
+    return WatchedBed(
+        rig, law, bed.A, bed.commands, bed.readings[: len(law.sensors)],
         {name: np.pad(space.input(name), (0, 2 * k)) for name in space.inputs},
         {part.name: np.pad(space.output(shaft_torque(part.name)), (0, 2 * k)) for part in rig.shafts},
         tuple(sensor.of for dynamometer in dynamometers for sensor in rig.sensors
               if sensor.name == dynamometer.torque_sensor),
-        loop.command_delay(values.get("loop.dead_time")),
+        bed.delay,
     )  # fmt: skip
 
 
@@ -220,7 +208,7 @@ class Disturbances:
     count: int
 
 
-def disturbances(case: Case, beds: Sequence[LinearBed], scale: float) -> Disturbances:
+def disturbances(case: Case, beds: Sequence[WatchedBed], scale: float) -> Disturbances:
     """Noise of the bed as planned, and steps of torque on all of them."""
     noise = windows(beds[0].run(_wrong_readings(case, beds[0]))[0])
     steps = [windows(bed.run(_torque_steps(case, bed, scale))[0]) for bed in beds]
@@ -236,7 +224,7 @@ def windows(off: np.ndarray) -> np.ndarray:
     return np.concatenate(shifted, axis=1).transpose(0, 2, 1)
 
 
-def _wrong_readings(case: Case, bed: LinearBed) -> BedEvents:
+def _wrong_readings(case: Case, bed: WatchedBed) -> BedEvents:
     """One wrong reading of every sensor: its noise, and what a count of an encoder does to two samples."""
     law, sensors = bed.law, {sensor.name: sensor for sensor in case.rig.sensors}
     of_law = [sensors[name] for name in law.sensors]
@@ -250,7 +238,7 @@ def _wrong_readings(case: Case, bed: LinearBed) -> BedEvents:
     return events
 
 
-def _torque_steps(case: Case, bed: LinearBed, scale: float) -> BedEvents:
+def _torque_steps(case: Case, bed: WatchedBed, scale: float) -> BedEvents:
     """Every torque at once: those of the rig not measured, and measured but late and large; those of the road."""
     law = bed.law
     driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
@@ -268,7 +256,7 @@ def _torque_steps(case: Case, bed: LinearBed, scale: float) -> BedEvents:
     return events
 
 
-def torque_sizes(case: Case, bed: LinearBed, scale: float) -> dict[str, float]:
+def torque_sizes(case: Case, bed: WatchedBed, scale: float) -> dict[str, float]:
     """N·m by which each torque steps: over the manoeuvre, or what balances flange torques of ``scale``, if larger."""
     balance = bed.balancing()
     sizes = {}
@@ -317,9 +305,9 @@ def opened_shaft_rule(case: Case, law: ControlLaw, lost_torque: float) -> Opened
     lost_torque : float
         N·m: from this flange torque on the controller judges whether it is gone at once.
     """
-    beds = [linear_bed(case, law, case.uncertainty.at(at)) for at in case.uncertainty.spread(DRAWN_BEDS)]
+    beds = [watched_bed(case, law, case.uncertainty.at(at)) for at in case.uncertainty.spread(DRAWN_BEDS)]
     shafts = tuple(part.name for part in case.rig.shafts)
-    carried = linear_bed(case, law, {}).carried(shafts)
+    carried = watched_bed(case, law, {}).carried(shafts)
     limit = case.limits.get("dynamometer_torque", NO_LIMIT)
     scale = lost_torque if limit < NO_LIMIT else 0.0
     what, unwatched = None, _why_nothing_is_watched(case, law)
@@ -357,7 +345,7 @@ def _why_nothing_is_watched(case: Case, law: ControlLaw) -> str:
 
 
 def _judged(
-    beds: Sequence[LinearBed], shaft: str, of_flanges: np.ndarray, what: Disturbances, scale: float, limit: float
+    beds: Sequence[WatchedBed], shaft: str, of_flanges: np.ndarray, what: Disturbances, scale: float, limit: float
 ) -> tuple[OpenedShaft, np.ndarray | None]:
     """A shaft's row, and its weights where an opening can be told from everything else."""
     if not of_flanges.any():
@@ -405,13 +393,13 @@ def estimating(signatures: np.ndarray, what: Disturbances, carried: float) -> np
     return weights
 
 
-def _openings(bed: LinearBed, shaft: str) -> np.ndarray:
+def _openings(bed: WatchedBed, shaft: str) -> np.ndarray:
     """Windows (2, WATCHED_SAMPLES · y) one sample before the last watched one, and at it."""
     off, _ = bed.opening(shaft, WATCHED_SAMPLES + 1)
     return windows(off[:, :, None])[-2:, 0]
 
 
-def gone_at_once(beds: Sequence[LinearBed], shaft: str, of_flanges: np.ndarray) -> bool:
+def gone_at_once(beds: Sequence[WatchedBed], shaft: str, of_flanges: np.ndarray) -> bool:
     """Whether a flange torque is gone within WATCHED_SAMPLES after a shaft opened, on every bed.
 
     ``of_flanges`` (k,): torque in the shaft by flange torques.
@@ -419,7 +407,7 @@ def gone_at_once(beds: Sequence[LinearBed], shaft: str, of_flanges: np.ndarray) 
     return all(_gone_at_once(bed, shaft, of_flanges) for bed in beds)
 
 
-def _gone_at_once(bed: LinearBed, shaft: str, of_flanges: np.ndarray) -> bool:
+def _gone_at_once(bed: WatchedBed, shaft: str, of_flanges: np.ndarray) -> bool:
     if not of_flanges.any():
         return False
     if shaft in bed.measured_shafts:
@@ -442,7 +430,7 @@ UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be f
 
 def exported_controller(case: Case) -> ExportedController:
     """The controller of a tuned case."""
-    parts = parts_of(case)
+    parts = linear_bed(case)
     law = control_law(parts)
     dynamometers = case.loop.dynamometers
     torques = tuple(law.sensors.index(dynamometer.torque_sensor) for dynamometer in dynamometers)
@@ -462,14 +450,12 @@ def exported_controller(case: Case) -> ExportedController:
     )
 
 
-def _settings(parts: Parts, law: ControlLaw, torques: tuple[int, ...]) -> Settings:
+def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Settings:
     case, loop, k = parts.case, parts.case.loop, len(parts.case.loop.dynamometers)
     torque = case.limits.get("dynamometer_torque", NO_LIMIT)
     speed = case.limits.get("dynamometer_speed", NO_LIMIT)
-    bed = parts.bed
-    speeds = StateSpace(
-        bed.A, bed.B, bed.C[k : 2 * k], bed.D[k : 2 * k], bed.inputs, tuple(bed.outputs[k : 2 * k])
-    )  # fmt: skip
+    bed, names = parts.bed, tuple(dynamometer.name for dynamometer in loop.dynamometers)
+    speeds = StateSpace(bed.A, bed.commands, bed.readings[k : 2 * k], np.zeros((k, k)), names, names)
     rotors = [
         next(part.on for part in case.rig.inputs if part.name == dynamometer.torque_input)
         for dynamometer in loop.dynamometers

@@ -550,7 +550,7 @@ def _operating_point(system: Components, inertias: Collection[str]) -> None:
 # --- System
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class System(Components):
     """One drivetrain: its components, checked and frozen.
 
@@ -627,6 +627,12 @@ class System(Components):
     def with_effects(self, *effects: Effect) -> System:
         """The same system with further effects."""
         return dataclasses.replace(self, effects=self.effects + effects)
+
+    def __repr__(self) -> str:
+        tables = (
+            (name, getattr(self, name)) for name in ("inertias", "shafts", "gears", "inputs", "sensors", "effects")
+        )
+        return f"System({', '.join(f'{len(parts)} {name}' for name, parts in tables if parts)})"
 
     def _repr_html_(self) -> str:
         return display.html(self)

@@ -20,7 +20,7 @@ CLASSES = {
             "MatchResult", "TargetResult", "ParameterResult", "ResponseError", "AdapterTrade",
         ],
         "matching.match.verify": ["Verification"],
-        "matching.match.dynamic_stiffness": ["BedsCheck"],
+        "matching.match.beds": ["BedsCheck"],
     },
     "Map and tolerance study": {
         "matching.match.map": ["Map", "Point"],

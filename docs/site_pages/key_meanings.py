@@ -69,6 +69,7 @@ CHANNEL = {
     "sign": "−1 where it is positive in the other direction",
     "factor": "is multiplied by",
     "group": "of an MDF, where several groups have the name",
+    "period": "after how much the channel starts anew (a counter, an angle that wraps), in the recording's unit",
 }
 BUDGET = {
     "title": "a line for reports",

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from matching.match.case_file import load_case
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.match import match
 from matching.match.responses import error_figures
 from matching.match.result import MatchResult
@@ -20,7 +20,7 @@ def main(seed: int = 0, workers: int = 1) -> MatchResult:
     result = match(load_case(HERE / "case.toml"), seed, workers=workers)
     checks, error = result.verification, result.response_error
     low = replace(result.tuned, band=(0.5, 15.0))
-    narrow = error_figures(low, parts_of(low, untuned=result.case.rig))
+    narrow = error_figures(low, linear_bed(low, untuned=result.case.rig))
 
     print(f"{result.status}, objective {result.objective:.4f}")
     for target in result.targets:

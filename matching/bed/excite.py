@@ -14,9 +14,17 @@ import numpy as np
 import scipy
 
 from matching.export import exported_controller
-from matching.match.beds import Bed, bed_of, bed_set, compared_sensors, disturbing, responses
 from matching.match.case import Box, Case, Compared
-from matching.match.loop import law_action, shaft_torque
+from matching.match.loop import (
+    Bed,
+    bed_of,
+    bed_set,
+    compared_sensors,
+    disturbing,
+    law_response,
+    responses,
+    shaft_torque,
+)
 from modelling.bed.bed import delayed_bed
 from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, ControlLaw, Settings, has_gone
 from modelling.display import Displayed
@@ -38,7 +46,7 @@ class RecordedBed:
     Attributes
     ----------
     case : Case
-        Compares all that is no sensor of the controller: :func:`matching.match.beds.bed_of` gives it then.
+        Compares all that is no sensor of the controller: :func:`matching.match.loop.bed_of` gives it then.
     inputs : tuple of str (u)
         Inputs of the rig: the dynamometers', then the others.
     sensors : tuple of str (y)
@@ -174,7 +182,7 @@ def controlled_beds(
     values : sequence of mappings (b)
         Values of what is uncertain, SI.
     """
-    acting = law_action(law, frequencies, bed.case.loop.controller_sensors)
+    acting = law_response(law, frequencies, bed.case.loop.controller_sensors)
     s, step = 2j * np.pi * frequencies, law.sample_time
     hold = (1 - np.exp(-s * step)) / (s * step)
     commands, outputs = [], []
@@ -632,7 +640,7 @@ def error_weights(case: Case) -> np.ndarray:
     frequencies = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
     positions = STEP * np.vstack([np.eye(p), -np.eye(p)])
     beds = bed_set(case, [box.at(position) for position in positions], frequencies)
-    acting = law_action(exported_controller(case).law, frequencies, loop.controller_sensors)
+    acting = law_response(exported_controller(case).law, frequencies, loop.controller_sensors)
     ratio = responses(beds, acting, acting.known) / beds.vehicle
     slopes = np.log(ratio[:p] / ratio[p:]) / (2 * STEP)
     flat = slopes.reshape(p, -1)

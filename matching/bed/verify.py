@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 import scipy
 
-from matching.match.beds import bed_set, responses, vehicle_response
 from matching.match.case import Box, Case, of_system
-from matching.match.loop import control_law, law_action, parts_of
-from matching.match.responses import ComparedBed, ObservedBed
-from modelling.bed.vehicle import cut
+from matching.match.loop import bed_set, controller_of, frequency_response, responses, vehicle_response
+from matching.match.responses import ComparedBed
 from modelling.display import Displayed
 from modelling.errors import InputError, listed
 from modelling.fidelity.measures import WEIGHTS, Fidelity, SignalPair, fidelity_distribution, fidelity_of_signals
@@ -493,10 +491,10 @@ SHARE = 0.95  # of the beds that have no larger error
 
 def drawn_squares(case: Case) -> np.ndarray:
     """Mean squares (b, h) of |log(H_bed/H_vehicle)| of drawn beds against the vehicle as the case has it."""
-    box, law = case.uncertainty, control_law(parts_of(case))
+    box = case.uncertainty
     frequencies = np.geomspace(*case.band, POINTS)
     beds = bed_set(case, [box.at(position) for position in box.spread(BEDS)], frequencies)
-    acting = law_action(law, frequencies, case.loop.controller_sensors)
+    acting = frequency_response(controller_of(case), frequencies)
     ratio = responses(beds, acting, acting.known) / vehicle_response(case, {}, frequencies)
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = np.abs(np.log(ratio)) ** 2
@@ -763,7 +761,7 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     """Judge recordings of the bed of a tuned case."""
     grid, recordings = _frequencies(recorded, case.band), _spectra(recorded, case.band)
     measured = estimated_response(recordings, grid)
-    bed = compared_bed(case)
+    bed = ComparedBed(case)
     answers = bed.at(grid)
     pairs = [
         (h, source, sensor)
@@ -776,7 +774,7 @@ def judge(case: Case, recorded: BedRecordings) -> BedVerification:
     functions, vehicles = [], drawn_vehicles(case, grid)
     for (h, source, sensor), (_, y, u) in zip(pairs, places, strict=True):
         values, variances = measured.values[:, y, u], measured.variances[:, y, u]
-        known = bool(bed.measured[h]) or (isinstance(bed, ObservedBed) and source in bed.controller.known)
+        known = bool(bed.measured[h])
         figures = Figures.of(
             values, variances, answers.vehicle[:, h], answers.matched[:, h], measured, vehicles[:, :, h]
         )
@@ -834,12 +832,6 @@ def _hidden(functions: Sequence[_Function]) -> list[str]:
         for function in functions
         if not function.figures.known
     ]
-
-
-def compared_bed(case: Case) -> ComparedBed:
-    """The prediction: an observer is a law of its own, from sample to sample."""
-    observer = case.loop.structure.observer(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
-    return ComparedBed(case) if observer is None else ObservedBed(case, parts_of(case), observer)
 
 
 def _place(recorded: BedRecordings, source: str, sensor: str) -> tuple[int, int]:

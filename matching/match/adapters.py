@@ -16,14 +16,13 @@ from itertools import pairwise
 import numpy as np
 
 from matching.match.attempt import Question, VerifiedSolution, target_results, task_of
-from matching.match.case import Case, Move, apply
-from matching.match.loop import parts_of
-from matching.match.programme import SLOTS, Problem, scaled, unscaled
+from matching.match.case import Case, Move, apply, scaled, unscaled
+from matching.match.loop import of_observer
+from matching.match.programme import SLOTS, Problem
 from matching.match.responses import (
     BandNodes,
     ComparedBed,
     ErrorFigures,
-    ObservedBed,
     error_figures,
     figures_of,
     log_squares,
@@ -426,7 +425,7 @@ def estimator_bound(case: Case) -> float | None:
     ideal = dataclasses.replace(case, loop=loop)
     try:
         controller = design(observer_model(case.rig, cut(case.emulated_vehicle, case.rig), loop), weights)
-        return figures_of(ObservedBed(ideal, parts_of(ideal), controller)).unmeasured
+        return figures_of(ComparedBed(ideal, controller=of_observer(controller))).unmeasured
     except InputError:
         return None
 

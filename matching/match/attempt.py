@@ -23,13 +23,15 @@ from matching.match.case import (
     demands,
     goals,
     released_moves,
+    scaled,
     shares_of,
     target_modes,
+    unscaled,
 )
-from matching.match.continuous_loop import LoopMode, encirclements, feedback_modes, match_mode
-from matching.match.loop import parts_of
+from matching.match.loop import feedback_on, linear_bed
+from matching.match.loop_modes import ClosedLoop, LoopMode, inside_unit_circle, match_mode, neutral_motions
 from matching.match.objectives import REGISTERED
-from matching.match.programme import scaled, solved, unscaled
+from matching.match.programme import solved
 from matching.match.result import TargetResult
 from matching.match.solve import Near, Solution, TuningTask, solve, warm
 from matching.match.verify import Traces, Verification, verify
@@ -96,7 +98,7 @@ def shorter_dead_times(
 ) -> DeadTimeTrial | None:
     """Solve the case at shorter dead times; None where there is none to try, as it is one sample already.
 
-    Each is solved anew from the solution and from a gentler loop, and judged by margin, encirclements and poles.
+    Each is solved anew from the solution and from a gentler loop, and judged by margin and poles.
     """
     case = task.case
     shortest, longest = case.loop["sample_time"], case.loop["dead_time"]
@@ -119,11 +121,11 @@ def _shows(task: TuningTask, solution: Solution, targets: Sequence[tuple[Mode, M
     solved = warm(replace(task, case=case), solution)
     if solved is None:
         return False
-    parts = parts_of(apply(case, solved.values))
-    winding = encirclements(parts)
-    if winding.unstable or not winding.clear or winding.modulus_margin < case.limits["modulus_margin"]:
+    bed = linear_bed(apply(case, solved.values))
+    loop = ClosedLoop.of(bed, feedback_on(bed))
+    if not inside_unit_circle(loop.poles, neutral_motions(bed)) or not solved.holds:
         return False
-    loop_modes = feedback_modes(parts)
+    loop_modes = loop.modes()
     inertia = {f"inertias.{part.name}": part.J.value for part in case.vehicle.inertias}
     return all(
         (best := match_mode(wanted, loop_modes, inertia)) is not None and _keeps(target, wanted, best[0])

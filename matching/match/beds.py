@@ -1,494 +1,42 @@
-"""Beds whose cut shafts have opened: what a lash between its flanks lets a bed appear to be."""
+"""Sets of beds under a sampled controller: what they have to keep, what they reach, and how the figures change."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag, matrix_balance, schur
 
-from matching.match.case import Case, of_system, target_modes
-from modelling.bed.bed import DelayedBed, ObserverController, delayed_bed
-from modelling.bed.observer import TRUST, Feedback, Filter, ObserverModel, last_command, predicted, summed
-from modelling.linear.state_space import state_space
-from modelling.resources import threads
-
-# --- What every bed and the loop have to keep, for a controller to count as robust.
-
-DAMPING_SHARE = 1 / 3  # of the least damping of the target modes, for every mode on every bed
-MARGIN_FROM_HIGHEST_TARGET = 2.0  # the margin counts from this many times the highest target mode on
-ROLLED_OFF_FROM_HZ = 100.0  # where a model of a drivetrain ends, unless the case says otherwise
-LARGEST_ROLLED_OFF = 0.5  # of |T| from there on
-OF_ITS_OWN = 0.95  # of its damping that a mode of the bed's own keeps, above the roll-off, where that is all it has
-NOISE_SHARE = 0.02  # of the dynamometers' torque limit that sensor noise may become, rms
-
-
-@dataclass(frozen=True)
-class Requirements:
-    """Least damping ratio of any mode, modulus margin and from where (Hz), roll-off (Hz), command noise (N·m rms)."""
-
-    damping_ratio: float
-    modulus_margin: float
-    margin_from: float
-    rolled_off_from: float
-    command_noise: float | None
-
-
-def rolled_off_from(case: Case) -> float:
-    """From where the loop has to have rolled off, Hz."""
-    return case.limits.get("rolled_off_from", ROLLED_OFF_FROM_HZ)
-
-
-def requirements(case: Case) -> Requirements:
-    """What a case asks for."""
-    damped = [mode for _, mode in target_modes(case)]
-    limits = case.limits
-    noise = limits.get("command_noise")
-    if noise is None and "dynamometer_torque" in limits:
-        noise = NOISE_SHARE * limits["dynamometer_torque"]
-    return Requirements(
-        DAMPING_SHARE * min(mode.damping_ratio for mode in damped),
-        limits["modulus_margin"],
-        limits.get("margin_from", MARGIN_FROM_HIGHEST_TARGET * max(mode.frequency for mode in damped)),
-        rolled_off_from(case),
-        noise,
-    )
-
-
-# --- A bed as it may stand there, with its dead time: what a sampled controller acts on.
-
-
-@dataclass(frozen=True)
-class Bed:
-    """Rig with lags; x states, k commands, y readings of the controller, d torques at the rig, c compared sensors.
-
-    Attributes
-    ----------
-    A, commands, torques : ndarray (x, x), (x, k), (x, d)
-        Continuous, commands as they arrive.
-    readings, compared : ndarray (y, x), (c, x)
-    compared_torques : ndarray (c, d)
-        What a torque does to a compared sensor at once.
-    delay : float
-        s, from a sample to the moment its command begins to act.
-    sampled : DelayedBed
-        Without torques.
-    own_damping : float
-        Least damping ratio of its own modes, without control, where the loop has to have rolled off.
-    """
-
-    A: np.ndarray
-    commands: np.ndarray
-    torques: np.ndarray
-    readings: np.ndarray
-    compared: np.ndarray
-    compared_torques: np.ndarray
-    delay: float
-    sampled: DelayedBed
-    own_damping: float
-
-
-def disturbing(case: Case) -> list[str]:
-    """Inputs of the rig that are no dynamometer's."""
-    driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
-    return [part.name for part in case.rig.inputs if part.name not in driven]
-
-
-def compared_sensors(case: Case) -> list[str]:
-    """Sensors of the compared functions, each once."""
-    return list(dict.fromkeys(pair.sensor for pair in case.compared))
-
-
-def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
-    """The bed with some values (:class:`matching.match.case.Uncertain`) other than the case's, SI."""
-    loop, k = case.loop, len(case.loop.dynamometers)
-    of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
-    rig = state_space(case.rig.with_values(of_rig) if of_rig else case.rig)
-    lag, sensor_lag = (values.get(f"loop.{name}", loop[name]) for name in ("inverter_lag", "torque_sensor_lag"))
-    delay = loop.command_delay(values.get("loop.dead_time"))
-    n = len(rig.A)
-    A = block_diag(rig.A, -np.eye(k) / lag, -np.eye(k) / sensor_lag)
-    commands, readings = np.zeros((n + 2 * k, k)), np.zeros((len(loop.controller_sensors), n + 2 * k))
-    for j, dynamometer in enumerate(loop.dynamometers):
-        A[:n, n + j] = values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) * rig.input(
-            dynamometer.torque_input
-        )
-        A[n + k + j, :n] = rig.output(dynamometer.torque_sensor) / sensor_lag
-        commands[n + j, j] = 1 / lag
-    for i, name in enumerate(loop.controller_sensors):
-        readings[i, :n] = rig.output(name)
-    readings[:k] = np.eye(k, n + 2 * k, n + k)
-    readings *= np.array([[values.get(f"sensors.{name}.gain", 1.0)] for name in loop.controller_sensors])
-    torques = np.zeros((n + 2 * k, len(disturbing(case))))
-    rows = [rig.outputs.index(name) for name in compared_sensors(case)]
-    columns = [rig.inputs.index(name) for name in disturbing(case)]
-    torques[:n] = rig.B[:, columns]
-    compared = np.hstack([rig.C[rows], np.zeros((len(rows), 2 * k))])
-    of_its_own = least_damping(rig.A, 2 * np.pi * rolled_off_from(case))
-    sampled = delayed_bed(A, commands, np.zeros((n + 2 * k, 0)), delay, loop["sample_time"])
-    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, of_its_own)
-
-
-def least_damping(A: np.ndarray, from_rad_s: float) -> float:
-    """Least damping ratio of the modes of A (x, x) from so many rad/s on; 1 without any."""
-    s = np.linalg.eigvals(A)
-    fast = s[(np.abs(s) >= from_rad_s) & (s.imag > 0)]
-    return float(np.min(-fast.real / np.abs(fast), initial=1.0))
-
-
-def vehicle_response(case: Case, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:
-    """Compared functions (f, h) of the vehicle whose shared components have the bed's values."""
-    drawn = of_system(values, case.vehicle)
-    space = state_space(case.vehicle.with_values(drawn) if drawn else case.vehicle)
-    s = 2j * np.pi * frequencies
-    states = np.linalg.solve(
-        s[:, None, None] * np.eye(len(space.A)) - space.A, np.broadcast_to(space.B, (len(s), *space.B.shape))
-    )
-    H = space.C @ states + space.D
-    rows = [space.outputs.index(pair.sensor) for pair in case.compared]
-    return H[:, rows, [space.inputs.index(pair.input) for pair in case.compared]]
-
-
-# --- Eigenvalues of many matrices, on all cores.
-
-WORTH_THREADS = 2e6  # sum of the cubes of the orders (speed only; 3 ms on one core)
-
-
-def eigenvalues(matrices: np.ndarray) -> np.ndarray:
-    """Eigenvalues (b, n) of matrices (b, n, n).
-
-    LAPACK leaves Python's lock while it works, so threads share the matrices. None is left over: what has threads
-    cannot be forked.
-    """
-    parts = min(threads(), len(matrices)) if matrices.size * matrices.shape[-1] > WORTH_THREADS else 1
-    if parts < 2:
-        values: np.ndarray = np.linalg.eigvals(matrices)
-        return values
-    with ThreadPoolExecutor(parts) as pool:
-        return np.concatenate(list(pool.map(np.linalg.eigvals, np.array_split(matrices, parts))))
-
-
-# --- (z·I − A)⁻¹ at many z from one Schur form of A: a back substitution a frequency in place of a factorisation.
-
-
-@dataclass(frozen=True)
-class Resolvent:
-    """A = V·T·V⁻¹ with T upper triangular, all (x, x) and complex; see :func:`resolvent`."""
-
-    T: np.ndarray
-    V: np.ndarray
-    inverse: np.ndarray
-
-    def columns(self, z: np.ndarray, B: np.ndarray) -> np.ndarray:
-        """(z·I − A)⁻¹·B, (f, x, u), for z (f,) and B (x, u) or (f, x, u)."""
-        x, u = B.shape[-2:]
-        turned = np.moveaxis(np.broadcast_to(self.inverse @ B, (len(z), x, u)), 0, 1)
-        columns = np.empty((x, len(z) * u), complex)
-        for i in reversed(range(x)):
-            above = turned[i] + (self.T[i, i + 1 :] @ columns[i + 1 :]).reshape(len(z), u)
-            columns[i] = (above / (z - self.T[i, i])[:, None]).ravel()
-        return np.moveaxis((self.V @ columns).reshape(x, len(z), u), 1, 0)
-
-    def rows(self, z: np.ndarray, C: np.ndarray) -> np.ndarray:
-        """C·(z·I − A)⁻¹, (f, k, x), for z (f,) and C (k, x)."""
-        k, x = C.shape
-        turned = C @ self.V
-        rows = np.empty((x, len(z) * k), complex)
-        for i in range(x):
-            before = turned[:, i] + (self.T[:i, i] @ rows[:i]).reshape(len(z), k)
-            rows[i] = (before / (z - self.T[i, i])[:, None]).ravel()
-        return np.moveaxis((self.inverse.T @ rows).reshape(x, len(z), k), 0, 2)
-
-
-def resolvent(A: np.ndarray) -> Resolvent:
-    """The Schur form of a matrix (x, x), balanced: states in N·m and rad/s are of very different size."""
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    T, Q = schur(balanced, output="complex")
-    return Resolvent(T, scale[:, None] * Q, Q.conj().T / scale)
-
-
-# --- A sampled controller on beds: poles, damping, responses, all beds of a set at once; b beds, f frequencies.
-
-FORGOTTEN = 1e-3  # of z: poles that decay faster have no frequency worth a number
-LEAST_OF_ITS_OWN = 1e-6  # damping ratio, of a mode of the bed's own
-SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
-
-
-@dataclass(frozen=True)
-class SampledBeds:
-    """Beds from sample to sample, their matrices side by side; the states end with the commands on their way.
-
-    Attributes
-    ----------
-    A, B, C : ndarray (b, x, x), (b, x, k), (b, y, x)
-        Commands on their way stand newest first.
-    states : int
-        Of a bed itself, which the commands on their way follow.
-    own_damping : ndarray (b,)
-        Least damping ratio of each bed's own modes, without control, where the loop has to have rolled off.
-    """
-
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    states: int
-    own_damping: np.ndarray
-
-    def some(self, which: np.ndarray) -> SampledBeds:
-        """The beds of these numbers (n,)."""
-        return SampledBeds(self.A[which], self.B[which], self.C[which], self.states, self.own_damping[which])
-
-
-@dataclass(frozen=True)
-class BedSet:
-    """Beds of one case and what they do at frequencies.
-
-    Attributes
-    ----------
-    sampled : SampledBeds
-    frequencies : ndarray (f,)
-        Hz.
-    held : ndarray (b, f, y, k)
-        Readings for commands, sampled.
-    read, answered, commanded : ndarray (b, f, y, d), (b, f, c, d), (b, f, c, k)
-        Readings and compared sensors for continuous torques, and compared sensors for held commands.
-    vehicle : ndarray (b, f, h)
-    """
-
-    case: Case
-    sampled: SampledBeds
-    frequencies: np.ndarray
-    held: np.ndarray
-    read: np.ndarray
-    answered: np.ndarray
-    commanded: np.ndarray
-    vehicle: np.ndarray
-
-
-def sampled_beds(case: Case, values: Sequence[dict[str, float]]) -> SampledBeds:
-    """Beds with these values (SI, by name; :func:`bed_of`)."""
-    return side_by_side([bed_of(case, of_bed) for of_bed in values])
-
-
-def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
-    """Sampled beds as one batch, each with as many delayed commands as the bed with the longest dead time has."""
-    longest = max(bed.sampled.delay for bed in beds) + 1
-    matrices = [_shifting(bed, longest) for bed in beds]
-    A, B, C = (np.stack(parts) for parts in zip(*matrices, strict=True))
-    return SampledBeds(A, B, C, len(beds[0].A), np.array([bed.own_damping for bed in beds]))
-
-
-def bed_set(case: Case, values: Sequence[dict[str, float]], frequencies: np.ndarray) -> BedSet:
-    """Beds with these values (SI, by name; :func:`bed_of`) and their responses at frequencies (f,) in Hz."""
-    beds = [bed_of(case, of_bed) for of_bed in values]
-    sampled, step = side_by_side(beds), case.loop["sample_time"]
-    s = 2j * np.pi * frequencies
-    hold = (1 - np.exp(-s * step)) / (s * step)
-    z = np.exp(s * step)
-    held = np.stack(
-        [c @ resolvent(a).columns(z, b) for a, b, c in zip(sampled.A, sampled.B, sampled.C, strict=True)]
-    )  # fmt: skip
-    read, answered, commanded = [], [], []
-    for bed in beds:
-        d = bed.torques.shape[1]
-        states = resolvent(bed.A).columns(s, np.hstack([bed.torques, bed.commands]))
-        read.append(bed.readings @ states[:, :, :d])
-        answered.append(bed.compared @ states[:, :, :d] + bed.compared_torques)
-        late = hold * np.exp(-s * bed.delay)
-        commanded.append(bed.compared @ states[:, :, d:] * late[:, None, None])
-    vehicle = np.stack([vehicle_response(case, of_bed, frequencies) for of_bed in values])
-    return BedSet(case, sampled, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
-
-
-def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B, C with ``longest`` commands on their way as further states."""
-    x, k, delay = len(bed.A), bed.commands.shape[1], bed.sampled.delay
-    A, B = np.zeros((x + k * longest,) * 2), np.zeros((x + k * longest, k))
-    A[:x, :x] = bed.sampled.whole
-    if delay:
-        A[:x, x + k * (delay - 1) : x + k * delay] = bed.sampled.new
-    else:
-        B[:x] = bed.sampled.new
-    A[:x, x + k * delay : x + k * (delay + 1)] = bed.sampled.old
-    A[x + k :, x:-k] = np.eye(k * (longest - 1))
-    B[x : x + k] = np.eye(k)
-    return A, B, np.hstack([bed.readings, np.zeros((len(bed.readings), k * longest))])
-
-
-@dataclass(frozen=True)
-class Action:
-    """A controller at frequencies: commands for readings (f, k, y) and for known torques (f, k, w)."""
-
-    of_readings: np.ndarray
-    of_known: np.ndarray
-    known: tuple[str, ...]
-
-    def at(self, part: slice) -> Action:
-        """The same at some of the frequencies."""
-        return Action(self.of_readings[part], self.of_known[part], self.known)
-
-
-def action(controller: ObserverController, frequencies: np.ndarray, ahead: np.ndarray | None = None) -> Action:
-    """What a controller does at frequencies (f,), Hz.
-
-    ``ahead`` is what :func:`ahead_states` gives, if it is there already: it does not depend on the weights.
-    """
-    space, o, y = controller.space, controller.observed, len(controller.sensors)
-    feedback = controller.feedback
-    # C·(zI − A)⁻¹ of the observer, from the left: as many right-hand sides as dynamometers
-    z = np.exp(2j * np.pi * frequencies * controller.sample_time)
-    left = resolvent(feedback.A).rows(z, feedback.C)
-    ahead = ahead_states(controller, frequencies) if ahead is None else ahead
-    reaches = space.A[:o, o:] @ ahead + space.B[:o, y:]
-    of_known = left @ reaches + space.C[:, o:] @ ahead + space.D[:, y:]
-    return Action(left @ feedback.B + feedback.D, of_known, controller.known)
-
-
-def ahead_states(controller: ObserverController, frequencies: np.ndarray) -> np.ndarray:
-    """States (f, m, w) of the model that runs ahead, for known torques, at frequencies (f,) in Hz."""
-    space, o, y = controller.space, controller.observed, len(controller.sensors)
-    z = np.exp(2j * np.pi * frequencies * controller.sample_time)
-    return resolvent(space.A[o:, o:]).columns(z, space.B[o:, y:])
-
-
-def closed_matrices(beds: SampledBeds, controller: ObserverController) -> np.ndarray:
-    """State matrices (b, x + c, x + c) of the closed loops."""
-    space = controller.feedback
-    By, Dy = space.B, space.D
-    count, x, c = len(beds.A), beds.A.shape[1], len(space.A)
-    closed = np.empty((count, x + c, x + c))
-    closed[:, :x, :x] = beds.A + beds.B @ Dy @ beds.C
-    closed[:, :x, x:] = beds.B @ space.C
-    closed[:, x:, :x] = By @ beds.C
-    closed[:, x:, x:] = space.A
-    return closed
-
-
-def shared_poles(beds: SampledBeds, controller: ObserverController, on_their_way: slice) -> np.ndarray:
-    """Poles (b, p) of the closed loops without those at 0 that stand for commands known twice.
-
-    A bed and the controller, among whose states ``on_their_way`` are these commands, hold the same ones, and what tells
-    theirs apart is gone once they have passed. So the closed loop is worked out with the bed's alone, which takes a
-    fraction of the time where the dead time is many samples.
-    """
-    closed, x = closed_matrices(beds, controller), beds.A.shape[1]
-    both = np.arange(min(x - beds.states, on_their_way.stop - on_their_way.start))
-    twice = x + on_their_way.start + both
-    closed[:, :, beds.states + both] += closed[:, :, twice]
-    once = np.delete(np.arange(closed.shape[1]), twice)
-    return eigenvalues(closed[:, once[:, None], once])
-
-
-def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Largest magnitude (b,) of poles (b, x) of a loop with this sampling interval (s), and least damping ratio (b,).
-
-    Poles that do not swing have no damping ratio.
-    """
-    return np.abs(z).max(axis=1), damping_ratios(z, step).min(axis=1)
-
-
-def damping_ratios(z: np.ndarray, step: float) -> np.ndarray:
-    """Damping ratios (b, x) of poles (b, x) of a loop with this sampling interval (s); 1 of what does not swing."""
-    size, s = np.abs(z), rates(z, step)
-    swinging = (size > FORGOTTEN) & (np.abs(s.imag) > SLOWEST_SWING_RAD_S)
-    return np.where(swinging, -s.real / np.maximum(np.abs(s), 1e-300), 1.0)
-
-
-def rates(z: np.ndarray, step: float) -> np.ndarray:
-    """Poles (b, x) of a loop with this sampling interval (s) in continuous time, 1/s."""
-    s: np.ndarray = np.log(np.where(np.abs(z) > FORGOTTEN, z, 0.5).astype(complex)) / step
-    return s
-
-
-def eased(beds: SampledBeds, z: np.ndarray, step: float, least: float, rolled_off_from: float) -> np.ndarray:
-    """Factors (b, x) on the damping ratios of poles (b, x), sampling interval ``step`` (s), that ``least`` judges.
-
-    From ``rolled_off_from`` (Hz) on no control helps a bed's own modes: there they count as if they had all of it.
-    """
-    of_own = least / (OF_ITS_OWN * np.maximum(beds.own_damping, LEAST_OF_ITS_OWN))
-    fast = np.abs(rates(z, step)) >= 2 * np.pi * rolled_off_from
-    factors: np.ndarray = np.where(fast, np.maximum(of_own, 1.0)[:, None], 1.0)
-    return factors
-
-
-def return_difference(beds: BedSet, acting: Action) -> np.ndarray:
-    """I + L at the commands (b, f, k, k)."""
-    return np.eye(acting.of_readings.shape[1]) - acting.of_readings @ beds.held
-
-
-@dataclass(frozen=True)
-class Driven:
-    """What the i inputs of the compared functions do before any command reaches the bed.
-
-    Attributes
-    ----------
-    commands : ndarray (b, f, k, i)
-        What the controller makes of them.
-    read, answered : ndarray (b, f, y, i), (b, f, c, i)
-        Readings and compared sensors.
-    known : dict
-        Of the inputs, by number, those whose torque the controller knows: number among its known torques.
-    """
-
-    commands: np.ndarray
-    read: np.ndarray
-    answered: np.ndarray
-    known: dict[int, int]
-
-
-def compared_columns(case: Case) -> tuple[list[int], list[int]]:
-    """Of every compared function: number of its sensor, number of its input."""
-    sensors, inputs = compared_sensors(case), compared_inputs(case)
-    return [sensors.index(pair.sensor) for pair in case.compared], [inputs.index(pair.input) for pair in case.compared]
-
-
-def compared_inputs(case: Case) -> list[str]:
-    """Inputs of the compared functions, each once."""
-    return list(dict.fromkeys(pair.input for pair in case.compared))
-
-
-def drive(beds: BedSet, acting: Action, measured: Sequence[str]) -> Driven:
-    """What the compared functions' inputs do; ``measured`` and what acts inside the residual vehicle are known."""
-    rig_inputs, inputs = disturbing(beds.case), compared_inputs(beds.case)
-    shape = beds.read.shape[:2]
-    read = np.zeros((*shape, beds.read.shape[2], len(inputs)), complex)
-    answered = np.zeros((*shape, beds.answered.shape[2], len(inputs)), complex)
-    known = {}
-    for i, name in enumerate(inputs):
-        if name in rig_inputs:
-            read[..., i] = beds.read[..., rig_inputs.index(name)]
-            answered[..., i] = beds.answered[..., rig_inputs.index(name)]
-        if name in measured or name not in rig_inputs:
-            known[i] = acting.known.index(name)
-    commands = acting.of_readings @ read
-    for i, column in known.items():
-        commands[..., i] += acting.of_known[:, :, column]
-    return Driven(commands, read, answered, known)
-
-
-def responses(beds: BedSet, acting: Action, measured: Sequence[str]) -> np.ndarray:
-    """Compared functions (b, f, h) of the beds under control for continuous torques, of which ``measured`` are known.
-
-    What acts inside the residual vehicle is always known.
-    """
-    driven = drive(beds, acting, measured)
-    answer = beds.commanded @ np.linalg.solve(return_difference(beds, acting), driven.commands) + driven.answered
-    sensors, inputs = compared_columns(beds.case)
-    return answer[:, :, sensors, inputs]
-
-
-def errors(beds: BedSet, acting: Action, measured: Sequence[str]) -> np.ndarray:
-    """Mean squares (b, h) over the frequencies of |log(H_rig/H_vehicle)|, complex logarithm."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        squares = np.abs(np.log(responses(beds, acting, measured) / beds.vehicle)) ** 2
-    return np.nan_to_num(squares, nan=1e6, posinf=1e6).mean(axis=1)
-
+from matching.match.case import Box, Case, Requirements
+from matching.match.loop import (
+    BedSet,
+    FrequencyResponse,
+    SampledBeds,
+    SampledController,
+    bed_set,
+    closed_matrices,
+    closed_poles,
+    compared_columns,
+    damping,
+    damping_ratios,
+    damping_weights,
+    drive,
+    errors,
+    frequency_response,
+    of_observer,
+    resolvent,
+    return_difference,
+    sampled_beds,
+    without_resting,
+)
+from modelling.bed.bed import ObserverController
+from modelling.bed.observer import NOISE, TRUST, Feedback, Filter, ObserverModel, last_command, predicted, summed
 
 # --- What a controller does on a set of beds and what it asks of them: the figures that the search works with.
 
 PLAN_POINTS = 240  # log-spaced frequencies from the band's lower edge to half the sampling frequency
+MARGIN_ROUNDS, MINIMA_REFINED, POINTS_A_MINIMUM = 4, 3, 17  # in looking for the least margin between frequencies
 BED_POINTS = 60  # over the band, for drawn beds: fewer miss the transmission zeros, where the error is largest
 
 
@@ -502,14 +50,14 @@ class LoopFigures:
         Least singular value of I + L from where it counts on, and where, Hz.
     largest_rolled_off : float
         Largest singular value of T = L/(1 + L) where the loop has to have rolled off.
-    command_noise : tuple of float (k)
+    command_noise : mapping of str to float
         N·m rms of each dynamometer's command, of the sensors' uncertainties alone.
     """
 
     modulus_margin: float
     margin_at: float
     largest_rolled_off: float
-    command_noise: tuple[float, ...]
+    command_noise: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -526,11 +74,41 @@ class Planned:
 
 def planned(case: Case, uncertainty: np.ndarray) -> Planned:
     """Prepare the bed as planned; ``uncertainty`` (y,): standard uncertainties of the controller's sensors, SI."""
+    over_band = bed_set(case, [{}], np.geomspace(*case.band, 2 * BED_POINTS))
+    return Planned(over_band, bed_set(case, [{}], loop_frequencies(case)), uncertainty)
+
+
+def loop_frequencies(case: Case) -> np.ndarray:
+    """Frequencies (f,), Hz, at which margin, roll-off and noise are looked at: up to half the sampling frequency."""
     top = 0.499 / case.loop["sample_time"]
-    every = np.geomspace(min(case.band[0], top / 2), top, PLAN_POINTS)
-    return Planned(
-        bed_set(case, [{}], np.geomspace(*case.band, 2 * BED_POINTS)), bed_set(case, [{}], every), uncertainty
-    )  # fmt: skip
+    return np.geomspace(min(case.band[0], top / 2), top, PLAN_POINTS)
+
+
+def sensor_noise(case: Case, sensors: Sequence[str]) -> np.ndarray:
+    """Standard deviations (y,) of sensors of the rig, SI."""
+    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
+    return np.array([by_name[name].uncertainty or NOISE[by_name[name].measures] for name in sensors])
+
+
+def margins_of(beds: BedSet, controller: SampledController) -> np.ndarray:
+    """Least singular values of I + L over the set's frequencies and between them, of every bed (b,).
+
+    Between frequencies the square is taken for a parabola about the lowest point.
+    """
+    difference = return_difference(beds, frequency_response(controller, beds.frequencies))
+    squares = np.linalg.svd(difference, compute_uv=False)[..., -1] ** 2
+    rows, place = np.arange(len(squares)), np.log(beds.frequencies)
+    at = np.clip(squares.argmin(axis=1), 1, len(place) - 2)
+    low, middle, high = (squares[rows, at + i] for i in (-1, 0, 1))
+    down, up = place[at] - place[at - 1], place[at + 1] - place[at]
+    falls, rises = (middle - low) / down, (high - middle) / up
+    half_curvature = (rises - falls) / (down + up)
+    slope = falls + half_curvature * down
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bottom = np.where(half_curvature > 0, middle - slope**2 / (4 * half_curvature), middle)
+        inside = (np.abs(slope) < 2 * half_curvature * np.maximum(down, up)) & (bottom > 0)
+    least: np.ndarray = np.sqrt(np.where(inside, np.minimum(bottom, squares.min(axis=1)), squares.min(axis=1)))
+    return least
 
 
 @dataclass(frozen=True)
@@ -553,7 +131,7 @@ class LoopCurves:
     noise: np.ndarray
 
 
-def loop_curves(bed: Planned, acting: Action) -> LoopCurves:
+def loop_curves(bed: Planned, acting: FrequencyResponse) -> LoopCurves:
     """Return difference, complementary sensitivity and noise of the bed as planned, which the requirements limit."""
     difference = return_difference(bed.every, acting)[0]
     identity = np.eye(difference.shape[-1])
@@ -584,16 +162,36 @@ def counted(bed: Planned, required: Requirements) -> tuple[np.ndarray, np.ndarra
     return f >= min(required.margin_from, f[-1]), f >= required.rolled_off_from
 
 
-def loop_figures(bed: Planned, controller: ObserverController, required: Requirements) -> LoopFigures:
+def loop_figures(bed: Planned, controller: SampledController, required: Requirements) -> LoopFigures:
     """Margin, roll-off and noise of a controller."""
     f = bed.every.frequencies
-    curves = loop_curves(bed, action(controller, f))
-    margin, rolled_off = counted(bed, required)
-    at = int(np.argmin(np.where(margin, curves.margin, np.inf)))
+    curves = loop_curves(bed, frequency_response(controller, f))
+    _, rolled_off = counted(bed, required)
+    least, at = modulus_margin(bed.band.case, controller, required.margin_from)
     largest = curves.closed[rolled_off].max(initial=0.0)
-    return LoopFigures(
-        float(curves.margin[at]), float(f[at]), float(largest), tuple(command_noise(curves, f).tolist())
-    )  # fmt: skip
+    noise = dict(zip(controller.dynamometers, command_noise(curves, f).tolist(), strict=True))
+    return LoopFigures(least, at, float(largest), noise)
+
+
+def modulus_margin(case: Case, controller: SampledController, margin_from: float) -> tuple[float, float]:
+    """Least singular value of I + L on the bed as planned from ``margin_from`` on, and where, both Hz.
+
+    The lowest minima of a grid are searched again on finer and finer grids between their neighbours.
+    """
+    grid = loop_frequencies(case)
+    begin = min(margin_from, grid[-1])
+    grid = np.union1d(grid[grid > begin], [max(begin, grid[0])])
+    for _ in range(MARGIN_ROUNDS):
+        acting = frequency_response(controller, grid)
+        least = np.linalg.svd(return_difference(bed_set(case, [{}], grid), acting)[0], compute_uv=False)[:, -1]
+        padded = np.concatenate([[np.inf], least, [np.inf]])
+        minima = np.flatnonzero((least <= padded[:-2]) & (least <= padded[2:]))
+        lowest = minima[np.argsort(least[minima])][:MINIMA_REFINED]
+        at = int(lowest[0])
+        found = float(least[at]), float(grid[at])
+        ends = [(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]) for i in lowest]
+        grid = np.unique(np.concatenate([np.geomspace(a, b, POINTS_A_MINIMUM) for a, b in ends]))
+    return found
 
 
 @dataclass(frozen=True)
@@ -610,10 +208,10 @@ class BedFigures:
         return self.largest_pole < 1 + neutral
 
 
-def bed_figures(beds: BedSet, controller: ObserverController, known: Sequence[str]) -> BedFigures:
+def bed_figures(beds: BedSet, controller: SampledController, known: Sequence[str]) -> BedFigures:
     """Figures of every bed of a set."""
-    acting = action(controller, beds.frequencies)
-    size, ratio = damping(np.linalg.eigvals(closed_matrices(beds.sampled, controller)), controller.sample_time)
+    acting = frequency_response(controller, beds.frequencies)
+    size, ratio = damping(closed_poles(beds.sampled, controller), controller.sample_time)
     measured, unmeasured = (np.sqrt(errors(beds, acting, those).mean(axis=1)) for those in (known, ()))
     return BedFigures(size, ratio, measured, unmeasured)
 
@@ -651,7 +249,7 @@ class DesignPoint:
     """What was worked out at a point: poles (b, x), errors (b + 1,) over the tolerance, of the bed as planned last."""
 
     controller: ObserverController
-    acting: Action
+    acting: FrequencyResponse
     curves: LoopCurves
     poles: np.ndarray
     errors: np.ndarray
@@ -731,24 +329,25 @@ class GainSlopes:
 
 
 @dataclass(frozen=True)
-class ActionSlopes:
-    """What a unit of each weight changes of an :class:`Action`: (w, f, k, y) and (w, f, k, known)."""
+class ResponseSlopes:
+    """What a unit of each weight changes of an :class:`FrequencyResponse`: (w, f, k, y) and (w, f, k, known)."""
 
     of_readings: np.ndarray
     of_known: np.ndarray
 
-    def at(self, part: slice) -> ActionSlopes:
+    def at(self, part: slice) -> ResponseSlopes:
         """The same at some of the frequencies."""
-        return ActionSlopes(self.of_readings[:, part], self.of_known[:, part])
+        return ResponseSlopes(self.of_readings[:, part], self.of_known[:, part])
 
 
-def action_slopes(
+def response_slopes(
     controller: ObserverController, gains: GainSlopes, frequencies: np.ndarray, ahead: np.ndarray
-) -> ActionSlopes:
+) -> ResponseSlopes:
     """Derivatives of :func:`~matching.match.beds.action` at (f,) Hz; ``ahead`` (f, m, w)."""
     o, y = controller.observed, len(controller.sensors)
     A, B, C, L = controller.A[:o, :o], controller.B[:o], controller.C[:, :o], controller.L[:o]
-    F, feedback, space = controller.F[:, :o], controller.feedback, controller.space
+    F, space, made = controller.F[:, :o], controller.space, of_observer(controller)
+    feedback = made.feedback
     z = np.exp(2j * np.pi * frequencies * controller.sample_time)
     form = resolvent(feedback.A)
     left = form.rows(z, feedback.C)
@@ -768,10 +367,10 @@ def action_slopes(
             for correction, feedback_change in zip(gains.correction, gains.feedback, strict=True)
         ]
     )
-    return ActionSlopes(change[..., :y], change[..., y:])
+    return ResponseSlopes(change[..., :y], change[..., y:])
 
 
-def error_slopes(beds: BedSet, acting: Action, slopes: ActionSlopes, share: np.ndarray) -> np.ndarray:
+def error_slopes(beds: BedSet, acting: FrequencyResponse, slopes: ResponseSlopes, share: np.ndarray) -> np.ndarray:
     """Derivatives (w,) of Σ share·(response error to unmeasured torques)² over the beds, ``share`` (b,).
 
     With H the compared function, d|log(H/V)|² = 2·Re(conj(log(H/V))·dH/H).
@@ -804,7 +403,7 @@ def pole_slopes(beds: SampledBeds, controller: ObserverController, gains: GainSl
 
     v and w are its right and left eigenvector (Lancaster, Numerische Mathematik 6 (1964) 377).
     """
-    closed = closed_matrices(beds, controller).astype(complex)
+    closed = closed_matrices(beds, of_observer(controller)).astype(complex)
     size, x, o = closed.shape[1], beds.A.shape[1], controller.observed
     shifted = closed - (poles * (1 + OFF_THE_POLE))[:, None, None] * np.eye(size)
     start = np.broadcast_to(np.cos(np.arange(size))[:, None], (len(poles), size, 1))
@@ -826,7 +425,7 @@ def pole_slopes(beds: SampledBeds, controller: ObserverController, gains: GainSl
 
 
 def loop_slopes(
-    bed: Planned, curves: LoopCurves, slopes: ActionSlopes
+    bed: Planned, curves: LoopCurves, slopes: ResponseSlopes
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Derivatives of :class:`LoopCurves`: margin (w, f), closed (w, f), and of the command noise (w, k).
 
@@ -848,7 +447,7 @@ def loop_slopes(
     return margin, closed, noise
 
 
-# --- Softened
+# --- Beds whose cut shafts have less stiffness and damping: what a lash between its flanks lets a bed appear to be.
 
 # Of stiffness and damping that is left, from a shaft that carries next to nothing to one that opens for moments. A
 # lash that is crossed within a swing acts on the swing like a softer spring and damper, by the share of it that the
@@ -856,11 +455,16 @@ def loop_slopes(
 SHARES = (0.001, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7)
 
 
-def softened(case: Case, values: Mapping[str, float], share: float) -> dict[str, float]:
-    """Values (SI) of a bed by name, the shafts that its dynamometers follow with ``share`` of stiffness and damping."""
+def with_reduced_stiffness(
+    case: Case, values: Mapping[str, float], share: float, alone: str | None = None
+) -> dict[str, float]:  # fmt: skip
+    """Values (SI) of a bed by name, the shafts that its dynamometers follow with ``share`` of stiffness and damping.
+
+    ``alone`` names the one shaft that has less; without it all do.
+    """
     known, made = case.rig.parameters, dict(values)
     for dynamometer in case.loop.dynamometers:
-        for quantity in ("stiffness", "damping"):
+        for quantity in ("stiffness", "damping") if alone in (None, dynamometer.follows) else ():
             name = f"shafts.{dynamometer.follows}.{quantity}"
             if name in known:
                 made[f"rig.{name}"] = share * values.get(f"rig.{name}", known[name].value)
@@ -874,4 +478,317 @@ def damping_left(share: float) -> float:
 
 def beds_at(case: Case, positions: np.ndarray, left: float = 1.0) -> SampledBeds:
     """Beds at positions (b, p) of the case's box, with ``left`` of the stiffness and damping of their cut shafts."""
-    return sampled_beds(case, [softened(case, case.uncertainty.at(position), left) for position in positions])
+    values = [with_reduced_stiffness(case, case.uncertainty.at(position), left) for position in positions]
+    return sampled_beds(case, values)
+
+
+# --- The worst beds of a box: descent by the gradients of dampings, ascent of the error, from planned and drawn beds.
+#
+# The least damped mode may be one of the residual vehicle that no bed moves, and another one fall below it in a corner
+# of the box. So the descent follows those modes that their gradients promise to be damped least in a corner.
+
+STARTS = 1  # drawn beds with the least damping, beside the bed as planned
+ROUNDS = 4  # of the descent at most, each with a gradient of its own
+ERROR_ROUNDS = 2  # of the error's, which takes longer to work out
+DIFFERENCE = 0.02  # of a half-width
+CORNER_SHARES = (1.0, 0.5, 0.25)  # of the way to the corner that the gradient points to
+DEPENDS = 1e-6  # relative change over a half-width below which a figure does not depend on anything: rounding
+FOLLOWED = 4  # figures whose corners are tried in a round
+WORTH_A_ROUND = 0.02  # relative fall below which no other round follows
+NAMED = 4  # quantities that a figure depends on most
+
+
+@dataclass(frozen=True)
+class WorstBed:
+    """The bed of the box with the least damping that was met.
+
+    Attributes
+    ----------
+    damping_ratio : float
+        Negative where it is not stable.
+    values : mapping
+        SI, by name.
+    named : tuple of str
+        Quantities that its damping depends on most, most first.
+    """
+
+    damping_ratio: float
+    values: Mapping[str, float]
+    named: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "damping_ratio": self.damping_ratio, "stable": self.damping_ratio > 0, "values": dict(self.values),
+            "depends_most_on": list(self.named),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LargestError:
+    """The bed of the box with the largest response error to unmeasured torques that was met; as :class:`WorstBed`."""
+
+    unmeasured: float
+    values: Mapping[str, float]
+    named: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {"unmeasured": self.unmeasured, "values": dict(self.values), "depends_most_on": list(self.named)}
+
+
+def worst_bed(
+    dampings: Callable[[np.ndarray], np.ndarray], box: Box, positions: np.ndarray
+) -> WorstBed | None:  # fmt: skip
+    """Look for the bed with the least damping; None where nothing is uncertain.
+
+    Parameters
+    ----------
+    dampings : callable
+        Damping ratios (b, m) of the least damped modes of beds at positions (b, p), least first.
+    positions : ndarray (b, p)
+        Drawn beds in the box, least damped first.
+    """
+    if not box.uncertain or not len(positions):
+        return None
+    starts = [np.zeros(len(box.uncertain)), *positions[:STARTS]]
+    descents = [_descended(dampings, position, ROUNDS) for position in starts]
+    ratio, position, slopes = min(descents, key=lambda descent: descent[0])
+    return WorstBed(ratio, box.at(position), _named(box, slopes))
+
+
+def largest_error(
+    error: Callable[[np.ndarray], np.ndarray], box: Box, position: np.ndarray
+) -> LargestError | None:  # fmt: skip
+    """Look for the bed with the largest error; None where nothing is uncertain.
+
+    Parameters
+    ----------
+    error : callable
+        Response errors (b,) of beds at positions (b, p); infinite where one is not stable, which no ascent goes to.
+    position : ndarray (p,)
+        The drawn bed with the largest error.
+    """
+    if not box.uncertain:
+        return None
+
+    def to_lower(positions: np.ndarray) -> np.ndarray:
+        values = error(positions)
+        return np.where(np.isfinite(values), -values, 0.0)[:, None]
+
+    lowered, end, slopes = _descended(to_lower, position, ERROR_ROUNDS)
+    return LargestError(-lowered, box.at(end), _named(box, slopes))
+
+
+def _named(box: Box, slopes: np.ndarray) -> tuple[str, ...]:
+    return tuple(box.uncertain[i].name for i in np.argsort(-np.abs(slopes))[:NAMED])
+
+
+def _descended(
+    of: Callable[[np.ndarray], np.ndarray], position: np.ndarray, rounds: int
+) -> tuple[float, np.ndarray, np.ndarray]:  # value, position (p,), slopes (p,)
+    """The least value met on the way from a position, towards the corners that the gradients of figures point to.
+
+    ``of`` gives figures (b, m) at positions (b, p), least first; one that depends on nothing has no gradient but
+    rounding.
+    """
+    figures, named = of(position[None])[0], np.zeros(len(position))
+    for _ in range(rounds):
+        inward = np.where(position > 0, -DIFFERENCE, DIFFERENCE)
+        slopes = (of(position + np.diag(inward)) - figures) / inward[:, None]
+        depends = np.flatnonzero(np.abs(slopes).max(axis=0) > DEPENDS * np.abs(figures))
+        if not len(depends):
+            break
+        in_corner = (figures - np.abs(slopes).sum(axis=0))[depends]
+        pointing = slopes.T[depends[np.argsort(in_corner, kind="stable")[:FOLLOWED]]]
+        tried = [
+            (slope, position + share * (-np.sign(slope) - position)) for slope in pointing for share in CORNER_SHARES
+        ]
+        ends = of(np.array([place for _, place in tried]))
+        best = int(np.argmin(ends[:, 0]))
+        named = tried[best][0]
+        if ends[best][0] > figures[0] - WORTH_A_ROUND * abs(figures[0]):
+            break
+        figures, position = ends[best], tried[best][1]
+    return float(figures[0]), position, named
+
+
+# --- Fresh beds drawn from what is not known exactly, judged by the exact loop.
+
+ERROR_POINTS = 150  # of the response error over the band, midpoints of equal parts of its logarithm
+MODES = 16  # of a bed, the least damped ones, that the search for the worst bed looks at
+AT_ONCE = 50  # beds
+
+
+@dataclass(frozen=True)
+class BedsCheck:
+    """Of all drawn beds.
+
+    Attributes
+    ----------
+    drawn, stable, damped : int
+        ``damped`` beds have every mode damped by ``required_damping`` at least, or, of those where the loop has rolled
+        off, by what the bed without control leaves it at least.
+    smallest_damping_ratio, required_damping : float
+    measured, unmeasured : tuple of float
+        Response errors of every stable bed, smallest first, each against the vehicle with the same specimen.
+    worst : WorstBed or None
+        The least damped bed of the box that descents from the bed as planned and from the worst drawn one find.
+    largest_error : LargestError or None
+        The bed with the largest error to unmeasured torques that an ascent from the worst of the drawn ones finds.
+    opened : mapping of float to float
+        Least damping ratio of the bed as planned, by the share that is left of its cut shafts' stiffness and damping;
+        −1 where it grows without swinging. In ``result.json``: ``opened_cut_shafts``, a list with ``share_left``,
+        ``damping_ratio``, ``stable`` and ``smallest_damping_ratio_alone``, that with one cut shaft opened alone.
+    opened_alone : mapping of str to mapping of float to float
+        The same where one cut shaft opens and the others do not, by its name.
+    """
+
+    drawn: int
+    stable: int
+    damped: int
+    smallest_damping_ratio: float
+    required_damping: float
+    measured: tuple[float, ...]
+    unmeasured: tuple[float, ...]
+    worst: WorstBed | None = None
+    largest_error: LargestError | None = None
+    opened: Mapping[float, float] = field(default_factory=dict)
+    opened_alone: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
+
+    @property
+    def holds(self) -> bool:
+        """Whether every bed is stable and damped."""
+        return self.stable == self.damped == self.drawn
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "drawn": self.drawn, "stable": self.stable, "damped": self.damped,
+            "smallest_damping_ratio": self.smallest_damping_ratio,
+            "required_damping_ratio": self.required_damping,
+            "error_median": quantile(self.measured, 0.5), "error_95": quantile(self.measured, 0.95),
+            "unmeasured_median": quantile(self.unmeasured, 0.5), "unmeasured_95": quantile(self.unmeasured, 0.95),
+            "worst": None if self.worst is None else self.worst.to_dict(),
+            "largest_error": None if self.largest_error is None else self.largest_error.to_dict(),
+            "opened_cut_shafts": [
+                {"share_left": share, "damping_ratio": ratio, "stable": ratio > 0,
+                 "smallest_damping_ratio_alone": min(
+                     (alone[share] for alone in self.opened_alone.values()), default=ratio
+                 )}
+                for share, ratio in self.opened.items()
+            ],
+        }  # fmt: skip
+
+
+def quantile(values: Sequence[float], share: float) -> float | None:
+    """Quantile of values; None where there are none."""
+    return float(np.quantile(values, share)) if values else None
+
+
+@dataclass(frozen=True)
+class BedVerdicts:
+    """Of b beds, each (b,): stable or not, least damping ratio, damped enough or not, errors to torques.
+
+    ``measured``: the controller knows the rig's torques as the case says; ``unmeasured``: it does not.
+    """
+
+    stable: np.ndarray
+    damping_ratio: np.ndarray
+    damped: np.ndarray
+    measured: np.ndarray
+    unmeasured: np.ndarray
+
+
+class Judge:
+    """A controller on any variant of the bed of a case.
+
+    Parameters
+    ----------
+    neutral : int
+        Rigid motions that nothing slows: poles that may rest at 1.
+    required : Requirements
+    """
+
+    def __init__(self, case: Case, controller: SampledController, neutral: int, required: Requirements):
+        self.case, self.controller, self.neutral, self.required = case, controller, neutral, required
+        low, high = np.log(case.band)
+        self.frequencies = np.exp(low + (high - low) * (np.arange(ERROR_POINTS) + 0.5) / ERROR_POINTS)
+        self.acting = frequency_response(controller, self.frequencies)
+        self._own = np.linalg.eigvals(controller.own_matrix)
+
+    def verdicts(self, values: Sequence[Mapping[str, float]]) -> BedVerdicts:
+        """Beds with these values, by name, SI."""
+        parts = [self._verdicts(values[i : i + AT_ONCE]) for i in range(0, len(values), AT_ONCE)]
+        names = ("stable", "damping_ratio", "damped", "measured", "unmeasured")
+        return BedVerdicts(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def _verdicts(self, values: Sequence[Mapping[str, float]]) -> BedVerdicts:
+        beds = bed_set(self.case, values, self.frequencies)
+        z = self._poles(beds.sampled)
+        ratios, stable = self._ratios(z)
+        least, step = self.required.damping_ratio, self.controller.sample_time
+        weights = damping_weights(beds.sampled, z, step, least, self.required.rolled_off_from)
+        measured, unmeasured = (
+            np.sqrt(errors(beds, self.acting, known).mean(axis=1)) for known in (self.case.loop.measured, ())
+        )
+        damped = (weights * ratios).min(axis=1) >= least
+        return BedVerdicts(stable, ratios.min(axis=1), damped, measured, unmeasured)
+
+    def _poles(self, beds: SampledBeds) -> np.ndarray:
+        """Poles (b, x) of the loops and of what runs on known torques alone."""
+        z = closed_poles(beds, self.controller)
+        return np.hstack([z, np.broadcast_to(self._own, (len(z), len(self._own)))])
+
+    def _ratios(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Damping ratios (b, x) of poles (b, x), 1 of what does not swing, and which beds (b,) are stable."""
+        moving = without_resting(z, self.neutral * (1 + bool(len(self._own))))
+        return damping_ratios(moving, self.controller.sample_time), (np.abs(moving) < 1).all(axis=1)
+
+    def dampings(self, positions: np.ndarray) -> np.ndarray:
+        """:meth:`dampings_of` beds at positions (b, p) of the box."""
+        return self.dampings_of([self.case.uncertainty.at(position) for position in positions])
+
+    def dampings_of(self, values: Sequence[Mapping[str, float]]) -> np.ndarray:
+        """Damping ratios (b, m) of the least damped modes, least first; −1 where a bed grows without swinging."""
+        ratios, stable = self._ratios(self._poles(sampled_beds(self.case, values)))
+        padded = np.pad(ratios, ((0, 0), (0, 2 * MODES)), constant_values=1.0)  # sets differ in delayed commands
+        least = np.sort(padded, axis=1)[:, : 2 * MODES : 2]  # pairs
+        least[:, 0] = np.where(stable | (least[:, 0] < 0), least[:, 0], -1.0)
+        return least
+
+    def unmeasured(self, positions: np.ndarray) -> np.ndarray:
+        """Response errors (b,) to unmeasured torques; infinite where a bed is not stable."""
+        found = self.verdicts([self.case.uncertainty.at(position) for position in positions])
+        return np.where(found.stable, found.unmeasured, np.inf)
+
+
+def check_beds(
+    case: Case, controller: SampledController, neutral: int, required: Requirements, count: int, seed: int
+) -> BedsCheck:  # fmt: skip
+    """Draw fresh beds from the case's box and judge every one; then look for the worst of the box."""
+    judge, box = Judge(case, controller, neutral, required), case.uncertainty
+    positions = box.draw(count, seed)
+    found = judge.verdicts([box.at(position) for position in positions])
+    # rounded: beds whose least damped mode is the same that none of them moves stay as they were drawn
+    order = np.argsort(np.round(found.damping_ratio, 9), kind="stable")
+    worst = worst_bed(judge.dampings, box, positions[order])
+    candidates = np.where(found.stable, found.unmeasured, -np.inf)
+    at = int(np.argmax(candidates))
+    largest = largest_error(judge.unmeasured, box, positions[at]) if found.stable[at] else None
+    shafts = [dynamometer.follows for dynamometer in case.loop.dynamometers]
+    alone = {
+        name: _dampings_opened(judge, None if len(shafts) == 1 else name) for name in shafts
+    }  # fmt: skip
+    together = alone[shafts[0]] if len(shafts) == 1 else _dampings_opened(judge, None)
+    return BedsCheck(
+        count, int(found.stable.sum()), int((found.stable & found.damped).sum()), float(found.damping_ratio.min()),
+        required.damping_ratio, tuple(np.sort(found.measured[found.stable]).tolist()),
+        tuple(np.sort(found.unmeasured[found.stable]).tolist()), worst, largest, opened=together, opened_alone=alone,
+    )  # fmt: skip
+
+
+def _dampings_opened(judge: Judge, alone: str | None) -> dict[float, float]:
+    """Least damping ratio of the bed as planned by the share left of its cut shafts, or of one of them alone."""
+    values = [with_reduced_stiffness(judge.case, {}, share, alone) for share in SHARES]
+    return dict(zip(SHARES, judge.dampings_of(values)[:, 0].tolist(), strict=True))

@@ -397,9 +397,9 @@ class Demands:
         kept = [row for row in rows if not row.is_constant()]
         return [(ca.vertcat(*kept), 1.0)] if kept else []
 
-    def broken(self, values: Mapping[str, float], part: float = 1.001) -> list[ExceededLimit]:
-        """Limits that the manoeuvre takes more than a part of, worst first."""
-        broken = []
+    def taken(self, values: Mapping[str, float]) -> list[ExceededLimit]:
+        """Every limit with what the manoeuvre takes of it, whether it is exceeded or not."""
+        every = []
         for chain in self.chains:
             demands = {}
             for shaft, before in chain.shafts:
@@ -410,9 +410,20 @@ class Demands:
             for name, factor in self._at_the_rotor(chain).items():
                 demands[name] = chain.peak(chain.inertias, total, factor)
             demands["dynamometer_speed"] = float(np.abs(chain.speed).max())
-            for name, demand in demands.items():
-                if name in self.limits and demand > self.limits[name] * part:
-                    broken.append(ExceededLimit(chain.dynamometer, name, demand, self.limits[name]))
+            every += [
+                ExceededLimit(chain.dynamometer, name, demand, self.limits[name])
+                for name, demand in demands.items()
+                if name in self.limits
+            ]
+        return every
+
+    def shares(self, values: Mapping[str, float]) -> np.ndarray:
+        """What the manoeuvre takes of every limit, as a share of it."""
+        return np.array([one.demand / one.allowed for one in self.taken(values)])
+
+    def broken(self, values: Mapping[str, float], part: float = 1.001) -> list[ExceededLimit]:
+        """Limits that the manoeuvre takes more than a part of, worst first."""
+        broken = [one for one in self.taken(values) if one.demand > one.allowed * part]
         return sorted(broken, key=lambda exceeded: exceeded.allowed / exceeded.demand)
 
     def quantities(self, limit: str) -> set[str]:
@@ -589,6 +600,71 @@ def goals(case: Case, pairs: list[tuple[Mode, Mode]]) -> tuple[Goal, ...]:
         eigenvalue = omega * complex(-damped.damping_ratio, np.sqrt(1 - damped.damping_ratio**2))
         made.append(Goal(eigenvalue, pattern / np.abs(pattern).max()))
     return tuple(made)
+
+
+# --- What every bed and the loop have to keep, for a controller to count as robust.
+
+DAMPING_SHARE = 1 / 3  # of the least damping of the target modes, for every mode on every bed
+MARGIN_FROM_HIGHEST_TARGET = 2.0  # the margin counts from this many times the highest target mode on
+ROLLED_OFF_FROM_HZ = 100.0  # where a model of a drivetrain ends, unless the case says otherwise
+LARGEST_ROLLED_OFF = 0.5  # of |T| from there on
+NOISE_SHARE = 0.02  # of the dynamometers' torque limit that sensor noise may become, rms
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """Least damping ratio of any mode, modulus margin and from where (Hz), roll-off (Hz), command noise (N·m rms)."""
+
+    damping_ratio: float
+    modulus_margin: float
+    margin_from: float
+    rolled_off_from: float
+    command_noise: float | None
+
+
+def rolled_off_from(case: Case) -> float:
+    """From where the loop has to have rolled off, Hz."""
+    return case.limits.get("rolled_off_from", ROLLED_OFF_FROM_HZ)
+
+
+def requirements(case: Case) -> Requirements:
+    """What a case asks for."""
+    damped = [mode for _, mode in target_modes(case)]
+    limits = case.limits
+    noise = limits.get("command_noise")
+    if noise is None and "dynamometer_torque" in limits:
+        noise = NOISE_SHARE * limits["dynamometer_torque"]
+    return Requirements(
+        DAMPING_SHARE * min(mode.damping_ratio for mode in damped),
+        limits["modulus_margin"],
+        limits.get("margin_from", MARGIN_FROM_HIGHEST_TARGET * max(mode.frequency for mode in damped)),
+        rolled_off_from(case),
+        noise,
+    )
+
+
+# --- What moves as parts 0 … 1 of its range, and back.
+
+LOGARITHMIC_FROM_RATIO = 4.0  # upper over lower bound, above which a range is scaled by its logarithm
+
+
+def unscaled(part: Any, move: Move) -> Any:
+    """Value of a move in SI from its scaled part 0 … 1 (float or CasADi expression, and so the value)."""
+    if is_logarithmic(move):
+        return move.lower * (move.upper / move.lower) ** part
+    return move.lower + (move.upper - move.lower) * part
+
+
+def scaled(value: float, move: Move) -> float:
+    """Scaled part 0 … 1 of a value in SI."""
+    if is_logarithmic(move):
+        return float(np.log(value / move.lower) / np.log(move.upper / move.lower))
+    return (value - move.lower) / (move.upper - move.lower)
+
+
+def is_logarithmic(move: Move) -> bool:
+    """Whether a move is scaled by its logarithm."""
+    return move.lower > 0 and move.upper / move.lower > LOGARITHMIC_FROM_RATIO
 
 
 # --- A case at other values of what may move.

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from matching.match.case import Case, of_system
-from matching.match.loop import arrivals, control_law, parts_of, shaft_torque
+from matching.match.loop import arrivals, control_law, linear_bed, shaft_torque
 from matching.match.verify import manoeuvre_torques
 from modelling.bed.bed import Dynamometer, Loop
 from modelling.bed.observer import NOISE
@@ -671,7 +671,7 @@ def truth_of(case: Case, seed: int = 0) -> TruthInTime:
     if case.loop.torqueless:
         return TruthInTime(not_simulated="the dynamometers give no torque")
     try:
-        parts = parts_of(case)
+        parts = linear_bed(case)
         torques, lead = manoeuvre_torques(parts)
         return truth_in_time(case, control_law(parts), torques, lead, seed)
     except (InputError, SimulationError) as fault:

@@ -160,7 +160,6 @@ def _loop(verified: VerifiedSolution, case: Case) -> list[str]:
         if solution.blind is not None:
             starts += f", and {solution.blind[1] or 'none'} of {solution.blind[0]} settings drawn over them is stable"
         said.append(f"the closed loop is not stable ({failed})" + ("" if solution.feasible else f": {starts}"))
-    said += [f"two methods disagree, so neither is believed: {difference}" for difference in checked.disagreements]
     if checked.stable and not solution.feasible:
         said.append(
             f"the search found no setting within the bounds that keeps a modulus margin of "

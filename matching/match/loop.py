@@ -1,7 +1,9 @@
-"""Motion of rig or vehicle from sample to sample, linear exactly, nonlinear by fine steps."""
+"""The loop as it runs: rig with lags, delay line and sampled controller, of one bed or of many, and its motion."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -9,21 +11,21 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import scipy
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, matrix_balance, schur
 
-from matching.match.beds import Action
-from matching.match.case import Case
-from modelling.bed.bed import Dynamometer
-from modelling.bed.vehicle import Interface, cut
+from matching.match.case import Case, of_system, rolled_off_from
+from modelling.bed.bed import DelayedBed, Dynamometer, ObserverController, delayed_bed
+from modelling.bed.vehicle import FeedForward, Interface, cut
 from modelling.controller.law import ControlLaw, law_of_feed_forward, law_of_feedback, law_of_observer
 from modelling.equations.casadi_code import compiled
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.errors import InputError
 from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
-from modelling.linear.state_space import StateSpace, discretise, propagated
+from modelling.linear.state_space import StateSpace, discretise, propagated, state_space
 from modelling.linear.steady_motion import operating_motion
 from modelling.modal.modes import images
+from modelling.resources import threads
 from modelling.simulation.stepping import steps_per_second
 from modelling.system import Sensor, System
 
@@ -98,13 +100,11 @@ def transfer(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, s: np.n
     return C @ states + D
 
 
-# --- The pieces of a tuned case as matrices: rig with its lags, residual vehicle, feedback controller.
-#
-# Built from the linear models alone; nothing here is shared with the loop that the optimiser works on.
+# --- A case as linear models: rig, residual vehicle, and who measures and drives what.
 
 
 @dataclass(frozen=True)
-class Parts:
+class LinearBed:
     """Rig and residual vehicle of a case as bodies, with who measures and drives what.
 
     Attributes
@@ -117,7 +117,7 @@ class Parts:
         The tuned residual vehicle, part by part.
     cuts : tuple of Interface
         The cut each dynamometer follows.
-    toward : ndarray (k,)
+    torque_signs : ndarray (k,)
         Torque that drives the rotor for a flange reading of 1 N·m.
     simulated : tuple of str
         Inputs that act inside the residual vehicle.
@@ -129,7 +129,7 @@ class Parts:
     rig: Body
     residual: tuple[Body, ...]
     cuts: tuple[Interface, ...]
-    toward: np.ndarray
+    torque_signs: np.ndarray
     simulated: tuple[str, ...]
     free: Body
 
@@ -152,35 +152,9 @@ class Parts:
         return loop.structure.measured_inputs(on_rig, self.simulated)
 
     @cached_property
-    def bed(self) -> StateSpace:
-        """Rig with inverter and torque-sensor lags.
-
-        States [rig, air-gap torques (k), lagged flange torques (k)], inputs [torque commands after the dead time (k),
-        :attr:`drives`], outputs [signed flange torques (k), rotor speeds (k), air-gap torques (k)].
-        """
-        rig, loop, k = self.rig.space, self.case.loop, len(self.dynamometers)
-        n = len(rig.A)
-        A = block_diag(rig.A, -np.eye(k) / loop["inverter_lag"], -np.eye(k) / loop["torque_sensor_lag"])
-        B = np.zeros((n + 2 * k, k + len(self.drives)))
-        C = np.zeros((3 * k, n + 2 * k))
-        for j, dyno in enumerate(self.dynamometers):
-            A[:n, n + j] = rig.input(dyno.torque_input)
-            A[n + k + j, :n] = self.toward[j] * rig.output(dyno.torque_sensor) / loop["torque_sensor_lag"]
-            B[n + j, j] = 1 / loop["inverter_lag"]
-            C[j, n + k + j] = C[2 * k + j, n + j] = 1
-            C[k + j, :n] = rig.output(dyno.speed_sensor)
-        for i, name in enumerate(self.drives, k):
-            B[:n, i] = rig.input(name)
-        names = [dyno.name for dyno in self.dynamometers]
-        outputs = tuple(f"{name} {what}" for what in ("torque", "speed", "air gap") for name in names)
-        return StateSpace(A, B, C, np.zeros((3 * k, B.shape[1])), (*names, *self.drives), outputs)
-
-    @property
-    def further_readings(self) -> np.ndarray:
-        """Readings (y, x) of :attr:`Loop.further_sensors` by state of :attr:`bed`."""
-        further, n = self.case.loop.further_sensors, len(self.bed.A)
-        rows = [self.rig.space.output(name) for name in further]
-        return np.array([np.pad(row, (0, n - len(row))) for row in rows]).reshape(len(further), n)
+    def bed(self) -> Bed:
+        """Rig with inverter and torque-sensor lags."""
+        return assembled_bed(self.case, self.rig.space, {})
 
     @cached_property
     def residual_space(self) -> StateSpace:
@@ -200,17 +174,12 @@ class Parts:
         return StateSpace(A, B, C, np.zeros((len(C), len(sources))), tuple(sources), speeds)
 
     @cached_property
-    def controller(self) -> StateSpace:
-        """The control structure's feedback law in continuous time, see :meth:`ControlStructure.controller`."""
-        return self.case.loop.structure.controller(self.case.loop, self.residual_space, self.case.rig)
-
-    @cached_property
-    def sampled_controller(self) -> StateSpace:
+    def sampled_feedback(self) -> StateSpace:
         """The feedback law as it runs, from sample to sample, see :meth:`ControlStructure.sampled`."""
         return self.case.loop.structure.sampled(self.case.loop, self.residual_space, self.case.rig)
 
 
-def parts_of(case: Case, rig: System | None = None, untuned: System | None = None) -> Parts:
+def linear_bed(case: Case, rig: System | None = None, untuned: System | None = None) -> LinearBed:
     """Take a case apart.
 
     ``rig`` stands in for the case's where the true rig is another; ``untuned`` is the rig before it was tuned, ``rig``
@@ -224,10 +193,10 @@ def parts_of(case: Case, rig: System | None = None, untuned: System | None = Non
     bodies = tuple(body(part) for part in residual.parts)
     taken = {cut.torque for cut in residual.interfaces}
     simulated = tuple(name for part in bodies for name in part.space.inputs if name not in taken)
-    toward = np.array([_toward(rig, dyno) for dyno in case.loop.dynamometers])
+    torque_signs = np.array([torque_sign(rig, dyno) for dyno in case.loop.dynamometers])
     rig_body = body(watched(rig, cuts, rig_side=True))
     free = rig_body if untuned is None else body(watched(untuned, cuts, rig_side=True))
-    return Parts(case, rig_body, bodies, cuts, toward, simulated, free)
+    return LinearBed(case, rig_body, bodies, cuts, torque_signs, simulated, free)
 
 
 def watched(system: System, cuts: tuple[Interface, ...], *, rig_side: bool) -> System:
@@ -247,7 +216,7 @@ def interface_speed(shaft: str) -> str:
     return f"verified_speed_{shaft}"
 
 
-def _toward(rig: System, dyno: Dynamometer) -> float:
+def torque_sign(rig: System, dyno: Dynamometer) -> float:
     """+1 where the rotor hangs on the second end of the measured flange, −1/ratio where on the first."""
     flange = next(
         shaft
@@ -267,26 +236,642 @@ def _toward(rig: System, dyno: Dynamometer) -> float:
     return -1.0 if flange.ratio is None else -1 / flange.ratio.value
 
 
+# --- One variant of the bed with its lags and its dead time: what a sampled controller acts on.
+
+
+@dataclass(frozen=True)
+class Bed:
+    """Rig with lags; x states, k commands, y readings of the controller, d torques at the rig, c compared sensors.
+
+    Attributes
+    ----------
+    A, commands, torques : ndarray (x, x), (x, k), (x, d)
+        Continuous, commands as they arrive.
+    readings, compared : ndarray (y, x), (c, x)
+    compared_torques : ndarray (c, d)
+        What a torque does to a compared sensor at once.
+    delay : float
+        s, from a sample to the moment its command begins to act.
+    sampled : DelayedBed
+        Without torques.
+    open_loop_damping : float
+        Least damping ratio of its modes without control, where the loop has to have rolled off.
+    """
+
+    A: np.ndarray
+    commands: np.ndarray
+    torques: np.ndarray
+    readings: np.ndarray
+    compared: np.ndarray
+    compared_torques: np.ndarray
+    delay: float
+    sampled: DelayedBed
+    open_loop_damping: float
+
+
+def disturbing(case: Case) -> list[str]:
+    """Inputs of the rig that are no dynamometer's."""
+    driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
+    return [part.name for part in case.rig.inputs if part.name not in driven]
+
+
+def compared_sensors(case: Case) -> list[str]:
+    """Sensors of the compared functions, each once."""
+    return list(dict.fromkeys(pair.sensor for pair in case.compared))
+
+
+def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
+    """The bed with some values (:class:`matching.match.case.Uncertain`) other than the case's, SI."""
+    of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
+    return assembled_bed(case, state_space(case.rig.with_values(of_rig) if of_rig else case.rig), values)
+
+
+def assembled_bed(case: Case, rig: StateSpace, values: Mapping[str, float]) -> Bed:
+    """The bed of a linear rig, lags, dead time and gains from ``values`` or the case."""
+    loop, k = case.loop, len(case.loop.dynamometers)
+    lag, sensor_lag = (values.get(f"loop.{name}", loop[name]) for name in ("inverter_lag", "torque_sensor_lag"))
+    delay = loop.command_delay(values.get("loop.dead_time"))
+    n = len(rig.A)
+    A = block_diag(rig.A, -np.eye(k) / lag, -np.eye(k) / sensor_lag)
+    commands, readings = np.zeros((n + 2 * k, k)), np.zeros((len(loop.controller_sensors), n + 2 * k))
+    for j, dynamometer in enumerate(loop.dynamometers):
+        A[:n, n + j] = values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) * rig.input(
+            dynamometer.torque_input
+        )
+        A[n + k + j, :n] = rig.output(dynamometer.torque_sensor) / sensor_lag
+        commands[n + j, j] = 1 / lag
+    for i, name in enumerate(loop.controller_sensors):
+        readings[i, :n] = rig.output(name)
+    readings[:k] = np.eye(k, n + 2 * k, n + k)
+    readings *= np.array([[values.get(f"sensors.{name}.gain", 1.0)] for name in loop.controller_sensors])
+    torques = np.zeros((n + 2 * k, len(disturbing(case))))
+    rows = [rig.outputs.index(name) for name in compared_sensors(case)]
+    columns = [rig.inputs.index(name) for name in disturbing(case)]
+    torques[:n] = rig.B[:, columns]
+    compared = np.hstack([rig.C[rows], np.zeros((len(rows), 2 * k))])
+    open_loop = least_damping(rig.A, 2 * np.pi * rolled_off_from(case))
+    sampled = delayed_bed(A, commands, np.zeros((n + 2 * k, 0)), delay, loop["sample_time"])
+    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, open_loop)
+
+
+def least_damping(A: np.ndarray, from_rad_s: float) -> float:
+    """Least damping ratio of the modes of A (x, x) from so many rad/s on; 1 without any."""
+    s = np.linalg.eigvals(A)
+    fast = s[(np.abs(s) >= from_rad_s) & (s.imag > 0)]
+    return float(np.min(-fast.real / np.abs(fast), initial=1.0))
+
+
+def vehicle_response(case: Case, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:
+    """Compared functions (f, h) of the vehicle whose shared components have the bed's values."""
+    drawn = of_system(values, case.vehicle)
+    space = state_space(case.vehicle.with_values(drawn) if drawn else case.vehicle)
+    s = 2j * np.pi * frequencies
+    states = np.linalg.solve(
+        s[:, None, None] * np.eye(len(space.A)) - space.A, np.broadcast_to(space.B, (len(s), *space.B.shape))
+    )
+    H = space.C @ states + space.D
+    rows = [space.outputs.index(pair.sensor) for pair in case.compared]
+    return H[:, rows, [space.inputs.index(pair.input) for pair in case.compared]]
+
+
+# --- Eigenvalues of many matrices, on all cores.
+
+WORTH_THREADS = 2e6  # sum of the cubes of the orders (speed only; 3 ms on one core)
+
+
+def eigenvalues(matrices: np.ndarray) -> np.ndarray:
+    """Eigenvalues (b, n) of matrices (b, n, n).
+
+    LAPACK leaves Python's lock while it works, so threads share the matrices. None is left over: what has threads
+    cannot be forked.
+    """
+    parts = min(threads(), len(matrices)) if matrices.size * matrices.shape[-1] > WORTH_THREADS else 1
+    if parts < 2:
+        values: np.ndarray = np.linalg.eigvals(matrices)
+        return values
+    with ThreadPoolExecutor(parts) as pool:
+        return np.concatenate(list(pool.map(np.linalg.eigvals, np.array_split(matrices, parts))))
+
+
+# --- (z·I − A)⁻¹ at many z from one Schur form of A: a back substitution a frequency in place of a factorisation.
+
+
+@dataclass(frozen=True)
+class Resolvent:
+    """A = V·T·V⁻¹ with T upper triangular, all (x, x) and complex; see :func:`resolvent`."""
+
+    T: np.ndarray
+    V: np.ndarray
+    inverse: np.ndarray
+
+    def columns(self, z: np.ndarray, B: np.ndarray) -> np.ndarray:
+        """(z·I − A)⁻¹·B, (f, x, u), for z (f,) and B (x, u) or (f, x, u)."""
+        x, u = B.shape[-2:]
+        turned = np.moveaxis(np.broadcast_to(self.inverse @ B, (len(z), x, u)), 0, 1)
+        columns = np.empty((x, len(z) * u), complex)
+        for i in reversed(range(x)):
+            above = turned[i] + (self.T[i, i + 1 :] @ columns[i + 1 :]).reshape(len(z), u)
+            columns[i] = (above / (z - self.T[i, i])[:, None]).ravel()
+        return np.moveaxis((self.V @ columns).reshape(x, len(z), u), 1, 0)
+
+    def rows(self, z: np.ndarray, C: np.ndarray) -> np.ndarray:
+        """C·(z·I − A)⁻¹, (f, k, x), for z (f,) and C (k, x)."""
+        k, x = C.shape
+        turned = C @ self.V
+        rows = np.empty((x, len(z) * k), complex)
+        for i in range(x):
+            before = turned[:, i] + (self.T[:i, i] @ rows[:i]).reshape(len(z), k)
+            rows[i] = (before / (z - self.T[i, i])[:, None]).ravel()
+        return np.moveaxis((self.inverse.T @ rows).reshape(x, len(z), k), 0, 2)
+
+
+def resolvent(A: np.ndarray) -> Resolvent:
+    """The Schur form of a matrix (x, x), balanced: states in N·m and rad/s are of very different size."""
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    T, Q = schur(balanced, output="complex")
+    return Resolvent(T, scale[:, None] * Q, Q.conj().T / scale)
+
+
+# --- Sampled controllers on beds: poles, damping, responses, all beds of a set at once; b beds, f frequencies.
+
+KEPT_DAMPING = 0.95  # of its damping without control that a mode of the bed keeps above the roll-off
+FORGOTTEN = 1e-3  # of z: poles that decay faster have no frequency worth a number
+LEAST_DAMPING = 1e-6  # damping ratio, of a mode of the bed's own
+AT_REST = 1e-7  # of z: a rigid motion without drag stands at 1; rounding moves it by less
+SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
+
+
+@dataclass(frozen=True)
+class SampledBeds:
+    """Beds from sample to sample, their matrices side by side; the states end with the commands on their way.
+
+    Attributes
+    ----------
+    A, B, C : ndarray (b, x, x), (b, x, k), (b, y, x)
+        Commands on their way stand newest first.
+    states : int
+        Of a bed itself, which the commands on their way follow.
+    open_loop_damping : ndarray (b,)
+        Least damping ratio of each bed's own modes, without control, where the loop has to have rolled off.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    states: int
+    open_loop_damping: np.ndarray
+
+    def some(self, which: np.ndarray) -> SampledBeds:
+        """The beds of these numbers (n,)."""
+        return SampledBeds(self.A[which], self.B[which], self.C[which], self.states, self.open_loop_damping[which])
+
+
+@dataclass(frozen=True)
+class BedSet:
+    """Beds of one case and what they do at frequencies.
+
+    Attributes
+    ----------
+    sampled : SampledBeds
+    frequencies : ndarray (f,)
+        Hz.
+    held : ndarray (b, f, y, k)
+        Readings for commands, sampled.
+    read, answered, commanded : ndarray (b, f, y, d), (b, f, c, d), (b, f, c, k)
+        Readings and compared sensors for continuous torques, and compared sensors for held commands.
+    vehicle : ndarray (b, f, h)
+    """
+
+    case: Case
+    sampled: SampledBeds
+    frequencies: np.ndarray
+    held: np.ndarray
+    read: np.ndarray
+    answered: np.ndarray
+    commanded: np.ndarray
+    vehicle: np.ndarray
+
+
+def sampled_beds(case: Case, values: Sequence[Mapping[str, float]]) -> SampledBeds:
+    """Beds with these values (SI, by name; :func:`bed_of`)."""
+    return side_by_side([bed_of(case, of_bed) for of_bed in values])
+
+
+def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
+    """Sampled beds as one batch, each with as many delayed commands as the bed with the longest dead time has."""
+    longest = max(bed.sampled.delay for bed in beds) + 1
+    matrices = [_shifting(bed, longest) for bed in beds]
+    A, B, C = (np.stack(parts) for parts in zip(*matrices, strict=True))
+    return SampledBeds(A, B, C, len(beds[0].A), np.array([bed.open_loop_damping for bed in beds]))
+
+
+def bed_set(case: Case, values: Sequence[Mapping[str, float]], frequencies: np.ndarray) -> BedSet:
+    """Beds with these values (SI, by name; :func:`bed_of`) and their responses at frequencies (f,) in Hz."""
+    return responses_of(case, [bed_of(case, of_bed) for of_bed in values], values, frequencies)
+
+
+def responses_of(
+    case: Case, beds: Sequence[Bed], values: Sequence[Mapping[str, float]], frequencies: np.ndarray
+) -> BedSet:  # fmt: skip
+    """The same of beds that are there already."""
+    sampled, step = side_by_side(beds), case.loop["sample_time"]
+    s = 2j * np.pi * frequencies
+    hold = (1 - np.exp(-s * step)) / (s * step)
+    z = np.exp(s * step)
+    held = np.stack(
+        [c @ resolvent(a).columns(z, b) for a, b, c in zip(sampled.A, sampled.B, sampled.C, strict=True)]
+    )  # fmt: skip
+    read, answered, commanded = [], [], []
+    for bed in beds:
+        d = bed.torques.shape[1]
+        states = resolvent(bed.A).columns(s, np.hstack([bed.torques, bed.commands]))
+        read.append(bed.readings @ states[:, :, :d])
+        answered.append(bed.compared @ states[:, :, :d] + bed.compared_torques)
+        late = hold * np.exp(-s * bed.delay)
+        commanded.append(bed.compared @ states[:, :, d:] * late[:, None, None])
+    vehicle = np.stack([vehicle_response(case, of_bed, frequencies) for of_bed in values])
+    return BedSet(case, sampled, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
+
+
+def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B, C with ``longest`` commands on their way as further states."""
+    x, k, delay = len(bed.A), bed.commands.shape[1], bed.sampled.delay
+    A, B = np.zeros((x + k * longest,) * 2), np.zeros((x + k * longest, k))
+    A[:x, :x] = bed.sampled.whole
+    if delay:
+        A[:x, x + k * (delay - 1) : x + k * delay] = bed.sampled.new
+    else:
+        B[:x] = bed.sampled.new
+    A[:x, x + k * delay : x + k * (delay + 1)] = bed.sampled.old
+    A[x + k :, x:-k] = np.eye(k * (longest - 1))
+    B[x : x + k] = np.eye(k)
+    return A, B, np.hstack([bed.readings, np.zeros((len(bed.readings), k * longest))])
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """A controller at frequencies: commands for readings (f, k, y) and for known torques (f, k, w)."""
+
+    of_readings: np.ndarray
+    of_known: np.ndarray
+    known: tuple[str, ...]
+
+    def at(self, part: slice) -> FrequencyResponse:
+        """The same at some of the frequencies."""
+        return FrequencyResponse(self.of_readings[part], self.of_known[part], self.known)
+
+
+@dataclass(frozen=True)
+class SampledController:
+    """A controller of any structure within its limits: x⁺ = A·x + B·[y, w], u = C·x + D·[y, w].
+
+    The states that readings reach come first; the others run on known torques alone, whatever the bed does.
+
+    Attributes
+    ----------
+    A, B, C, D : ndarray (x, x), (x, y + w), (k, x), (k, y + w)
+    reached : int
+        How many states the readings reach.
+    sensors, known, dynamometers : tuple of str
+        Names of y (sensors of the rig), w and u.
+    sample_time : float
+        s.
+    delayed_commands : slice or None
+        Of the states that the readings reach, those that are commands on their way, newest first.
+    emulated : (ndarray (r, x), ndarray (r, y)) or None
+        States of the residual vehicle by state and reading.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    reached: int
+    sensors: tuple[str, ...]
+    known: tuple[str, ...]
+    dynamometers: tuple[str, ...]
+    sample_time: float
+    delayed_commands: slice | None = None
+    emulated: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def feedback(self) -> StateSpace:
+        """From readings to commands alone: what decides on stability."""
+        o, y = self.reached, len(self.sensors)
+        return StateSpace(
+            self.A[:o, :o], self.B[:o, :y], self.C[:, :o], self.D[:, :y], self.sensors, self.dynamometers
+        )  # fmt: skip
+
+    @property
+    def own_matrix(self) -> np.ndarray:
+        """State matrix of what runs on known torques alone."""
+        return self.A[self.reached :, self.reached :]
+
+
+def without_limits(law: ControlLaw) -> SampledController:
+    """The controller that a law is as long as no command is cut off."""
+    y, x = len(law.sensors), len(law.A)
+    sending, keep = law.A + law.Bs @ law.K, np.eye(x) - law.L @ law.E
+    A, C = sending @ keep, law.K @ keep
+    B = np.hstack([sending @ law.L + law.By + law.Bs @ law.Dy, law.Bw + law.Bs @ law.Dw])
+    D = np.hstack([law.K @ law.L + law.Dy, law.Dw])
+    reached = _reached(A, B[:, :y])
+    order = np.argsort(~reached, kind="stable")
+    return SampledController(
+        A[np.ix_(order, order)], B[order], C[:, order], D, int(reached.sum()), law.sensors, law.known,
+        law.dynamometers, law.sample_time,
+    )  # fmt: skip
+
+
+def _reached(A: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Which states (x,) of x⁺ = A·x + inputs·u the inputs reach."""
+    reached: np.ndarray = np.asarray((inputs != 0).any(axis=1))
+    while True:
+        further = reached | (A[:, reached] != 0).any(axis=1)
+        if (further == reached).all():
+            return reached
+        reached = further
+
+
+def controller_of(case: Case) -> SampledController:
+    """The controller of a case as it runs, of any structure."""
+    return controller_on(linear_bed(case))
+
+
+def controller_on(bed: LinearBed, feed_forward: FeedForward | None = None) -> SampledController:
+    """The same where the case's linear models, and maybe its feed-forward, are there already."""
+    case, loop = bed.case, bed.case.loop
+    k = len(loop.dynamometers)
+    names = tuple(dynamometer.name for dynamometer in loop.dynamometers)
+    sensors = loop.controller_sensors[: 2 * k]
+    if loop.torqueless:
+        count = len(loop.controller_sensors) + len(bed.simulated)
+        return SampledController(
+            np.zeros((0, 0)), np.zeros((0, count)), np.zeros((k, 0)), np.zeros((k, count)),
+            0, loop.controller_sensors, bed.simulated, names, loop["sample_time"],
+        )  # fmt: skip
+    reference = cut(case.emulated_vehicle, case.rig)
+    observer = loop.structure.observer(case.rig, reference, loop)
+    if observer is not None:
+        return of_observer(observer, len(bed.residual_space.A))
+    feed_forward = feed_forward or loop.structure.feed_forward(case.rig, reference, loop)
+    if feed_forward is None:
+        return feedback_on(bed)
+    k, r, signs = len(names), len(bed.residual_space.A), np.concatenate([bed.torque_signs, np.ones(k)])
+    made = without_limits(law_of_feed_forward(feed_forward, bed.sampled_feedback, signs, sensors))
+    emulated, of_readings = _emulated(bed, len(made.A), made.reached)
+    model = made.reached + len(feed_forward.A) - k - r
+    emulated[:, model : model + r] = np.eye(r)
+    return _reading_all(replace(made, emulated=(emulated, of_readings)), loop.controller_sensors)
+
+
+def feedback_on(bed: LinearBed) -> SampledController:
+    """The feedback law of a case alone, without a feed-forward; what acts inside the residual vehicle is known."""
+    feedback, k, loop = bed.sampled_feedback, len(bed.dynamometers), bed.case.loop
+    B, D, signs = feedback.B.copy(), feedback.D.copy(), np.concatenate([bed.torque_signs, np.ones(k)])
+    B[:, : 2 * k], D[:, : 2 * k] = B[:, : 2 * k] * signs, D[:, : 2 * k] * signs
+    x = len(feedback.A)
+    made = SampledController(
+        feedback.A, B, feedback.C, D, x, loop.controller_sensors[: 2 * k], bed.simulated,
+        tuple(dynamometer.name for dynamometer in loop.dynamometers), loop["sample_time"],
+        emulated=_emulated(bed, x, x),
+    )  # fmt: skip
+    return _reading_all(made, loop.controller_sensors)
+
+
+def _reading_all(controller: SampledController, sensors: tuple[str, ...]) -> SampledController:
+    """The same controller with further sensors, which come last, that it makes nothing of."""
+    y, more = len(controller.sensors), len(sensors) - len(controller.sensors)
+    if not more:
+        return controller
+    assert controller.emulated is not None, "a feedback law runs a residual vehicle"
+    B, D = (np.insert(part, [y] * more, 0.0, axis=1) for part in (controller.B, controller.D))
+    emulated = controller.emulated[0], np.insert(controller.emulated[1], [y] * more, 0.0, axis=1)
+    return replace(controller, B=B, D=D, sensors=sensors, emulated=emulated)
+
+
+def _emulated(bed: LinearBed, states: int, reached: int) -> tuple[np.ndarray, np.ndarray]:
+    """States (r, …) of the residual vehicle by state and reading of a feedback law sampled by Tustin's rule."""
+    r, k = len(bed.residual_space.A), len(bed.dynamometers)
+    of_states, of_readings = np.zeros((r, states)), np.zeros((r, 2 * k))
+    if reached >= r:  # x = (I − A·T/2)⁻¹·(x of the rule + B·u·T/2)
+        half = bed.case.loop["sample_time"] / 2
+        of_states[:, :r] = np.linalg.inv(np.eye(r) - half * bed.residual_space.A)
+        of_readings[:, :k] = of_states[:, :r] @ (half * bed.residual_space.B[:, :k] * bed.torque_signs)
+    return of_states, of_readings
+
+
+def of_observer(observer: ObserverController, residual_states: int = 0) -> SampledController:
+    """An observer with state feedback as a sampled controller."""
+    space = observer.space
+    delayed = observer.delayed_commands
+    emulated = np.zeros((residual_states, len(space.A)))
+    emulated[:, delayed.start - residual_states : delayed.start] = np.eye(residual_states)
+    return SampledController(
+        space.A, space.B, space.C, space.D, observer.observed, observer.sensors, observer.known,
+        observer.dynamometers, observer.sample_time, delayed,
+        (emulated, np.zeros((residual_states, len(observer.sensors)))),
+    )  # fmt: skip
+
+
+def frequency_response(
+    controller: SampledController, frequencies: np.ndarray, feedforward: np.ndarray | None = None
+) -> FrequencyResponse:
+    """What a controller does at frequencies (f,), Hz.
+
+    ``feedforward`` is what :func:`feedforward_states` gives, if it is there already.
+    """
+    o, y, feedback = controller.reached, len(controller.sensors), controller.feedback
+    z = np.exp(2j * np.pi * frequencies * controller.sample_time)
+    # C·(zI − A)⁻¹ from the left: as many right-hand sides as dynamometers
+    left = resolvent(feedback.A).rows(z, feedback.C) if o else np.zeros((len(z), len(controller.C), 0), complex)
+    states = feedforward_states(controller, frequencies) if feedforward is None else feedforward
+    of_known = left @ (controller.A[:o, o:] @ states + controller.B[:o, y:])
+    of_known = of_known + controller.C[:, o:] @ states + controller.D[:, y:]
+    return FrequencyResponse(left @ feedback.B + feedback.D, of_known, controller.known)
+
+
+def feedforward_states(controller: SampledController, frequencies: np.ndarray) -> np.ndarray:
+    """States (f, m, w) that known torques alone reach, for these torques, at frequencies (f,) in Hz."""
+    o, y = controller.reached, len(controller.sensors)
+    z = np.exp(2j * np.pi * frequencies * controller.sample_time)
+    own = controller.own_matrix
+    if not len(own):
+        return np.zeros((len(z), 0, len(controller.known)), complex)
+    return resolvent(own).columns(z, controller.B[o:, y:])
+
+
+def law_response(law: ControlLaw, frequencies: np.ndarray, readings: tuple[str, ...]) -> FrequencyResponse:
+    """What a control law does at frequencies (f,), Hz, for ``readings``, among which are its own."""
+    made = frequency_response(without_limits(law), frequencies)
+    of_readings = np.zeros((*made.of_readings.shape[:2], len(readings)), complex)
+    of_readings[:, :, [readings.index(name) for name in law.sensors]] = made.of_readings
+    return replace(made, of_readings=of_readings)
+
+
+def closed_matrices(beds: SampledBeds, controller: SampledController) -> np.ndarray:
+    """State matrices (b, x + c, x + c) of the closed loops."""
+    space = controller.feedback
+    By, Dy = space.B, space.D
+    count, x, c = len(beds.A), beds.A.shape[1], len(space.A)
+    closed = np.empty((count, x + c, x + c))
+    closed[:, :x, :x] = beds.A + beds.B @ Dy @ beds.C
+    closed[:, :x, x:] = beds.B @ space.C
+    closed[:, x:, :x] = By @ beds.C
+    closed[:, x:, x:] = space.A
+    return closed
+
+
+def closed_poles(beds: SampledBeds, controller: SampledController) -> np.ndarray:
+    """Poles (b, p) of the closed loops of beds and feedback.
+
+    A bed and an observer hold the same delayed commands, and their difference is gone once they have passed: its poles
+    are 0. So the closed loop is worked out with the bed's alone, which takes a fraction of the time where the dead time
+    is many samples.
+    """
+    closed, x, delayed = closed_matrices(beds, controller), beds.A.shape[1], controller.delayed_commands
+    if delayed is None:
+        return eigenvalues(closed)
+    both = np.arange(min(x - beds.states, delayed.stop - delayed.start))
+    twice = x + delayed.start + both
+    closed[:, :, beds.states + both] += closed[:, :, twice]
+    once = np.delete(np.arange(closed.shape[1]), twice)
+    return eigenvalues(closed[:, once[:, None], once])
+
+
+def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Largest magnitude (b,) of poles (b, x) of a loop with this sampling interval (s), and least damping ratio (b,).
+
+    Poles that do not swing have no damping ratio.
+    """
+    return np.abs(z).max(axis=1), damping_ratios(z, step).min(axis=1)
+
+
+def without_resting(z: np.ndarray, neutral: int) -> np.ndarray:
+    """Poles (b, x) of a loop with 0 in place of those nearest to 1, ``neutral`` at most: motions that nothing slows."""
+    near = np.argsort(np.abs(z - 1), axis=1)[:, :neutral]
+    rows, moving = np.arange(len(z))[:, None], z.astype(complex)
+    moving[rows, near] = np.where(np.abs(z[rows, near] - 1) < AT_REST, 0.0, z[rows, near])
+    return moving
+
+
+def damping_ratios(z: np.ndarray, step: float) -> np.ndarray:
+    """Damping ratios (b, x) of poles (b, x) of a loop with this sampling interval (s); 1 of what does not swing."""
+    size, s = np.abs(z), rates(z, step)
+    swinging = (size > FORGOTTEN) & (np.abs(s.imag) > SLOWEST_SWING_RAD_S)
+    return np.where(swinging, -s.real / np.maximum(np.abs(s), 1e-300), 1.0)
+
+
+def rates(z: np.ndarray, step: float) -> np.ndarray:
+    """Poles (b, x) of a loop with this sampling interval (s) in continuous time, 1/s."""
+    s: np.ndarray = np.log(np.where(np.abs(z) > FORGOTTEN, z, 0.5).astype(complex)) / step
+    return s
+
+
+def damping_weights(beds: SampledBeds, z: np.ndarray, step: float, least: float, rolled_off_from: float) -> np.ndarray:
+    """Factors (b, x) on the damping ratios of poles (b, x), sampling interval ``step`` (s), that ``least`` judges.
+
+    From ``rolled_off_from`` (Hz) on no control helps a bed's own modes: there they count as if they had all of it.
+    """
+    of_own = least / (KEPT_DAMPING * np.maximum(beds.open_loop_damping, LEAST_DAMPING))
+    fast = np.abs(rates(z, step)) >= 2 * np.pi * rolled_off_from
+    factors: np.ndarray = np.where(fast, np.maximum(of_own, 1.0)[:, None], 1.0)
+    return factors
+
+
+def return_difference(beds: BedSet, acting: FrequencyResponse) -> np.ndarray:
+    """I + L at the commands (b, f, k, k)."""
+    return np.eye(acting.of_readings.shape[1]) - acting.of_readings @ beds.held
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What the i inputs of the compared functions do before any command reaches the bed.
+
+    Attributes
+    ----------
+    commands : ndarray (b, f, k, i)
+        What the controller makes of them.
+    read, answered : ndarray (b, f, y, i), (b, f, c, i)
+        Readings and compared sensors.
+    known : dict
+        Of the inputs, by number, those whose torque the controller knows: number among its known torques.
+    """
+
+    commands: np.ndarray
+    read: np.ndarray
+    answered: np.ndarray
+    known: dict[int, int]
+
+
+def compared_columns(case: Case) -> tuple[list[int], list[int]]:
+    """Of every compared function: number of its sensor, number of its input."""
+    sensors, inputs = compared_sensors(case), compared_inputs(case)
+    return [sensors.index(pair.sensor) for pair in case.compared], [inputs.index(pair.input) for pair in case.compared]
+
+
+def compared_inputs(case: Case) -> list[str]:
+    """Inputs of the compared functions, each once."""
+    return list(dict.fromkeys(pair.input for pair in case.compared))
+
+
+def drive(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) -> Driven:
+    """What the compared functions' inputs do; ``measured`` and what acts inside the residual vehicle are known."""
+    rig_inputs, inputs = disturbing(beds.case), compared_inputs(beds.case)
+    shape = beds.read.shape[:2]
+    read = np.zeros((*shape, beds.read.shape[2], len(inputs)), complex)
+    answered = np.zeros((*shape, beds.answered.shape[2], len(inputs)), complex)
+    known = {}
+    for i, name in enumerate(inputs):
+        if name in rig_inputs:
+            read[..., i] = beds.read[..., rig_inputs.index(name)]
+            answered[..., i] = beds.answered[..., rig_inputs.index(name)]
+        if name not in rig_inputs or (name in measured and name in acting.known):
+            known[i] = acting.known.index(name)
+    commands = acting.of_readings @ read
+    for i, column in known.items():
+        commands[..., i] += acting.of_known[:, :, column]
+    return Driven(commands, read, answered, known)
+
+
+def responses(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) -> np.ndarray:
+    """Compared functions (b, f, h) of the beds under control for continuous torques, of which ``measured`` are known.
+
+    What acts inside the residual vehicle is always known.
+    """
+    driven = drive(beds, acting, measured)
+    answer = beds.commanded @ np.linalg.solve(return_difference(beds, acting), driven.commands) + driven.answered
+    sensors, inputs = compared_columns(beds.case)
+    return answer[:, :, sensors, inputs]
+
+
+def errors(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) -> np.ndarray:
+    """Mean squares (b, h) over the frequencies of |log(H_rig/H_vehicle)|, complex logarithm."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = np.abs(np.log(responses(beds, acting, measured) / beds.vehicle)) ** 2
+    return np.nan_to_num(squares, nan=1e6, posinf=1e6).mean(axis=1)
+
+
 # --- The sampled control law of a tuned case, of any structure, as it leaves the computer.
 
 
-def control_law(parts: Parts) -> ControlLaw:
+def control_law(bed: LinearBed) -> ControlLaw:
     """The law of a tuned case; its readings are those of the rig's sensors, signs as the rig has them."""
-    case, loop = parts.case, parts.case.loop
+    case, loop = bed.case, bed.case.loop
     reference = cut(case.emulated_vehicle, case.rig)
     k = len(loop.dynamometers)
     sensors = (
         *(dynamometer.torque_sensor for dynamometer in loop.dynamometers),
         *(dynamometer.speed_sensor for dynamometer in loop.dynamometers),
     )
-    signs = np.concatenate([parts.toward, np.ones(k)])
+    signs = np.concatenate([bed.torque_signs, np.ones(k)])
     observer = loop.structure.observer(case.rig, reference, loop)
     if observer is not None:
         return law_of_observer(observer)
     feed_forward = loop.structure.feed_forward(case.rig, reference, loop)
     if feed_forward is not None:
-        return law_of_feed_forward(feed_forward, parts.sampled_controller, signs, sensors)
-    return law_of_feedback(parts.sampled_controller, signs, sensors, parts.simulated, loop["sample_time"])
+        return law_of_feed_forward(feed_forward, bed.sampled_feedback, signs, sensors)
+    return law_of_feedback(bed.sampled_feedback, signs, sensors, bed.simulated, loop["sample_time"])
 
 
 # --- A true delay line: commands issued at every sample, held, acting a dead time later.
@@ -305,27 +890,6 @@ def arrivals(delay: float, step: float, pieces: int) -> np.ndarray:
         inside = np.clip(edges, -i, 1 - i)
         weights[:, i] = np.diff(inside) * pieces
     return weights
-
-
-# --- What a sampled control law does at frequencies.
-
-
-def law_action(law: ControlLaw, frequencies: np.ndarray, readings: tuple[str, ...]) -> Action:
-    """Commands of a control law for ``readings`` and for known torques at frequencies (f,), Hz."""
-    z = np.exp(2j * np.pi * frequencies * law.sample_time)
-    n, unlimited = len(law.A), law.A + law.Bs @ law.K
-    keep = np.eye(n) - law.L @ law.E
-    of_readings = unlimited @ law.L + law.By + law.Bs @ law.Dy
-    of_known = law.Bw + law.Bs @ law.Dw
-    drive = np.hstack([of_readings, of_known])
-    states = np.linalg.solve(
-        z[:, None, None] * np.eye(n) - unlimited @ keep, np.broadcast_to(drive, (len(z), *drive.shape))
-    )
-    y = len(law.sensors)
-    commands = law.K @ keep @ states
-    acting = np.zeros((len(z), len(law.dynamometers), len(readings)), complex)
-    acting[:, :, [readings.index(name) for name in law.sensors]] = commands[:, :, :y] + law.K @ law.L + law.Dy
-    return Action(acting, commands[:, :, y:] + law.Dw, law.known)
 
 
 # --- Motion
@@ -406,12 +970,12 @@ class NonlinearMotion:
     start, drift : ndarray (x,)
         States at the operating point at time 0, and their rates: angles turn on.
     deviation_readings : ca.Function
-        x → signed lagged flange torques and rotor speeds (2·k,), less those at the operating point.
+        x → lagged flange torques, rotor speeds and further readings (y,), less those at the operating point.
     readings : ca.Function
         (x of the model, added inputs (u,)) → y, absolute.
     """
 
-    def __init__(self, parts: Parts | None, system: System, step: float, delay: float = 0.0):
+    def __init__(self, parts: LinearBed | None, system: System, step: float, delay: float = 0.0):
         model = compiled(system)
         p = model.p0
         needed = max(steps_per_second(model, p[None]) * step, step / FINEST)
@@ -438,9 +1002,7 @@ class NonlinearMotion:
         if parts is not None:
             loop = parts.case.loop
             readings = model.readings(x[:n], u, p, 0)
-            flange = ca.vertcat(
-                *(parts.toward[j] * readings[model.sensors.index(d.torque_sensor)] for j, d in enumerate(dynos))
-            )
+            flange = ca.vertcat(*(readings[model.sensors.index(d.torque_sensor)] for j, d in enumerate(dynos)))
             commands = held + v
             rates += [
                 (commands - x[n : n + k]) / loop["inverter_lag"],

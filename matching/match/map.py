@@ -16,8 +16,9 @@ from matching.match.case import Case, apply, demands
 from matching.match.case_file import Movable, case_files, movable
 from matching.match.match import match
 from matching.match.result import MatchResult
+from matching.match.robustness import of_beds
 from matching.match.solve import Near, NoBetter
-from matching.match.verify import RobustVerification
+from matching.match.verify import Verification
 from matching.studies import run
 from matching.worker_pool import executor_of
 from modelling.display import Displayed, labelled
@@ -270,18 +271,20 @@ def _limited_by(result: MatchResult) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _not_kept_over_beds(result: MatchResult, robust: RobustVerification) -> list[str]:
+def _not_kept_over_beds(result: MatchResult, robust: Verification) -> list[str]:
     """Names of errors beyond their tolerance and of beds that are not stable or damped too little."""
     case, error, names = result.case, result.response_error, []
     if error.after > case.tolerance or error.unmeasured > case.unmeasured_tolerance:
         names.append("response_error")
-    if not robust.beds.holds or (robust.beds.worst is not None and robust.beds.worst.damping_ratio <= 0):
+    beds = of_beds(robust)
+    if not beds.holds or (beds.worst is not None and beds.worst.damping_ratio <= 0):
         names.append("beds")
     return names
 
 
-def _stable_share(robust: RobustVerification | None) -> float | None:
-    return robust.beds.stable / robust.beds.drawn if robust is not None and robust.beds.drawn else None
+def _stable_share(robust: Verification | None) -> float | None:
+    beds = None if robust is None else robust.beds
+    return beds.stable / beds.drawn if beds is not None and beds.drawn else None
 
 
 def _finite(value: float | None) -> float | None:

@@ -23,18 +23,17 @@ from matching.match.attempt import (
     target_results,
     unloaded_lashes,
 )
-from matching.match.case import LEAST_SHARE_TO_MOVE, Case, Move, apply, change_weight
+from matching.match.case import LEAST_SHARE_TO_MOVE, Case, Move, apply, change_weight, scaled
 from matching.match.in_time import truth_of
 from matching.match.limits import Relaxations, led_by_dead_time, limits, relaxations
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.objectives import REGISTERED
-from matching.match.programme import scaled
-from matching.match.responses import ComparedBed, ObservedBed, SimpleVehicle, fitted_simple_vehicle
+from matching.match.responses import ComparedBed, SimpleVehicle, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult, ResponseError, TargetResult
-from matching.match.robustness import not_kept, noted, on_drawn_beds, over_beds
+from matching.match.robustness import not_kept, noted, of_beds, on_drawn_beds, over_beds
 from matching.match.solve import Near, Solution, TuningTask
 from matching.match.tune_observer import TuningEffort, tuned_weights, tuner
-from matching.match.verify import RobustVerification, Verification, controller_of, verify_observer
+from matching.match.verify import Verification, verify
 from matching.worker_pool import SideProcesses
 from modelling.modal.modes import damped_modes
 
@@ -56,13 +55,12 @@ def match_with_observer(
     tell("weights")
     tuned = apply(case, {f"loop.{name}": value for name, value in weights.items()})
     in_time = None if aside is None else aside.begin(truth_of, tuned)
-    robust = verify_observer(tuned, case.rig, seed=seed, beds=effort.fresh)
-    checked = robust.verification
+    checked = verify(tuned, case.rig, beds=effort.fresh, seed=seed)
     tell("verification on fresh beds")
     results = target_results(question, checked)
     error = errors_with_bounds(tuned, checked.errors)
     stands = limits(question, _found(question, cost, tuned, checked), results, Relaxations())
-    stands = led_by_dead_time([*stands, *not_kept(case, robust), *unloaded_lashes(case)], case, error)
+    stands = led_by_dead_time([*stands, *not_kept(case, checked), *unloaded_lashes(case)], case, error)
     tell("bound and curves")
     moved = any(move.name.startswith("residual_vehicle.") for move in case.moves)
     return MatchResult(
@@ -75,7 +73,7 @@ def match_with_observer(
             *short,
             *opened_lashes(tuned, checked.traces),
             *([AS_CUT] if moved else []),
-            *noted(case, robust),
+            *noted(case, checked),
             *checked.notes,
         ),
         case=case,
@@ -86,12 +84,11 @@ def match_with_observer(
         targets=results,
         parameters=_parameters(case, weights),
         response_error=error,
-        curves=curves_of(ObservedBed(tuned, parts_of(tuned, untuned=case.rig), controller_of(tuned))),
+        curves=curves_of(ComparedBed(tuned, linear_bed(tuned, untuned=case.rig))),
         verification=checked,
         objective=cost,
         simulated_in_time=None if in_time is None else in_time.result(),
         seconds=time.perf_counter() - begin,
-        robust=robust,
     )
 
 
@@ -197,6 +194,8 @@ def _match_with_feedback(
     further: list[str] = []
     if robust is not None and not effort.near:
         verified, robust, further = _over_beds(question, verified, robust, effort)
+    if robust is not None:
+        verified = replace(verified, checked=robust)
     in_time = None if aside is None else aside.begin(truth_of, verified.tuned)
     targets = target_results(question, verified.checked)
     relaxed = Relaxations() if effort.near else relaxations(question, verified, targets)
@@ -208,14 +207,14 @@ def _match_with_feedback(
     result = _result(question, verified, targets, stands, errors)
     notes = (*result.notes, *([] if robust is None else noted(question.case, robust)), *further)
     simulated = None if in_time is None else in_time.result()
-    return replace(result, notes=notes, adapters=adapters, robust=robust, simulated_in_time=simulated)
+    return replace(result, notes=notes, adapters=adapters, simulated_in_time=simulated)
 
 
 def _over_beds(
-    question: Question, verified: VerifiedSolution, robust: RobustVerification, effort: SearchEffort
-) -> tuple[VerifiedSolution, RobustVerification, list[str]]:
+    question: Question, verified: VerifiedSolution, robust: Verification, effort: SearchEffort
+) -> tuple[VerifiedSolution, Verification, list[str]]:
     """The gains tuned over drawn beds where those found miss something and that gains; with what to note."""
-    case, count = question.case, robust.beds.drawn
+    case, count = question.case, of_beds(robust).drawn
     if not count or not [*not_kept(case, robust), *noted(case, robust)]:
         return verified, robust, []
     better = over_beds(verified.tuned, case.rig, verified.task.moves, count, effort.seed)
@@ -224,15 +223,15 @@ def _over_beds(
         return verified, robust, []
     solution = replace(verified.solution, values={**verified.solution.values, **better.values}, feasible=True)
     return (
-        replace(verified, solution=solution, tuned=better.tuned, checked=better.robust.verification),
+        replace(verified, solution=solution, tuned=better.tuned, checked=better.robust),
         better.robust,
         [better.sentence()],
     )
 
 
-def _missed(question: Question, robust: RobustVerification) -> tuple[float, ...]:
+def _missed(question: Question, robust: Verification) -> tuple[float, ...]:
     """What a tuned law misses, what weighs most first: targets, limits, stability and damping of beds, the rest."""
-    checked, beds, case = robust.verification, robust.beds, question.case
+    checked, beds, case = robust, of_beds(robust), question.case
     every = [*not_kept(case, robust), *noted(case, robust)]
     error = float(np.median(beds.unmeasured)) if beds.unmeasured else np.inf
     targets = sum(not target.met for target in target_results(question, checked))
@@ -276,7 +275,7 @@ def _result(
             for move, part in zip(case.moves, question.shares, strict=True)
         ),
         response_error=errors,
-        curves=curves_of(ComparedBed(verified.tuned, parts_of(verified.tuned, untuned=case.rig))),
+        curves=curves_of(ComparedBed(verified.tuned, linear_bed(verified.tuned, untuned=case.rig))),
         verification=checked,
         objective=solution.objective,
         starts=solution.starts,

@@ -9,9 +9,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from matching.match.case import Case, Compared, Move
-from matching.match.continuous_loop import on_emulated_side
-from matching.match.loop import body, interface_speed, parts_of, shaft_torque, watched
+from matching.match.case import Case, Compared, Move, is_logarithmic
+from matching.match.loop import body, interface_speed, linear_bed, shaft_torque, vehicle_response, watched
+from matching.match.loop_modes import on_emulated_side
 from matching.match.programme import (
     ClosedLoopFunctions,
     CommonParts,
@@ -21,7 +21,6 @@ from matching.match.programme import (
     Terms,
     closed_loop,
     fixed_numbers,
-    is_logarithmic,
     jacobian,
     logarithm,
     response,
@@ -32,7 +31,6 @@ from matching.match.programme import (
     weighted_gradient,
     weighted_hessian,
 )
-from matching.match.responses import ComparedBed
 from modelling.fidelity.measures import WEIGHTS, SmoothFidelity
 
 # --- R_XiL as what the match minimises: 1 − R² of system dynamics and residual vehicle over the manoeuvre, smooth.
@@ -166,7 +164,7 @@ def _response_functions(loop: ClosedLoopFunctions, moves: Sequence[Move], compil
 
 def _prepared(case: Case) -> FidelityObjective:
     """What a case's manoeuvre makes of the vehicle, and how to make the same of a rig's responses."""
-    parts = parts_of(case)
+    parts = linear_bed(case)
     cuts = [sensor(interface.shaft) for interface in parts.cuts for sensor in (shaft_torque, interface_speed)]
     behind = list(on_emulated_side(case.vehicle, parts))
     vehicle = body(watched(case.vehicle, parts.cuts, rig_side=False))
@@ -216,7 +214,7 @@ class ResponseErrorObjective(Objective):
     def of(cls, case: Case) -> ResponseErrorObjective:
         """See :meth:`Objective.of`."""
         frequencies = np.geomspace(*case.band, FREQUENCIES)
-        return cls(frequencies, ComparedBed(case).of_vehicle(frequencies))
+        return cls(frequencies, vehicle_response(case, {}, frequencies))
 
     @staticmethod
     def terms(loop: General, free: ca.SX, p: ca.SX, fixed: ca.SX) -> tuple[Terms, Terms]:

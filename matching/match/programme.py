@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 
-from matching.match.case import Case, Compared, Demands, Goal, Move
+from matching.match.case import Case, Compared, Demands, Goal, Move, is_logarithmic, scaled, unscaled
 from modelling.bed.bed import ControlStructure, Dynamometer
 from modelling.bed.vehicle import Interface
 from modelling.equations.casadi_code import Complex, Model, Row, compiled, exp, joined, solve
@@ -753,7 +753,7 @@ def solved(solver: ca.Function, **start_and_bounds: Any) -> dict[str, ca.DM]:
 
 # --- Where in s the modulus margin and the least damping are held.
 
-MARGIN_RESERVE = 1.002  # on the modulus margin, for what lies between grid points
+MARGIN_RESERVE = 1.04  # on the required modulus margin: the programme takes the loop as continuous
 GRID_HZ = np.concatenate(
     [
         np.geomspace(0.02, 5, 18, endpoint=False),
@@ -835,33 +835,12 @@ class Objective(ABC):
         """The objective in a programme."""
 
 
-# --- What moves as parts 0 … 1 of its range, and back.
-
-LOGARITHMIC_FROM_RATIO = 4.0  # upper over lower bound, above which a range is scaled by its logarithm
-
-
-def unscaled(part: Any, move: Move) -> Any:
-    """Value of a move in SI from its scaled part 0 … 1 (float or CasADi expression, and so the value)."""
-    if is_logarithmic(move):
-        return move.lower * (move.upper / move.lower) ** part
-    return move.lower + (move.upper - move.lower) * part
-
-
-def scaled(value: float, move: Move) -> float:
-    """Scaled part 0 … 1 of a value in SI."""
-    if is_logarithmic(move):
-        return float(np.log(value / move.lower) / np.log(move.upper / move.lower))
-    return (value - move.lower) / (move.upper - move.lower)
+# --- Numbers that the compiled functions take.
 
 
 def scale_of(move: Move) -> tuple[float, float]:
     """Lower bound and range, the range of the logarithm where that is scaled."""
     return move.lower, float(np.log(move.upper / move.lower)) if is_logarithmic(move) else move.upper - move.lower
-
-
-def is_logarithmic(move: Move) -> bool:
-    """Whether a move is scaled by its logarithm."""
-    return move.lower > 0 and move.upper / move.lower > LOGARITHMIC_FROM_RATIO
 
 
 def fixed_numbers(loop: ClosedLoopFunctions, moves: Sequence[Move]) -> np.ndarray:

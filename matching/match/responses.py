@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,14 +11,20 @@ import scipy
 from scipy.linalg import eigvals
 from scipy.optimize import least_squares
 
-from matching.match.beds import action, bed_set
-from matching.match.beds import responses as controlled
 from matching.match.case import Case
-from matching.match.loop import Body, Parts, body, parts_of, transfer
-from modelling.bed.bed import ObserverController
-from modelling.bed.vehicle import FeedForward, cut, parts_left_out, without_part
-from modelling.errors import unknown
-from modelling.linear.state_space import StateSpace, discretise, state_space
+from matching.match.loop import (
+    Body,
+    LinearBed,
+    SampledController,
+    bed_set,
+    body,
+    controller_on,
+    frequency_response,
+    linear_bed,
+)
+from matching.match.loop import responses as controlled
+from modelling.bed.vehicle import cut, parts_left_out, without_part
+from modelling.linear.state_space import StateSpace, state_space
 from modelling.system import System, mirror_image
 
 # --- Means over the frequency band on a logarithmic scale, by quadrature on panels that are halved until it converges.
@@ -94,136 +99,6 @@ def _swinging(values: np.ndarray) -> np.ndarray:
     return np.abs(values[values.imag > 1e-9]) / (2 * np.pi)
 
 
-# --- The loop as it runs: a continuous rig, a sampled controller; its response to continuous torques.
-#
-# The controller samples the dynamometers' sensors and the measured torques, and holds each command for one sample time.
-# A torque exp(jωt) makes every sampled signal U·exp(jωkT); the held command has the same frequency beside its images at
-# ω ± 2πn/T. Inside the loop all of them count, as the rig is discretised exactly; of what the rig shows, the part at
-# ω is
-# its response (Chen and Francis, Optimal Sampled-Data Control Systems, 1995, chapter 3).
-
-
-@dataclass(frozen=True)
-class ControllerAction:
-    """What the controller issues and expects at every sample for sampled torques w of 1 N·m.
-
-    Attributes
-    ----------
-    commands : ndarray (f, k, w)
-        N·m, as issued.
-    expected : ndarray (f, 2k, w)
-        Signed flange torques and rotor speeds that the feedback subtracts from what is measured.
-    """
-
-    commands: np.ndarray
-    expected: np.ndarray
-
-
-def feed_forward_action(
-    feed_forward: FeedForward, sensor_signs: np.ndarray, names: Sequence[str], frequencies: np.ndarray
-) -> ControllerAction:
-    """What the feed-forward does about all torques that it takes as measured.
-
-    Parameters
-    ----------
-    sensor_signs : ndarray (k,)
-        Torque that drives the rotor for a flange reading of 1 N·m.
-    names : sequence of str
-        Of the dynamometers, k.
-    frequencies : ndarray (f,)
-        Hz.
-    """
-    issued, state = feed_forward.motion(frequencies)
-    rows = [feed_forward.outputs.index(f"{name} {what}") for what in ("torque", "speed") for name in names]
-    sign = np.concatenate([sensor_signs, np.ones(len(names))])[:, None]
-    expected = sign * (feed_forward.C[rows] @ state + feed_forward.D[rows])
-    return ControllerAction(issued, expected)
-
-
-class SampledLoop:
-    """Rig and controller of a case at frequencies (f,) in Hz with the controller sampled; k dynamometers.
-
-    Parameters
-    ----------
-    parts : Parts
-        Its rig may be another than the one that the controller was tuned for.
-    frequencies : ndarray (f,)
-        Hz, above 0.
-    dead_time : float, optional
-        s; that of the case unless given.
-    """
-
-    def __init__(self, parts: Parts, frequencies: np.ndarray, dead_time: float | None = None):
-        self.parts, self._s = parts, 2j * np.pi * np.asarray(frequencies, float)
-        step, k = parts.case.loop["sample_time"], len(parts.dynamometers)
-        delay = parts.case.loop.command_delay(dead_time)
-        bed, law, z = parts.bed, parts.sampled_controller, np.exp(self._s * step)
-        self._step, self._delay = step, delay
-        self._states = transfer(bed.A, bed.B, np.eye(len(bed.A)), np.zeros_like(bed.B), self._s)  # (f, x, k + d)
-        self._read = bed.C[: 2 * k]
-        self.control = transfer(law.A, law.B, law.C, law.D, z)
-        self.of_commands = self._read @ _sampled_states(bed.A, bed.B[:, :k], step, delay, z)
-        self._held = self._hold(self._s)
-
-    def _hold(self, s: np.ndarray) -> np.ndarray:
-        """What a held and delayed command has of the issued one, (f, 1, 1), at s (f,)."""
-        return (-np.expm1(-s * self._step) / (s * self._step) * np.exp(-s * self._delay))[:, None, None]
-
-    def image(self, n: int) -> np.ndarray:
-        """What the ``n``-th image of the held commands, at ω + 2πn/T, adds to the sampled readings, (f, 2k, k)."""
-        s, bed, k = self._s + 2j * np.pi * n / self._step, self.parts.bed, len(self.parts.dynamometers)
-        return transfer(bed.A, bed.B[:, :k], self._read, np.zeros((2 * k, k)), s) * self._hold(s)
-
-    def response(
-        self, inputs: Sequence[str], sensors: Sequence[str], action: ControllerAction | None = None
-    ) -> np.ndarray:
-        """Response (f, y, u) of the rig's sensors to torques on the rig or in the residual vehicle.
-
-        Parameters
-        ----------
-        action : ControllerAction or None
-            Of the feed-forward on these inputs (w = u); None where they are not measured.
-        """
-        parts, k = self.parts, len(self.parts.dynamometers)
-        state = np.zeros((len(self._s), self._states.shape[1], len(inputs)), complex)
-        law = np.zeros((len(self._s), k, len(inputs)), complex)
-        for i, name in enumerate(inputs):
-            if name in parts.drives:
-                state[:, :, i] = self._states[:, :, k + parts.drives.index(name)]
-            elif name in parts.simulated:  # inside the controller
-                column = 2 * k + parts.simulated.index(name)
-                law[:, :, i] = self.control[:, :, column] if action is None else 0
-            else:
-                raise unknown(name, [*parts.drives, *parts.simulated], "response")
-        measured = self._read @ state
-        if action is not None:
-            law = law + action.commands
-            measured = measured - action.expected
-        feedback = self.control[:, :, : 2 * k]
-        issued = np.linalg.solve(np.eye(k) - feedback @ self.of_commands, law + feedback @ measured)
-        return self._outputs(state + self._states[:, :, :k] @ (self._held * issued), inputs, sensors)
-
-    def _outputs(self, state: np.ndarray, inputs: Sequence[str], sensors: Sequence[str]) -> np.ndarray:
-        """Readings (f, y, u) of the rig for states (f, x, u) of the bed."""
-        rig, n, k = self.parts.rig.space, len(self.parts.rig.space.A), len(self.parts.dynamometers)
-        rows = [rig.outputs.index(name) for name in sensors]
-        columns = [rig.inputs.index(dynamometer.torque_input) for dynamometer in self.parts.dynamometers]
-        values = rig.C[rows] @ state[:, :n] + rig.D[np.ix_(rows, columns)] @ state[:, n : n + k]
-        for i, name in enumerate(inputs):
-            if name in rig.inputs:
-                values[:, :, i] += rig.D[rows, rig.inputs.index(name)]
-        return values
-
-
-def _sampled_states(A: np.ndarray, B: np.ndarray, step: float, delay: float, z: np.ndarray) -> np.ndarray:
-    """Sampled states (f, x, k) for commands (k) that are held for a step (s) and act after a delay (s), exactly."""
-    whole = int(np.floor(delay / step + 1e-9))
-    late = max(delay - whole * step, 0.0)
-    new, old = discretise(A, B, step - late), discretise(A, B, late)
-    z, after = z[:, None, None], new.transition
-    return np.linalg.solve(z * np.eye(len(A)) - after @ old.transition, (new.held + after @ old.held / z) * z**-whole)
-
-
 # --- Responses
 
 
@@ -239,9 +114,9 @@ class Responses:
     rig : ndarray (f, h)
         The rig without control, dynamometers torqueless; NaN where a torque has no path, as one on a road has none.
     matched : ndarray (f, h)
-        The tuned rig with its sampled controller: feed-forward where the torque is measured, else feedback alone.
+        The tuned rig with its sampled controller, which knows the rig's torques as the case says.
     unmeasured : ndarray (f, h)
-        The same by feedback alone.
+        The same where it knows none of the rig's torques; those inside the residual vehicle are always known.
     """
 
     frequencies: np.ndarray
@@ -255,63 +130,40 @@ class Responses:
 class ComparedBed:
     """A tuned bed and the vehicle that it is compared with, at any frequencies.
 
+    The controller samples the sensors and the measured torques, and holds each command for one sample. A torque
+    exp(jωt) makes every sampled signal U·exp(jωkT); the held command has the same frequency beside its images at
+    ω ± 2πn/T. Inside the loop all of them count, as the rig is discretised exactly; of what the rig shows, the part at
+    ω is its response (Chen and Francis, Optimal Sampled-Data Control Systems, 1995, chapter 3).
+
     Parameters
     ----------
     case : Case
         Tuned.
-    parts : Parts, optional
-        The case's own, with the untuned rig for comparison; else the tuned one is that. Its rig may differ from the
-        one in the case, which the controller was designed for.
-    feed_forward : FeedForward, optional
+    bed : LinearBed, optional
+        The case's own, with the untuned rig for comparison; else the tuned one is that.
+    controller : SampledController, optional
         The case's own if given already.
-    vehicle : Body, optional
-        That of the case unless given.
-    dead_time : float, optional
-        s, of the bed; that of the case unless given.
     """
 
-    def __init__(
-        self,
-        case: Case,
-        parts: Parts | None = None,
-        feed_forward: FeedForward | None = None,
-        vehicle: Body | None = None,
-        dead_time: float | None = None,
-    ):
-        self.parts = parts_of(case) if parts is None else parts
-        self.vehicle = body(case.vehicle) if vehicle is None else vehicle
-        self.case, self._feed_forward, self._dead_time = case, feed_forward, dead_time
+    def __init__(self, case: Case, bed: LinearBed | None = None, controller: SampledController | None = None):
+        self.bed = linear_bed(case) if bed is None else bed
+        self.case, self.vehicle = case, body(case.vehicle)
+        self.controller = controller_on(self.bed) if controller is None else controller
         self.pairs = tuple((pair.input, pair.sensor) for pair in case.compared)
-        self._inputs = list(dict.fromkeys(source for source, _ in self.pairs))
-        self._sensors = list(dict.fromkeys(sensor for _, sensor in self.pairs))
-
-    @cached_property
-    def feed_forward(self) -> FeedForward | None:
-        """That of the controller, None where its structure has none."""
-        return feed_forward_of(self.case) if self._feed_forward is None else self._feed_forward
 
     @property
     def measured(self) -> np.ndarray:
-        """Which of the compared functions (h,) begin at a torque that the feed-forward takes as measured."""
-        return np.array([source in self.parts.measured for source, _ in self.pairs])
+        """Which of the compared functions (h,) begin at a torque that the controller's model takes as measured."""
+        return np.array([source in self.bed.measured for source, _ in self.pairs])
 
     def at(self, frequencies: np.ndarray) -> Responses:
         """Responses at frequencies (f,), Hz, above 0 and below half the loop's sampling frequency."""
         f = np.asarray(frequencies, float)
-        rig, parts = self.parts.free, self.parts
-        vehicle = self.of_vehicle(f)
+        rig = self.bed.free
         free = self._picked(_response(rig, f), rig.space.outputs, rig.space.inputs)
-        loop = SampledLoop(parts, f, self._dead_time)
-        unmeasured = self._picked(loop.response(self._inputs, self._sensors), self._sensors, self._inputs)
-        matched = unmeasured
-        if self.measured.any():
-            assert self.feed_forward is not None, "what takes measured torques has a feed-forward"
-            names = [dynamometer.name for dynamometer in parts.dynamometers]
-            action = feed_forward_action(self.feed_forward, parts.toward, names, f)
-            answered = loop.response(self.feed_forward.measured, self._sensors, action)
-            picked = self._picked(answered, self._sensors, self.feed_forward.measured)
-            matched = np.where(self.measured, picked, unmeasured)
-        return Responses(f, self.pairs, vehicle, free, matched, unmeasured)
+        beds, acting = bed_set(self.case, [{}], f), frequency_response(self.controller, f)
+        matched, unmeasured = (controlled(beds, acting, known)[0] for known in (self.case.loop.measured, ()))
+        return Responses(f, self.pairs, self.of_vehicle(f), free, matched, unmeasured)
 
     def of_vehicle(self, frequencies: np.ndarray) -> np.ndarray:
         """Responses (f, h) of the vehicle."""
@@ -326,50 +178,8 @@ class ComparedBed:
         return picked
 
 
-def feed_forward_of(case: Case) -> FeedForward | None:
-    """The feed-forward of a case's control structure, None where it has none."""
-    return case.loop.structure.feed_forward(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
-
-
 def _response(system: Body, frequencies: np.ndarray) -> np.ndarray:
     return system.response(2j * np.pi * frequencies)
-
-
-# --- The compared functions of a rig whose controller is an observer with state feedback.
-
-
-class ObservedBed(ComparedBed):
-    """A tuned bed under an observer; there is one loop for measured and unmeasured torques.
-
-    Parameters
-    ----------
-    case, parts
-        As for :class:`ComparedBed`.
-    controller : ObserverController
-    """
-
-    def __init__(self, case: Case, parts: Parts, controller: ObserverController):
-        super().__init__(case, parts)
-        self.controller = controller
-
-    @property
-    def measured(self) -> np.ndarray:
-        """False (h,) for every compared function: an observer has no feed-forward apart from its loop."""
-        return np.zeros(len(self.pairs), bool)
-
-    def at(self, frequencies: np.ndarray) -> Responses:
-        """Responses at frequencies (f,), Hz, above 0 and below half the loop's sampling frequency."""
-        f = np.asarray(frequencies, float)
-        rig = self.parts.free
-        free = self._picked(rig.response(2j * np.pi * f), rig.space.outputs, rig.space.inputs)
-        bed, acting = bed_set(self.case, [{}], f), action(self.controller, f)
-        matched, unmeasured = (controlled(bed, acting, measured)[0] for measured in (self.case.loop.measured, ()))
-        return Responses(f, self.pairs, self.of_vehicle(f), free, matched, unmeasured)
-
-    def held(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Two arrays (f, h) of NaN at frequencies (f,) in Hz: no feed-forward is designed apart from the observer."""
-        empty = np.full((len(frequencies), len(self.pairs)), np.nan, complex)
-        return empty, empty
 
 
 # --- How far the compared responses of rig and vehicle are apart: the response error and its figures.
@@ -406,7 +216,7 @@ class ErrorFigures:
     before : float or None
         The rig without control over the functions that have a path there; None where none has.
     after, unmeasured : float
-        The matched rig, and the same by feedback alone, over all compared functions.
+        The matched rig, and the same with no torque of the rig measured, over all compared functions.
     after_same_functions : float or None
         The matched rig over the functions of ``before``.
     nodes : BandNodes
@@ -424,7 +234,7 @@ class ErrorFigures:
 
 @dataclass(frozen=True)
 class _Squares:
-    """|log(H/H_vehicle)|² (f, h) of rig without control, matched rig and feedback alone; NaN where there is no path."""
+    """|log(H/H_vehicle)|² (f, h) of :class:`Responses`; NaN where there is no path."""
 
     before: np.ndarray
     after: np.ndarray
@@ -447,15 +257,9 @@ def log_squares(rig: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
         return np.abs(np.log(rig / vehicle)) ** 2
 
 
-def error_figures(case: Case, parts: Parts | None = None, feed_forward: FeedForward | None = None) -> ErrorFigures:
-    """Response errors over the band of a tuned case.
-
-    Parameters
-    ----------
-    case, parts, feed_forward
-        As for :class:`matching.match.responses.ComparedBed`.
-    """
-    return figures_of(ComparedBed(case, parts, feed_forward))
+def error_figures(case: Case, bed: LinearBed | None = None) -> ErrorFigures:
+    """Response errors over the band of a tuned case; arguments as for :class:`ComparedBed`."""
+    return figures_of(ComparedBed(case, bed))
 
 
 def figures_of(bed: ComparedBed) -> ErrorFigures:
@@ -503,7 +307,7 @@ def _breaks(bed: ComparedBed) -> np.ndarray:
     """Resonances of vehicle and rig and antiresonances of the vehicle's compared functions, Hz."""
     vehicle = bed.vehicle.space
     zeros = [antiresonances(vehicle, source, sensor) for source, sensor in dict.fromkeys(bed.pairs)]
-    return np.concatenate([resonances(vehicle), resonances(bed.parts.rig.space), *zeros])
+    return np.concatenate([resonances(vehicle), resonances(bed.bed.rig.space), *zeros])
 
 
 # --- How near a simple residual vehicle comes to the vehicle's own, its quantities fitted, and what it lacks most.

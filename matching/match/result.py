@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 
 from matching.match.case import Case
-from matching.match.continuous_loop import LoopMode
 from matching.match.in_time import TruthInTime, truth_of
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
+from matching.match.loop_modes import LoopMode
 from matching.match.responses import FunctionError, SimpleVehicle
-from matching.match.verify import MatchFidelity, RobustVerification, Verification, match_fidelity
+from matching.match.verify import MatchFidelity, Verification, match_fidelity
 from modelling.display import Displayed
 from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.modal.result import Mode
-from modelling.toml import finite
 
 
 @dataclass(frozen=True)
@@ -200,8 +199,6 @@ class MatchResult(Displayed):
         What each adapter that may change gains, and how exactly it has to be what was ordered.
     simple_vehicle : SimpleVehicle or None
         How near a residual vehicle of the user's own comes; None where it is cut from the vehicle.
-    robust : RobustVerification or None
-        What drawn beds and the loop do under an observer; None for feedback laws.
     simulated_in_time : TruthInTime or None
         What ``in_time`` is, where it was worked out beside the verification; None where only on request.
     """
@@ -224,15 +221,19 @@ class MatchResult(Displayed):
     pairs: tuple[float, ...] = ()
     adapters: tuple[AdapterTrade, ...] = ()
     seconds: float = 0.0
-    robust: RobustVerification | None = field(default=None, repr=False)
     simple_vehicle: SimpleVehicle | None = None
     simulated_in_time: TruthInTime | None = field(default=None, repr=False)
+
+    @property
+    def robust(self) -> Verification | None:
+        """The verification where fresh beds judged the match, else None."""
+        return self.verification if self.verification.beds is not None else None
 
     @cached_property
     def fidelity(self) -> MatchFidelity | None:
         """R_SD, R_RVM, R_MU and R_XiL of free and matched rig on the manoeuvre; None where the simulation ran away."""
         traces = self.verification.traces
-        return None if traces is None else match_fidelity(parts_of(self.tuned), traces)
+        return None if traces is None else match_fidelity(linear_bed(self.tuned), traces)
 
     @cached_property
     def in_time(self) -> TruthInTime:
@@ -267,21 +268,19 @@ class MatchResult(Displayed):
             "adapters": [adapter.to_dict() for adapter in self.adapters],
             "objective": self.objective,
             "starts": list(self.starts),
-            **_of_beds(self.robust),
+            **_of_beds(checks),
             **({} if self.simple_vehicle is None else {"residual_vehicle": self.simple_vehicle.to_dict()}),
         }
 
 
-def _of_beds(robust: RobustVerification | None) -> dict[str, Any]:
-    """Entries of ``result.json`` on drawn beds, margin, roll-off and noise; None where nothing could judge them."""
-    if robust is None:
-        return {}
-    loop, required, names = robust.loop, robust.required, robust.dynamometers
+def _of_beds(checked: Verification) -> dict[str, Any]:
+    """Entries of ``result.json`` on drawn beds, margin, roll-off and noise."""
+    loop, required = checked.loop, checked.required
     return {
-        "beds": robust.beds.to_dict(),
-        "command_noise": dict(zip(names, map(finite, loop.command_noise), strict=True)),
+        **({} if checked.beds is None else {"beds": checked.beds.to_dict()}),
+        "command_noise": dict(loop.command_noise),
         "margin": {
-            "modulus": finite(loop.modulus_margin), "at": finite(loop.margin_at), "from": required.margin_from,
-            "largest_rolled_off": finite(loop.largest_rolled_off), "rolled_off_from": required.rolled_off_from,
+            "modulus": loop.modulus_margin, "at": loop.margin_at, "from": required.margin_from,
+            "largest_rolled_off": loop.largest_rolled_off, "rolled_off_from": required.rolled_off_from,
         },
     }  # fmt: skip

@@ -11,59 +11,48 @@ import scipy
 
 from matching.match.beds import (
     BED_POINTS,
-    LARGEST_ROLLED_OFF,
-    Action,
-    BedSet,
+    BedsCheck,
     Judged,
-    LoopFigures,
     Planned,
-    Requirements,
-    SampledBeds,
-    bed_set,
+    check_beds,
     command_noise,
     counted,
-    damping_ratios,
-    errors,
     loop_curves,
     planned,
-    requirements,
-    resolvent,
+    sensor_noise,
+)
+from matching.match.case import LARGEST_ROLLED_OFF, Case, Move, Requirements, apply, requirements, scaled, unscaled
+from matching.match.loop import (
+    BedSet,
+    FrequencyResponse,
+    LinearBed,
+    SampledBeds,
+    SampledController,
+    bed_set,
+    closed_poles,
+    controller_on,
+    damping_ratios,
+    errors,
+    frequency_response,
+    linear_bed,
     sampled_beds,
 )
-from matching.match.case import Case, Move, apply
-from matching.match.dynamic_stiffness import check_beds, check_loop
-from matching.match.loop import Parts, control_law, parts_of
-from matching.match.programme import scaled, unscaled
+from matching.match.loop_modes import neutral_motions
 from matching.match.tune_observer import DAMPING_RESERVE, LARGEST_ROOM, RESERVE, WORST
-from matching.match.verify import FRESH, RobustVerification, Verification, Violation, verify
+from matching.match.verify import FRESH, Verification, verify
 from modelling.bed.bed import HARDWARE
-from modelling.bed.observer import NOISE
 from modelling.bed.vehicle import FeedForward, cut
-from modelling.controller.law import law_of_feed_forward
 from modelling.errors import InputError
-from modelling.linear.state_space import StateSpace
 from modelling.system import System
 
-# --- A tuned feedback law on drawn beds, judged as an observer is.
+# --- A tuned case on fresh beds.
 
 
-def on_drawn_beds(case: Case, checked: Verification, count: int, seed: int = 0) -> RobustVerification:
-    """Judge a tuned case of any structure: margin above the emulated band, roll-off, noise and drawn beds.
-
-    Parameters
-    ----------
-    checked : Verification
-        Of the bed as planned.
-    count, seed : int
-        Of the fresh beds.
-    """
-    required, law = requirements(case), control_law(parts_of(case))
-    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
-    noise = np.array([by_name[name].uncertainty or NOISE[by_name[name].measures] for name in law.sensors])
-    loop = check_loop(case, law, noise, required.margin_from, required.rolled_off_from)
-    figures = LoopFigures(loop.modulus_margin, loop.margin_at, loop.largest_rolled_off, loop.command_noise)
-    beds = check_beds(case, law, required.damping_ratio, count, seed + FRESH, required.rolled_off_from)
-    return RobustVerification(checked, required, figures, beds, law.dynamometers)
+def on_drawn_beds(case: Case, checked: Verification, count: int, seed: int = 0) -> Verification:
+    """The verification of a tuned case with fresh beds: ``count`` of them from a ``seed``."""
+    bed = linear_bed(case)
+    beds = check_beds(case, controller_on(bed), neutral_motions(bed), checked.required, count, seed + FRESH)
+    return replace(checked, beds=beds)
 
 
 # --- A feedback law tuned over drawn beds: their errors, with what every bed and the loop have to keep.
@@ -95,7 +84,7 @@ class FeedbackTuner:
 
     case: Case
     moves: tuple[Move, ...]
-    parts: Parts
+    parts: LinearBed
     feed_forward: FeedForward | None
     required: Requirements
     plan: Planned
@@ -117,37 +106,21 @@ class FeedbackTuner:
 
     def guard(self, at: np.ndarray) -> None:
         """Have the search see the least damped beds of the pool at a point (m,) as well, the planned one always."""
-        order = np.argsort(self._damping_room(self.pool, self._feedback(at), np.arange(len(self.pool.A))))
+        order = np.argsort(self._damping_room(self.pool, self.controller(at), np.arange(len(self.pool.A))))
         self.guarded = np.unique(np.concatenate([[0], self.guarded, order[:GUARDS]]))
         self.known.clear()
 
-    def _feedback(self, at: np.ndarray) -> StateSpace:
-        """From readings, signs as the rig has them, and what acts inside the residual vehicle, to commands."""
-        tuned = replace(self.parts, case=apply(self.case, self.values(at)))
-        return tuned.sampled_controller
-
-    @cached_property
-    def _signs(self) -> np.ndarray:
-        return np.concatenate([self.parts.toward, np.ones(len(self.parts.toward))])
+    def controller(self, at: np.ndarray) -> SampledController:
+        """The controller at a point (m,)."""
+        return controller_on(replace(self.parts, case=apply(self.case, self.values(at))), self.feed_forward)
 
     @cached_property
     def _frequencies(self) -> np.ndarray:
         return np.concatenate([self.plan.every.frequencies, self.plan.band.frequencies, self.beds.frequencies])
 
-    def _action(self, feedback: StateSpace) -> Action:
-        """The law at all frequencies."""
-        z, y = np.exp(2j * np.pi * self._frequencies * self.case.loop["sample_time"]), len(self._signs)
-        if self.feed_forward is None:
-            answers = feedback.C @ resolvent(feedback.A).columns(z, feedback.B) + feedback.D
-            return Action(answers[:, :, :y] * self._signs, answers[:, :, y:], self.parts.simulated)
-        law = law_of_feed_forward(self.feed_forward, feedback, self._signs, ("",) * y)
-        B, D = np.hstack([law.By + law.Bs @ law.Dy, law.Bw + law.Bs @ law.Dw]), np.hstack([law.Dy, law.Dw])
-        answers = law.K @ resolvent(law.A + law.Bs @ law.K).columns(z, B) + D
-        return Action(answers[:, :, :y], answers[:, :, y:], law.known)
-
     def _judged(self, at: np.ndarray) -> Judged:
-        feedback = self._feedback(at)
-        acting = self._action(feedback)
+        controller = self.controller(at)
+        acting = frequency_response(controller, self._frequencies)
         ends = np.cumsum([len(each.frequencies) for each in (self.plan.every, self.plan.band, self.beds)])
         curves = loop_curves(self.plan, acting.at(slice(0, int(ends[0]))))
         of_plan = self._squares(self.plan.band, acting.at(slice(int(ends[0]), int(ends[1]))))
@@ -155,7 +128,7 @@ class FeedbackTuner:
         margin, rolled_off = counted(self.plan, self.required)
         allowed, noise = self.required.command_noise, command_noise(curves, self.plan.every.frequencies)
         rooms = [
-            self._damping_room(self.pool, feedback, self.guarded),
+            self._damping_room(self.pool, controller, self.guarded),
             np.ones(len(noise)) if allowed is None else 1 - (1 + RESERVE) * noise / allowed,
             1 - (1 + RESERVE) * curves.closed[rolled_off] / LARGEST_ROLLED_OFF,
             curves.margin[margin] / (self.required.modulus_margin * (1 + RESERVE)) - 1,
@@ -164,7 +137,7 @@ class FeedbackTuner:
         least = [rooms[0], *(np.array([part.min(initial=LARGEST_ROOM)]) for part in rooms[1:])]
         return Judged(float(of_plan.mean() + of_beds.mean()), np.concatenate(rooms), np.concatenate(least))
 
-    def _squares(self, beds: BedSet, acting: Action) -> np.ndarray:
+    def _squares(self, beds: BedSet, acting: FrequencyResponse) -> np.ndarray:
         """Squares (b,) of the errors to unmeasured and to measured torques, each over its tolerance."""
         total = np.zeros(len(beds.sampled.A))
         measured = [name for name in self.case.loop.measured if name in acting.known]
@@ -172,9 +145,9 @@ class FeedbackTuner:
             total += np.minimum(errors(beds, acting, known).mean(axis=1) / tolerance**2, WORST)
         return total
 
-    def _damping_room(self, beds: SampledBeds, feedback: StateSpace, which: np.ndarray) -> np.ndarray:
+    def _damping_room(self, beds: SampledBeds, controller: SampledController, which: np.ndarray) -> np.ndarray:
         """What is left (b,) of the damping that beds of these numbers need."""
-        poles = np.linalg.eigvals(_closed(beds.some(which), feedback, self._signs))
+        poles = closed_poles(beds.some(which), controller)
         needed = self.required.damping_ratio * (1 + DAMPING_RESERVE)
         wanted = np.where(which == 0, max(needed, self.case.limits.get("damping_ratio", 0.0) * (1 + RESERVE)), needed)
         moving = np.where(np.abs(poles - 1) < AT_REST, 0.0, poles)
@@ -182,15 +155,6 @@ class FeedbackTuner:
         beyond = 1 - np.abs(moving).max(axis=1) + 2 * self.required.damping_ratio
         room: np.ndarray = np.minimum(least, beyond) / wanted - 1
         return room
-
-
-def _closed(beds: SampledBeds, feedback: StateSpace, signs: np.ndarray) -> np.ndarray:
-    """State matrices (b, x + c, x + c) of the closed loops; known torques stay outside."""
-    y = len(signs)
-    By, Dy = feedback.B[:, :y] * signs, feedback.D[:, :y] * signs
-    top = np.concatenate([beds.A + beds.B @ Dy @ beds.C, beds.B @ feedback.C], axis=2)
-    below = np.concatenate([By @ beds.C, np.broadcast_to(feedback.A, (len(beds.A), *feedback.A.shape))], axis=2)
-    return np.concatenate([top, below], axis=1)
 
 
 @dataclass(frozen=True)
@@ -217,9 +181,7 @@ def feedback_tuner(case: Case, moves: Sequence[Move], drawn: DrawnBeds) -> Feedb
     drawn : DrawnBeds
         Those of the case, or of one with other gains or another residual vehicle.
     """
-    parts, by_name = parts_of(case), {sensor.name: sensor for sensor in case.rig.sensors}
-    sensors = [by_name[name] for name in case.loop.controller_sensors]
-    noise = np.array([sensor.uncertainty or NOISE[sensor.measures] for sensor in sensors])
+    parts, noise = linear_bed(case), sensor_noise(case, case.loop.controller_sensors)
     return FeedbackTuner(
         case, tuple(moves), parts,
         case.loop.structure.feed_forward(case.rig, cut(case.emulated_vehicle, case.rig), case.loop),
@@ -287,7 +249,7 @@ class TunedOverBeds:
     tuned: Case
     values: Mapping[str, float]
     as_cut: bool
-    robust: RobustVerification
+    robust: Verification
 
     def sentence(self) -> str:
         """For the notes of a match."""
@@ -338,9 +300,7 @@ def over_beds(
         return None
     _, values, as_cut = min(ends, key=lambda end: end[0])
     case = apply(tuned, values)
-    checked = verify(case, untuned, margin_from=requirements(case).margin_from)
-    robust = on_drawn_beds(case, checked, count, seed)
-    return TunedOverBeds(case, values, as_cut, replace(robust, verification=_margin_above(case, robust)))
+    return TunedOverBeds(case, values, as_cut, verify(case, untuned, beds=count, seed=seed))
 
 
 def _middle(move: Move) -> float:
@@ -350,30 +310,24 @@ def _middle(move: Move) -> float:
     return move.lower + MIDDLE * (move.upper - move.lower)
 
 
-def _margin_above(case: Case, robust: RobustVerification) -> Verification:
-    """The verification with the margin of the controller as it runs."""
-    checked, loop, allowed = robust.verification, robust.loop, case.limits[MARGIN]
-    violations = tuple(violation for violation in checked.violations if violation.limit != MARGIN)
-    if loop.modulus_margin < allowed:
-        violations = (Violation(MARGIN, "feedback loop", loop.modulus_margin, allowed), *violations)
-    return replace(
-        checked, modulus_margin=loop.modulus_margin, margin_frequency=loop.margin_at, violations=violations
-    )  # fmt: skip
-
-
 # --- Robust limits
 
 
-def not_kept(case: Case, robust: RobustVerification) -> list[str]:
+def of_beds(robust: Verification) -> BedsCheck:
+    """The fresh beds of a verification that has them."""
+    assert robust.beds is not None, "beds were drawn"
+    return robust.beds
+
+
+def not_kept(case: Case, robust: Verification) -> list[str]:
     """Sentences on what makes a match limited.
 
     An observer has to keep everything. A feedback law has to be stable and damped on every drawn bed and to keep the
     error to measured torques; the rest is only :func:`noted`.
     """
     sentences = [
-        *_not_judged(robust),
         *_unstable(robust),
-        *_error("measured torques", robust.verification.errors.after, case.tolerance),
+        *_error("measured torques", robust.errors.after, case.tolerance),
     ]
     sentences += _damped_too_little(robust)
     if case.loop.structure.is_observer:
@@ -381,9 +335,9 @@ def not_kept(case: Case, robust: RobustVerification) -> list[str]:
     return sentences
 
 
-def noted(case: Case, robust: RobustVerification) -> list[str]:
+def noted(case: Case, robust: Verification) -> list[str]:
     """Sentences on what does not limit a match: a worst bed that is damped too little, the loop of a feedback law."""
-    sentences, worst, required = [], robust.beds.worst, robust.required.damping_ratio
+    sentences, worst, required = [], of_beds(robust).worst, robust.required.damping_ratio
     if not case.loop.structure.is_observer:
         sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
     if worst is not None and 0 < worst.damping_ratio < required:
@@ -397,24 +351,15 @@ def noted(case: Case, robust: RobustVerification) -> list[str]:
     return sentences
 
 
-def _not_judged(robust: RobustVerification) -> list[str]:
-    if not robust.beds.not_covered:
-        return []
-    return [
-        "no bed drawn within [uncertainty] is judged: the method that judges them does not cover "
-        f"{robust.beds.not_covered}"
-    ]
-
-
-def _unstable(robust: RobustVerification) -> list[str]:
-    beds = robust.beds
+def _unstable(robust: Verification) -> list[str]:
+    beds = of_beds(robust)
     if beds.stable == beds.drawn:
         return []
     return [f"{beds.drawn - beds.stable} of {beds.drawn} beds drawn within [uncertainty] are not stable"]
 
 
-def _damped_too_little(robust: RobustVerification) -> list[str]:
-    beds = robust.beds
+def _damped_too_little(robust: Verification) -> list[str]:
+    beds = of_beds(robust)
     if beds.stable < beds.drawn or beds.damped == beds.drawn:
         return []
     return [
@@ -424,8 +369,8 @@ def _damped_too_little(robust: RobustVerification) -> list[str]:
     ]
 
 
-def _unstable_worst_bed(robust: RobustVerification) -> list[str]:
-    worst = robust.beds.worst
+def _unstable_worst_bed(robust: Verification) -> list[str]:
+    worst = of_beds(robust).worst
     if worst is None or worst.damping_ratio > 0:
         return []
     return [
@@ -434,8 +379,8 @@ def _unstable_worst_bed(robust: RobustVerification) -> list[str]:
     ]
 
 
-def _opened(robust: RobustVerification) -> list[str]:
-    beds = robust.beds
+def _opened(robust: Verification) -> list[str]:
+    beds = of_beds(robust)
     sentences = _unstable_opened(beds.opened, "its cut shafts")
     if len(beds.opened_alone) > 1:
         for shaft, opened in beds.opened_alone.items():
@@ -459,16 +404,16 @@ def _error(what: str, value: float | None, allowed: float) -> list[str]:
     return [f"the response error to {what} is {value:.3f}, {allowed:g} is allowed"]
 
 
-def _loop(case: Case, robust: RobustVerification) -> list[str]:
+def _loop(case: Case, robust: Verification) -> list[str]:
     """Unmeasured torques, roll-off and noise."""
     loop, required = robust.loop, robust.required
-    sentences = _error("unmeasured torques", robust.verification.errors.unmeasured, case.unmeasured_tolerance)
+    sentences = _error("unmeasured torques", robust.errors.unmeasured, case.unmeasured_tolerance)
     if loop.largest_rolled_off > LARGEST_ROLLED_OFF:
         sentences.append(
             f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
             f"there, {LARGEST_ROLLED_OFF:g} is allowed"
         )
-    noise = max(loop.command_noise)
+    noise = max(loop.command_noise.values())
     if required.command_noise is not None and noise > required.command_noise:
         sentences.append(
             f"sensor noise makes {noise:.1f} N·m rms of command, {required.command_noise:g} N·m is allowed"

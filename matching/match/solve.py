@@ -15,24 +15,19 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from matching.match.case import Case, Demands, Goal, Move, apply
-from matching.match.continuous_loop import (
-    ORDERS,
-    ExactLoop,
-    closed_matrix,
-    encirclements,
-    neutral_motions,
-    resting_and_right,
-)
-from matching.match.loop import parts_of
-from matching.match.programme import SLOTS, Objective, Problem, build, eigenpairs, scaled, solved
+from matching.match.case import Case, Demands, Goal, Move, apply, scaled
+from matching.match.loop import closed_poles, feedback_on, linear_bed, side_by_side
+from matching.match.loop_modes import inside_unit_circle, neutral_motions
+from matching.match.programme import SLOTS, SURVEY_HZ, Objective, Problem, build, eigenpairs, solved
 from matching.studies import finished
 from matching.worker_pool import executor_of
+from modelling.modal.modes import modes
 from modelling.resources import restore_floating_point
 
 # --- Ends of the local search: IPOPT run once, its end checked for feasibility and stability.
 
 LARGEST_VIOLATION = 1e-5  # largest violation of a scaled constraint
+MARGIN_REFINEMENTS = 6  # of the grid about the lowest minima of the margin
 
 
 class End(NamedTuple):
@@ -75,9 +70,37 @@ def run_from(problem: Problem, v: np.ndarray, extra: np.ndarray | tuple[()] = ()
 
 
 def check(problem: Problem, v: np.ndarray) -> tuple[float, float, bool]:
-    """Modulus margin, where (Hz), and stability of decisions (v,), by the Nyquist criterion on the exact loop."""
-    winding = encirclements(parts_of(apply(problem.case, problem.values(v))))
-    return winding.modulus_margin, winding.margin_frequency, winding.unstable == 0 and winding.clear
+    """Modulus margin of the programme's loop, where (Hz), and stability of the sampled loop, of decisions (v,)."""
+    bed = linear_bed(apply(problem.case, problem.values(v)))
+    poles = closed_poles(side_by_side([bed.bed]), feedback_on(bed))[0]
+    return *_margin(problem, v), inside_unit_circle(poles, neutral_motions(bed))
+
+
+def _parameters(problem: Problem, v: np.ndarray) -> np.ndarray:
+    """p (p,) of the programme's loop at decisions (v,)."""
+    values = problem.values(v)
+    return problem.vector({move.name: values[move.name] for move in problem.moves})
+
+
+def _margin(problem: Problem, v: np.ndarray) -> tuple[float, float]:
+    """Least singular value of I + L(jω), and where, Hz: the lowest minima of a grid, refined."""
+    p, grid = _parameters(problem, v), SURVEY_HZ
+    near = [mode.frequency for mode in modes(problem.case.rig) if 0 < mode.frequency < SURVEY_HZ[-1]]
+    grid = np.union1d(grid, np.outer(near, np.linspace(0.95, 1.05, 21)))
+    function = problem.loop.difference
+    for _ in range(MARGIN_REFINEMENTS):
+        omega, f = 2 * np.pi * grid, len(grid)
+        parts = function.map(f)(np.zeros((1, f)), omega[None], np.tile(p[:, None], f))
+        values = parts[0].full().T + 1j * parts[1].full().T
+        k = round(values.shape[1] ** 0.5)
+        sizes = np.linalg.svd(values.reshape(f, k, k), compute_uv=False)[:, -1]
+        padded = np.concatenate([[np.inf], sizes, [np.inf]])
+        minima = np.flatnonzero((sizes <= padded[:-2]) & (sizes <= padded[2:]))
+        lowest = minima[np.argsort(sizes[minima])][:5]
+        found = float(sizes[lowest[0]]), float(grid[lowest[0]])
+        ends = [(grid[max(i - 1, 0)], grid[min(i + 1, f - 1)]) for i in lowest]
+        grid = np.unique(np.concatenate([np.geomspace(*pair, 17) for pair in ends]))
+    return found
 
 
 # --- Starts of the local search.
@@ -151,7 +174,7 @@ class BlindDraws:
 
 
 def blind_draws(problem: Problem, seed: int, draws: int = DRAWS) -> BlindDraws:
-    """Draw settings by a Sobol sequence until enough are stable: by poles, then by encirclements on the exact loop."""
+    """Draw settings by a Sobol sequence until enough are stable: by the poles of the sampled loop."""
     size, stable_starts = len(problem.moves), list[tuple[float, np.ndarray]]()
     eigenpairs = start(problem, None)[size:]
     points = scipy.stats.qmc.Sobol(size, seed=np.random.default_rng([seed, draws])).random_base2(
@@ -161,10 +184,6 @@ def blind_draws(problem: Problem, seed: int, draws: int = DRAWS) -> BlindDraws:
     for point in points[:draws]:
         drawn += 1
         v = np.concatenate([point, eigenpairs])
-        parts = parts_of(apply(problem.case, problem.values(v)))
-        poles = np.linalg.eigvals(closed_matrix(parts, ORDERS[-1]))
-        if resting_and_right(poles, neutral_motions(parts))[1]:
-            continue
         margin, _, stable = check(problem, v)
         stable_starts += [(margin, v)] if stable else []
         if len(stable_starts) == ENOUGH:
@@ -378,17 +397,24 @@ def with_nearest_roots(problem: Problem, v: np.ndarray) -> np.ndarray:
     v = v.copy()
     if not problem.goals:
         return v
-    parts = parts_of(apply(problem.case, problem.values(v)))
-    roots = np.linalg.eigvals(closed_matrix(parts, ORDERS[-1]))
-    roots = roots[roots.imag >= 0]
-    difference = ExactLoop(parts).return_difference
+    bed = linear_bed(apply(problem.case, problem.values(v)))
+    z = closed_poles(side_by_side([bed.bed]), feedback_on(bed))[0]
+    roots = np.log(z[np.abs(z) > 1e-3].astype(complex)) / bed.case.loop["sample_time"]
+    roots, p = roots[roots.imag >= 0], _parameters(problem, v)
+
+    def difference(s: complex) -> np.ndarray:
+        re, im = problem.loop.difference(s.real, s.imag, p)
+        k = round(re.numel() ** 0.5)
+        values: np.ndarray = (re.full() + 1j * im.full()).reshape(k, k)
+        return values
+
     for row, goal in zip(eigenpairs(v, len(problem.moves), problem.case), problem.goals, strict=True):
         size, damping, *rest = goal.numbers
         pattern = np.array(rest)
         natural = np.abs(roots) / size
         distance = (natural - 1) ** 2 + (-roots.real / np.maximum(np.abs(roots), 1e-12) - damping) ** 2
         for i in np.argsort(distance):
-            x = np.linalg.svd(difference(roots[i : i + 1])[0])[2][-1].conj()
+            x = np.linalg.svd(difference(roots[i]))[2][-1].conj()
             if abs(pattern @ x) > LEAST_COSINE:
                 x = x / (pattern @ x)
                 row[:] = [roots[i].real / size, roots[i].imag / size, *x.real, *x.imag]

@@ -12,42 +12,42 @@ import scipy
 
 from matching.match.beds import (
     BED_POINTS,
-    LARGEST_ROLLED_OFF,
     SHARES,
-    ActionSlopes,
-    Bed,
-    BedSet,
     DesignPoint,
     GainSlopes,
     Judged,
     Planned,
-    Requirements,
-    SampledBeds,
-    action,
-    action_slopes,
-    ahead_states,
-    bed_of,
-    bed_set,
+    ResponseSlopes,
     beds_at,
     command_noise,
     counted,
     damping_left,
-    damping_ratios,
-    eased,
     error_slopes,
-    errors,
     feedback_slopes,
     filter_slopes,
     loop_curves,
     loop_slopes,
     planned,
     pole_slopes,
-    requirements,
-    shared_poles,
-    side_by_side,
-    softened,
+    response_slopes,
+    with_reduced_stiffness,
 )
-from matching.match.case import Case
+from matching.match.case import LARGEST_ROLLED_OFF, Case, Requirements, requirements
+from matching.match.loop import (
+    Bed,
+    BedSet,
+    SampledBeds,
+    bed_of,
+    bed_set,
+    closed_poles,
+    damping_ratios,
+    damping_weights,
+    errors,
+    feedforward_states,
+    frequency_response,
+    of_observer,
+    side_by_side,
+)
 from modelling.bed.bed import ObserverController
 from modelling.bed.observer import (
     Ahead,
@@ -220,7 +220,7 @@ class Tuner:
 
     def rooms_of(self, beds: SampledBeds, logarithms: np.ndarray) -> np.ndarray:
         """What is left (b,) of the damping that each bed needs at a point (w,), as a share of it."""
-        poles = shared_poles(beds, self.gains.controller(logarithms), self.model.on_their_way)
+        poles = closed_poles(beds, of_observer(self.gains.controller(logarithms)))
         return self._damping_room(poles, beds)
 
     def add(self, positions: np.ndarray, share: float = 1.0, left: float = 1.0) -> None:
@@ -230,7 +230,7 @@ class Tuner:
         """
         count, box = len(self.positions), self.case.uncertainty
         self.positions = np.vstack([self.positions, positions])
-        values = [softened(self.case, box.at(position), left) for position in positions]
+        values = [with_reduced_stiffness(self.case, box.at(position), left) for position in positions]
         self.pool = (*self.pool, *(bed_of(self.case, of_bed) for of_bed in values))
         added = range(count, len(self.positions))
         self.ask(dict.fromkeys(added, share * damping_left(left)))
@@ -262,7 +262,7 @@ class Tuner:
     def _ahead(self) -> np.ndarray:
         """States of the model that runs ahead at all frequencies; the weights do not reach it."""
         start = np.log10([self.case.loop.values[name] for name in self.gains.names])
-        return ahead_states(self.gains.controller(start), self._frequencies)
+        return feedforward_states(of_observer(self.gains.controller(start)), self._frequencies)
 
     @cached_property
     def _frequencies(self) -> np.ndarray:
@@ -288,11 +288,11 @@ class Tuner:
         key = tuple(logarithms.tolist())
         if self._last is None or self._last[0] != key:
             controller = self.gains.controller(logarithms)
-            acting = action(controller, self._frequencies, self._ahead)
+            acting = frequency_response(of_observer(controller), self._frequencies, self._ahead)
             errors_of = [errors(beds, acting.at(self._of(beds)), ()) for beds in (self.beds, self.plan.band)]
             self._last = key, DesignPoint(
                 controller, acting, loop_curves(self.plan, acting.at(self._of(self.plan.every))),
-                shared_poles(self._guards, controller, self.model.on_their_way),
+                closed_poles(self._guards, of_observer(controller)),
                 np.sqrt(np.concatenate([each.mean(axis=1) for each in errors_of])) / self.case.unmeasured_tolerance,
             )  # fmt: skip
         return self._last[1]
@@ -328,7 +328,7 @@ class Tuner:
         return np.minimum(ratio, self._beyond_stable(poles)) / self._damping - 1
 
     def _eased(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
-        return eased(beds, poles, self.model.sample_time, self._damping, self.required.rolled_off_from)
+        return damping_weights(beds, poles, self.model.sample_time, self._damping, self.required.rolled_off_from)
 
     def _beyond_stable(self, poles: np.ndarray) -> np.ndarray:
         """As a damping ratio (b,) that is small where a pole that does not swing leaves the unit circle."""
@@ -341,7 +341,7 @@ class Tuner:
             at, gains = self.point(logarithms), self.gains.slopes(logarithms)
         except InputError:
             return np.zeros(len(self.gains.names)), np.zeros((self._requirements, len(self.gains.names)))
-        changes = action_slopes(at.controller, gains, self._frequencies, self._ahead)
+        changes = response_slopes(at.controller, gains, self._frequencies, self._ahead)
         margin, closed, noise = loop_slopes(self.plan, at.curves, changes.at(self._of(self.plan.every)))
         where, allowed = self._counted, self.required.command_noise
         rooms = [
@@ -353,7 +353,7 @@ class Tuner:
         steering = (judged.room < LARGEST_ROOM)[:, None]
         return self._cost_slopes(at, changes), np.where(steering, np.concatenate(rooms, axis=1).T, 0.0)
 
-    def _cost_slopes(self, at: DesignPoint, changes: ActionSlopes) -> np.ndarray:
+    def _cost_slopes(self, at: DesignPoint, changes: ResponseSlopes) -> np.ndarray:
         share: np.ndarray = np.where(at.errors < WORST, 1.0, 0.0) / self.case.unmeasured_tolerance**2
         share = share * np.r_[np.full(len(share) - 1, 1 / (len(share) - 1)), PLANNED]
         slopes = [

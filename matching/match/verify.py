@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -11,70 +11,47 @@ import numpy as np
 import scipy
 
 from matching.match.beds import (
+    BedsCheck,
     LoopFigures,
-    Requirements,
     bed_figures,
-    bed_set,
-    closed_matrices,
+    check_beds,
     loop_figures,
+    loop_frequencies,
+    margins_of,
     planned,
-    requirements,
-    sampled_beds,
+    sensor_noise,
 )
-from matching.match.case import Case, target_modes
-from matching.match.continuous_loop import (
-    BELIEVED,
-    PLACE,
-    Approximation,
-    Encirclements,
-    ExactLoop,
-    LoopMode,
-    approximations,
-    closed_matrix,
-    eigenvalue_of,
-    emulated,
-    encirclements,
-    feed_forward_modes,
-    feedback_modes,
-    match_mode,
-    modulus_margin,
-    neutral_motions,
-    on_emulated_side,
-    orders_for,
-    phase_error,
-    resting_and_right,
-    sampled_poles,
-)
-from matching.match.dynamic_stiffness import BedsCheck, IndependentCheck, check, check_beds
+from matching.match.case import Case, Requirements, requirements, target_modes
 from matching.match.loop import (
     Body,
+    LinearBed,
     LinearMotion,
     NonlinearMotion,
-    Parts,
+    SampledController,
+    bed_set,
     body,
     body_motion,
+    control_law,
+    controller_on,
     interface_speed,
-    parts_of,
+    linear_bed,
     shaft_torque,
     watched,
 )
-from matching.match.responses import (
-    BandNodes,
-    ComparedBed,
-    ErrorFigures,
-    ObservedBed,
-    error_figures,
-    figures_of,
-    log_squares,
-    pooled,
+from matching.match.loop_modes import (
+    PLACE,
+    ClosedLoop,
+    LoopMode,
+    eigenvalue_of,
+    emulated,
+    inside_unit_circle,
+    match_mode,
+    neutral_motions,
+    on_emulated_side,
 )
-from modelling.bed.bed import ObserverController
+from matching.match.responses import ErrorFigures, error_figures
 from modelling.bed.manoeuvres import Kick
-from modelling.bed.observer import observer_model, regulator
-from modelling.bed.vehicle import FeedForward, ResidualVehicle, cut
-from modelling.controller.law import law_of_observer
 from modelling.equations.casadi_code import compiled
-from modelling.errors import InputError
 from modelling.fidelity.measures import (
     WEIGHTS,
     Fidelity,
@@ -89,94 +66,7 @@ from modelling.modal.result import Mode
 from modelling.simulation.stepping import SimulationError
 from modelling.system import System, mirror_image
 
-# --- A controller as it runs in the simulation, from sample to sample: feedback law, feed-forward, observer.
-
-Running = FeedForward | ObserverController | None  # beside the feedback law, in its place, or nothing beside it
-
-
-def running_controller(
-    parts: Parts, running: Running, torques: Mapping[str, np.ndarray], count: int
-) -> _Feedback | _Observer:  # fmt: skip
-    """The controller at rest, ready for ``count`` samples under torques (t,) in N·m by input."""
-    if isinstance(running, ObserverController):
-        return _Observer(parts, running, torque_columns(torques, running.known, count))
-    return _Feedback(parts, running, torques, count)
-
-
-class _Feedback:
-    """The feedback law as it runs, and beside it the feed-forward if there is one."""
-
-    def __init__(
-        self, parts: Parts, feed_forward: FeedForward | None, torques: Mapping[str, np.ndarray], count: int
-    ) -> None:  # fmt: skip
-        self._law = _Sampled(parts, parts.case.loop["sample_time"])
-        self._count = 2 * len(parts.dynamometers)
-        self._ahead = None if feed_forward is None else _RunningFeedForward(parts, feed_forward, count)
-        self._roads = torque_columns(torques if feed_forward is None else {}, parts.simulated, count)
-        if feed_forward is not None:
-            measured = {name: torques[name] for name in parts.measured if name in torques}
-            self._measured = torque_columns(measured, feed_forward.measured, count)
-
-    def command(self, k: int, readings: np.ndarray) -> np.ndarray:
-        """Commands (k,) of feed-forward and feedback together."""
-        readings, ahead = readings[: self._count], np.zeros(self._count // 2)
-        if self._ahead is not None:
-            ahead, expected = self._ahead.command(k, self._measured[k])
-            readings = readings - expected
-        return ahead + self._law.command(np.concatenate([readings, self._roads[k]]))
-
-
-class _Observer:
-    """An observer with state feedback as it runs, its commands within the dynamometers' torque limit."""
-
-    def __init__(self, parts: Parts, controller: ObserverController, known: np.ndarray):
-        self._controller, self._known = controller, known
-        self._state = np.zeros(len(controller.A))
-        further = len(controller.sensors) - 2 * len(parts.toward)
-        self._signs = np.concatenate([1 / parts.toward, np.ones(len(parts.toward) + further)])
-        self._limit = parts.case.limits.get("dynamometer_torque", np.inf)
-
-    def command(self, k: int, readings: np.ndarray) -> np.ndarray:
-        """Commands (k,), N·m."""
-        corrected = self._controller.correct(self._state, self._signs * readings)
-        sent = np.clip(self._controller.command(corrected, self._known[k]), -self._limit, self._limit)
-        self._state = self._controller.predict(corrected, sent, self._known[k])
-        return sent
-
-
-class _Sampled:
-    """The feedback controller as it runs from sample to sample."""
-
-    def __init__(self, parts: Parts, step: float):
-        law = parts.sampled_controller
-        self._A, self._B, self._C, self._D = law.A, law.B, law.C, law.D
-        self._x = np.zeros(len(self._A))
-
-    def command(self, readings: np.ndarray) -> np.ndarray:
-        out = self._C @ self._x + self._D @ readings
-        self._x = self._A @ self._x + self._B @ readings
-        return out
-
-
-class _RunningFeedForward:
-    """The feed-forward as the controller runs it: predicts, commands, and states what the sensors should read."""
-
-    def __init__(self, parts: Parts, feed_forward: FeedForward, count: int):
-        names = [dyno.name for dyno in parts.dynamometers]
-        rows = [feed_forward.outputs.index(f"{name} {what}") for what in ("torque", "speed") for name in names]
-        sign = np.concatenate([parts.toward, np.ones(len(names))])
-        self._C, self._D = sign[:, None] * feed_forward.C[rows], sign[:, None] * feed_forward.D[rows]
-        self._model, self._state = feed_forward, np.zeros(len(feed_forward.A))
-        self._gains = np.hstack(feed_forward.gains())
-        self._sent = np.zeros((count + feed_forward.delay, len(names)))  # begins with a dead time of silence
-
-    def command(self, k: int, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        model = self._model
-        expected = self._C @ self._state + self._D @ measured
-        known = np.concatenate([self._state, self._sent[k : k + model.delay].ravel(), measured])
-        self._sent[k + model.delay] = self._gains @ known
-        self._state = model.A @ self._state + model.B @ self._sent[k] + model.W @ measured
-        return self._sent[k + model.delay], expected
+# --- Torques by input as columns.
 
 
 def torque_columns(torques: Mapping[str, np.ndarray], names: Sequence[str], count: int) -> np.ndarray:
@@ -219,27 +109,27 @@ class Traces:
         return self.matched[name] + self.operating.get(name, 0.0)
 
 
-def simulate_case(parts: Parts, running: Running, torques: Mapping[str, np.ndarray], settle: int = 0) -> Traces:
+def simulate_case(parts: LinearBed, torques: Mapping[str, np.ndarray], settle: int = 0) -> Traces:
     """Simulate all three on torques (t,) by input, one value a sample of the loop; inputs left out stay 0.
 
     Parameters
     ----------
-    running : FeedForward, ObserverController or None
-        The feed-forward of the structure, or its whole controller where it is an observer; None in ``pi``.
     settle : int
         Samples at the beginning that are left out of the traces.
     """
-    step = parts.case.loop["sample_time"]
+    step, structure = parts.case.loop["sample_time"], parts.case.loop.structure
     vehicle = watched(parts.case.vehicle, parts.cuts, rig_side=False)
     count = len(next(iter(torques.values())))
     time = (np.arange(count) - settle) * step
     motions = (
         free_motion(vehicle, parts, torques, step),
         free_motion(parts.free.system, parts, torques, step, parts.free),
-        matched_motion(parts, running, torques),
+        matched_motion(parts, torques),
     )
     motions[1].update(emulated(parts, motions[1], torques, tuned=False))
-    motions[2].update(emulated(parts, motions[2], torques, tuned=running is None))
+    motions[2].update(
+        emulated(parts, motions[2], torques, tuned=not (structure.has_feed_forward or structure.is_observer))
+    )
     vehicle_traces, free, matched = ({name: trace[settle:] for name, trace in motion.items()} for motion in motions)
     applied = {name: np.asarray(torque)[settle:] for name, torque in torques.items()}
     operating = operating_readings(parts.rig.system)
@@ -247,7 +137,7 @@ def simulate_case(parts: Parts, running: Running, torques: Mapping[str, np.ndarr
 
 
 def free_motion(
-    system: System, parts: Parts, torques: Mapping[str, np.ndarray], step: float, linear_body: Body | None = None
+    system: System, parts: LinearBed, torques: Mapping[str, np.ndarray], step: float, linear_body: Body | None = None
 ) -> dict[str, np.ndarray]:
     """Traces (t,) of a system without control under torques (t,) in N·m, in steps of s."""
     inputs = [part.name for part in system.inputs]
@@ -263,29 +153,28 @@ def free_motion(
     return _readings(system, parts, linear_body, motion, states, drives)
 
 
-def matched_motion(parts: Parts, running: Running, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m."""
+def matched_motion(parts: LinearBed, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m: the law runs as on the bed, unlimited."""
     loop, k_dynos = parts.case.loop, len(parts.dynamometers)
-    step = loop["sample_time"]
+    step, law, bed = loop["sample_time"], control_law(parts), parts.bed
     count = len(next(iter(torques.values())))
-    delay = loop.command_delay()
     linear = is_linear(parts.case.rig)
-    bed = parts.bed
     motion: LinearMotion | NonlinearMotion = (
-        LinearMotion(bed.A, bed.B, k_dynos, step, delay)
+        LinearMotion(bed.A, np.hstack([bed.commands, bed.torques]), k_dynos, step, bed.delay)
         if linear
-        else NonlinearMotion(parts, parts.rig.system, step, delay)
+        else NonlinearMotion(parts, parts.rig.system, step, bed.delay)
     )
     drives = torque_columns(torques, parts.drives, count)
-    controller = running_controller(parts, running, torques, count)
-    rows = np.vstack([bed.C[: 2 * k_dynos], parts.further_readings])
+    told = {name: torque for name, torque in torques.items() if name not in parts.drives or name in loop.measured}
+    known, unlimited = torque_columns(told, law.known, count), np.full(k_dynos, np.inf)
+    rows, state = bed.readings[: len(law.sensors)], np.zeros(len(law.A))
     issued = np.zeros((count, k_dynos))
     states = np.empty((count, len(motion.start)))
     x = motion.start
     for k in range(count):
         states[k] = x
-        readings = rows @ x if linear else motion.deviation_readings(x).full().ravel()  # type: ignore[union-attr]
-        issued[k] = controller.command(k, readings)
+        readings = rows @ x if linear else motion.deviation_readings(x).full().ravel()[: len(rows)]  # type: ignore[union-attr]
+        issued[k], state = law.step(state, readings, known[k], unlimited)
         x = motion.advance(x, drives[k : k + 2] if k + 1 < count else drives[[k, k]], issued, k)
         if k % 8 == 0:
             _check(x[None], k * step)
@@ -311,7 +200,7 @@ def matched_motion(parts: Parts, running: Running, torques: Mapping[str, np.ndar
 
 def _readings(
     system: System,
-    parts: Parts,
+    parts: LinearBed,
     linear_body: Body | None,
     motion: LinearMotion | NonlinearMotion | None,
     states: np.ndarray,
@@ -401,12 +290,12 @@ class MatchFidelity:
         }
 
 
-def match_fidelity(parts: Parts, traces: Traces) -> MatchFidelity | None:
+def match_fidelity(parts: LinearBed, traces: Traces) -> MatchFidelity | None:
     """Fidelity of free and matched rig; None where the manoeuvre leaves every cut at rest.
 
     Parameters
     ----------
-    parts : Parts
+    parts : LinearBed
         Of the tuned case.
     traces : Traces
         Of its manoeuvre.
@@ -455,7 +344,7 @@ class _Signal:
         return SignalPair(self.reference[::every], test[::every], u, COVERAGE_FACTOR, noise=(0.0, 0.0))
 
 
-def _signals(parts: Parts, traces: Traces) -> dict[str, list[_Signal]]:
+def _signals(parts: LinearBed, traces: Traces) -> dict[str, list[_Signal]]:
     sensors = {sensor.name: sensor for sensor in parts.case.rig.sensors}
     dynamics = []
     for dyno in parts.dynamometers:
@@ -512,7 +401,7 @@ class Violation:
         return dict(vars(self))
 
 
-def peaks_of(parts: Parts, traces: Traces) -> dict[str, float]:
+def peaks_of(parts: LinearBed, traces: Traces) -> dict[str, float]:
     """Largest magnitudes of the matched rig's dynamometer and shaft traces, operating point included, by name.
 
     ``dynamometers.NAME.torque_over_speed`` is the largest share of the torque that the dynamometer has at its speed.
@@ -796,7 +685,7 @@ class IdentifiedMode:
         }
 
 
-def manoeuvre_torques(parts: Parts) -> tuple[dict[str, np.ndarray], int]:
+def manoeuvre_torques(parts: LinearBed) -> tuple[dict[str, np.ndarray], int]:
     """Torques (t,) in N·m of the case's manoeuvre at the samples of the loop, and how many samples only lead in.
 
     Where torques do not begin at 0 they rise smoothly over 2 s before.
@@ -811,7 +700,7 @@ def manoeuvre_torques(parts: Parts) -> tuple[dict[str, np.ndarray], int]:
     return {name: np.concatenate([torque[0] * rise, torque]) for name, torque in torques.items()}, len(rise)
 
 
-def identified_modes(parts: Parts, running: Running, traces: Traces) -> tuple[IdentifiedMode, ...]:
+def identified_modes(parts: LinearBed, traces: Traces) -> tuple[IdentifiedMode, ...]:
     """Read every target mode off the traces of the manoeuvre, or off a kick where they do not show it in the
     vehicle.
     """
@@ -829,7 +718,7 @@ def identified_modes(parts: Parts, running: Running, traces: Traces) -> tuple[Id
             kicked = _kick(parts, vehicle, mode)
             if kicked is not None:
                 by, torques = kicked
-                traces = simulate_case(parts, running, torques)
+                traces = simulate_case(parts, torques)
                 of_vehicle, rig = _read(parts, vehicle, traces, swinging, [index], top)[0]
         identified.append(IdentifiedMode(mode.number, of_vehicle, rig, by))
     return tuple(identified)
@@ -863,7 +752,7 @@ def neighbours(swinging: SwingingModes, chosen: list[int]) -> list[int]:
 
 
 def _read(
-    parts: Parts, vehicle: Body, traces: Traces, swinging: SwingingModes, chosen: list[int], top: float
+    parts: LinearBed, vehicle: Body, traces: Traces, swinging: SwingingModes, chosen: list[int], top: float
 ) -> list[tuple[Ringing | None, Ringing | None]]:
     """(vehicle, matched) for every chosen mode, off what follows the last change of a torque."""
     changes = [np.flatnonzero(np.diff(torque)) for torque in traces.torques.values()]
@@ -893,7 +782,7 @@ def is_mode(reading: Ringing | None, eigenvalue: complex) -> bool:
     return abs(np.log(eigenvalue_of(reading) / eigenvalue)) <= SAME_EIGENVALUE
 
 
-def of_the_targets_modes(
+def modes_of_targets(
     identified: Iterable[IdentifiedMode], targets: Iterable[LoopMode | None], modes: Sequence[LoopMode]
 ) -> tuple[IdentifiedMode, ...]:
     """Readings of the matched rig, without those that are another mode of the loop than the one the target became.
@@ -918,7 +807,7 @@ def of_the_targets_modes(
     return tuple(kept)
 
 
-def _kick(parts: Parts, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str, np.ndarray]] | None:
+def _kick(parts: LinearBed, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str, np.ndarray]] | None:
     """A one-sided pulse, half a period long, on the input that moves the mode most."""
     known = parts.measured or (*parts.drives, *parts.simulated)  # an unmeasured torque shows the feedback's modes
     inputs = [name for name in known if name in vehicle.space.inputs]
@@ -937,7 +826,7 @@ def _kick(parts: Parts, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str, np
 
 RELATIVE_CHANGE = 0.05  # of a stiffness or inertia: what is usually known of one that was not identified
 DEAD_TIME_CHANGE = 5e-4  # s: half a sample time of 1 ms
-GRID_HZ = np.geomspace(1e-2, 1e3, 300)  # on which minima of the margin are looked for
+DEVIATION_POINTS = 100  # log-spaced frequencies over the band
 
 
 @dataclass(frozen=True)
@@ -952,7 +841,7 @@ class Deviation:
         Relative; in s for the dead time.
     stable : bool
     spectral_abscissa, modulus_margin : float
-        Of the feedback loop, the margin counted as for the nominal one; None where it was not looked for.
+        Of the feedback loop, the margin counted as for the nominal one.
     response_error : float
         Against the vehicle, which has the wrong value too where it shares the component.
     """
@@ -961,7 +850,7 @@ class Deviation:
     change: float
     stable: bool
     spectral_abscissa: float
-    modulus_margin: float | None
+    modulus_margin: float
     response_error: float
 
     def to_dict(self) -> dict[str, Any]:
@@ -969,73 +858,40 @@ class Deviation:
         return dict(vars(self))
 
 
-@dataclass(frozen=True)
-class _Deviating:
-    """One bed that differs: the name and change of its quantity, and the bed."""
-
-    name: str
-    change: float
-    bed: ComparedBed
-    dead_time: float
-
-
-def robustness(
-    parts: Parts, feed_forward: FeedForward | None, nodes: BandNodes, order: int, margin_from: float = 0.0
-) -> tuple[Deviation, ...]:
-    """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first.
-
-    Parameters
-    ----------
-    feed_forward : FeedForward or None
-        As designed for the nominal rig.
-    nodes : BandNodes
-        Frequencies at which the nominal response error has converged.
-    order : int
-        Of the Padé approximation of the dead time that stability is judged with.
-    margin_from : float
-        Hz, from where on the modulus margin counts.
-    """
-    judged = [_judged(deviating, nodes, order, margin_from) for deviating in _deviating(parts, feed_forward)]
-    return tuple(sorted(judged, key=lambda deviation: (deviation.stable, -deviation.response_error)))
-
-
-def _deviating(parts: Parts, feed_forward: FeedForward | None) -> Iterator[_Deviating]:
-    case, vehicle, done = parts.case, body(parts.case.vehicle), set[str]()
-    dead_time = case.loop["dead_time"]
-    for name in case.rig.parameters:
+def simulate_deviations(case: Case, controller: SampledController, required: Requirements) -> tuple[Deviation, ...]:
+    """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first."""
+    rows: list[tuple[str, float, dict[str, float]]] = []
+    done: set[str] = set()
+    for name, quantity in case.rig.parameters.items():
         if name in done or name.rsplit(".", 1)[1] not in ("J", "stiffness") or name.count(".") != 2:
             continue
         together = {name, mirror_image(name, case.rig)}
         done |= together
         for change in (RELATIVE_CHANGE, -RELATIVE_CHANGE):
-            values = {member: case.rig.parameters[member].value * (1 + change) for member in together}
-            rig = body(watched(case.rig.with_values(values), parts.cuts, rig_side=True))
-            shared = {member: value for member, value in values.items() if member in case.vehicle.parameters}
-            compared_with = body(case.vehicle.with_values(shared)) if shared else vehicle
-            bed = ComparedBed(case, replace(parts, rig=rig), feed_forward, compared_with)
-            yield _Deviating(f"rig.{name}", change, bed, dead_time)
+            values = {f"rig.{member}": quantity.value * (1 + change) for member in together}
+            rows.append((f"rig.{name}", change, values))
     for change in (DEAD_TIME_CHANGE, -DEAD_TIME_CHANGE):
-        changed = max(dead_time + change, 0.0)
-        if changed != dead_time:
-            bed = ComparedBed(case, parts, feed_forward, vehicle, changed)
-            yield _Deviating("loop.dead_time", changed - dead_time, bed, changed)
-
-
-def _judged(deviating: _Deviating, nodes: BandNodes, order: int, margin_from: float) -> Deviation:
-    parts = deviating.bed.parts
-    poles = np.linalg.eigvals(closed_matrix(parts, order, deviating.dead_time))
-    _, unstable = resting_and_right(poles, neutral_motions(parts))
-    difference = ExactLoop(parts, deviating.dead_time).return_difference
-    counted = np.union1d(GRID_HZ[margin_from < GRID_HZ], [margin_from] if margin_from > 0 else [])
-    margin, _ = modulus_margin(difference, counted, difference(2j * np.pi * counted))
-    responses = deviating.bed.at(nodes.frequencies)
-    error = pooled(nodes.root_mean(log_squares(responses.matched, responses.vehicle)))
-    return Deviation(deviating.name, float(deviating.change), unstable == 0, float(poles.real.max()), margin, error)
+        late = max(case.loop["dead_time"] + change, 0.0)
+        if late != case.loop["dead_time"]:
+            rows.append(("loop.dead_time", late - case.loop["dead_time"], {"loop.dead_time": late}))
+    beds = bed_set(case, [values for _, _, values in rows], np.geomspace(*case.band, DEVIATION_POINTS))
+    found = bed_figures(beds, controller, case.loop.measured)
+    every = loop_frequencies(case)
+    counted = every[every >= min(required.margin_from, every[-1])]
+    margins = margins_of(bed_set(case, [values for _, _, values in rows], counted), controller)
+    abscissa = np.log(found.largest_pole) / controller.sample_time
+    deviations = [
+        Deviation(name, change, bool(stable), float(at), float(margin), float(error))
+        for (name, change, _), stable, at, margin, error in zip(
+            rows, found.stable(), abscissa, margins, found.measured, strict=True
+        )
+    ]
+    return tuple(sorted(deviations, key=lambda deviation: (deviation.stable, -deviation.response_error)))
 
 
 # --- Verify
 
-COMPARED_FREQUENCIES = 20  # over the band, at which both methods have to give the same responses
+FRESH = 1_000_003  # added to the seed: beds that the search has not drawn
 
 
 class ReachedTarget(NamedTuple):
@@ -1048,42 +904,26 @@ class ReachedTarget(NamedTuple):
 
 @dataclass(frozen=True)
 class Verification:
-    """A tuned case, checked.
-
-    Poles, encirclements and responses are those of :mod:`matching.frequency.loop`, which the search uses as well to
-    accept an end. What shares nothing with it is ``independent``: the closed loop by dynamic stiffness, straight from
-    the model files; the simulation shares the models and nothing of the loop's algebra.
+    """A tuned case, checked: by the exact loop, and by simulating the running controller on the nonlinear bed.
 
     Attributes
     ----------
     stable : bool
-        Poles, encirclements, poles of the sampled loop, the feed-forward's poles and the simulation all say so.
+        The poles of the sampled loop, those of what runs on known torques alone, and the simulation all say so.
     checks : dict of str to bool
         Each of them.
     spectral_abscissa : float
-        1/s, largest real part of all poles: feedback loop (highest order) and feed-forward. A rigid motion that drag
-        alone slows counts with its slow decay.
-    modulus_margin, margin_frequency : float
-        Least singular value of I + L, and where, Hz.
-    margin_from : float
-        Hz, from where on it counts; 0 for all frequencies.
-    winding : Encirclements or None
-        None where the controller has no law in the Laplace domain.
-    independent : IndependentCheck
-        Unstable poles, margin and responses by dynamic stiffness.
-    disagreements : tuple of str
-        Where it differs from what stands here; a match with any is no match.
-    approximations : tuple of Approximation
-        Poles of the feedback loop by order of the dead time's approximation.
-    sampled : ndarray
-        Poles z of the feedback loop as it is sampled.
-    feed_forward_poles : ndarray
-        rad/s; empty without a model-based feed-forward. Measured torques do not go round the feedback and the feedback
-        does not reach the feed-forward, so the poles of both together are the poles of each.
+        1/s, largest real part of all poles of the closed loop. A rigid motion that drag alone slows counts with its
+        slow decay.
+    required : Requirements
+    loop : LoopFigures
+        Margin, roll-off and command noise of the bed as planned.
+    poles, own_poles : ndarray
+        Poles z of the feedback loop, and of the controller's model that runs on known torques alone.
     modes : tuple of LoopMode
-        Of the feed-forward, then of the feedback loop.
+        Of the closed loop: first those that known torques alone excite.
     targets : tuple of ReachedTarget
-        The mode that each target became: with a feed-forward among its modes.
+        The mode that each target became: where a model runs on known torques, among its modes.
     least_damping : tuple of (damping ratio, Hz)
         The smallest of all modes.
     identified : tuple of IdentifiedMode
@@ -1099,20 +939,17 @@ class Verification:
         None where the loop grows out of bounds.
     notes : tuple of str
         What the user should know.
+    beds : BedsCheck or None
+        Fresh beds; None where none were drawn.
     """
 
     stable: bool
     checks: dict[str, bool]
     spectral_abscissa: float
-    modulus_margin: float
-    margin_frequency: float
-    margin_from: float
-    winding: Encirclements | None
-    independent: IndependentCheck
-    disagreements: tuple[str, ...]
-    approximations: tuple[Approximation, ...]
-    sampled: np.ndarray = field(repr=False)
-    feed_forward_poles: np.ndarray = field(repr=False)
+    required: Requirements
+    loop: LoopFigures
+    poles: np.ndarray = field(repr=False)
+    own_poles: np.ndarray = field(repr=False)
     modes: tuple[LoopMode, ...] = field(repr=False)
     targets: tuple[ReachedTarget, ...]
     least_damping: tuple[float, float]
@@ -1123,31 +960,29 @@ class Verification:
     robustness: tuple[Deviation, ...]
     traces: Traces | None = field(repr=False)
     notes: tuple[str, ...]
+    beds: BedsCheck | None = field(default=None, repr=False)
+
+    @property
+    def modulus_margin(self) -> float:
+        """Least singular value of I + L from where it counts on."""
+        return self.loop.modulus_margin
+
+    @property
+    def margin_from(self) -> float:
+        """Hz, from where on the margin counts."""
+        return self.required.margin_from
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values; traces are left out."""
+        """Plain values; traces and beds are left out."""
         return {
             "stable": self.stable,
             "checks": dict(self.checks),
             "spectral_abscissa": self.spectral_abscissa,
             "modulus_margin": self.modulus_margin,
-            "margin_frequency": self.margin_frequency,
+            "margin_frequency": self.loop.margin_at,
             "modulus_margin_from": self.margin_from,
-            "nyquist": None if self.winding is None else {
-                "unstable_poles": self.winding.unstable, "open_loop_unstable_poles": self.winding.open_loop_unstable,
-                "remainder": self.winding.remainder, "frequencies": len(self.winding.frequencies),
-            },
-            "independent": self.independent.to_dict() | {"disagreements": list(self.disagreements)},
-            "poles": [
-                {
-                    "pade_order": approximation.order, "spectral_abscissa": approximation.abscissa,
-                    "phase_error_deg": float(np.degrees(approximation.phase_error)),
-                    "good_up_to": approximation.good_up_to if np.isfinite(approximation.good_up_to) else None,
-                }
-                for approximation in self.approximations
-            ],
-            "largest_sampled_pole": float(np.abs(self.sampled).max()),
-            "feed_forward_spectral_abscissa": max(self.feed_forward_poles.real.tolist(), default=None),
+            "largest_sampled_pole": float(np.abs(self.poles).max()),
+            "largest_feed_forward_pole": max(np.abs(self.own_poles).tolist(), default=None),
             "least_damping": {"damping_ratio": self.least_damping[0], "frequency": self.least_damping[1]},
             "targets": [
                 {
@@ -1166,70 +1001,54 @@ class Verification:
 
 
 def verify(
-    case: Case, untuned: System | None = None, *, deviations: bool = True, margin_from: float = 0.0
-) -> Verification:
-    """Check a tuned case.
+    case: Case, untuned: System | None = None, *, deviations: bool = True, beds: int = 0, seed: int = 0
+) -> Verification:  # fmt: skip
+    """Check a tuned case of any structure.
 
     Parameters
     ----------
     untuned : System, optional
         The rig before it was tuned, which the figures compare with; the case's own unless given.
     deviations : bool
-        Whether to work out :attr:`Verification.robustness`, about half of the time.
-    margin_from : float
-        Hz, from where on the modulus margin counts, that of the deviations too; the winding counts all frequencies.
+        Whether to work out :attr:`Verification.robustness`.
+    beds, seed : int
+        How many fresh beds judge it, and their seed.
     """
-    parts = parts_of(case, untuned=untuned)
-    reference = cut(case.emulated_vehicle, case.rig)
-    feed_forward = case.loop.structure.feed_forward(case.rig, reference, case.loop)
-    neutral = neutral_motions(parts)
+    bed = linear_bed(case, untuned=untuned)
+    controller, required, neutral = controller_on(bed), requirements(case), neutral_motions(bed)
+    loop = ClosedLoop.of(bed, controller)
+    poles, own_poles, modes = loop.poles, loop.own_poles, loop.modes()
+    figures = loop_figures(planned(case, sensor_noise(case, controller.sensors)), controller, required)
+    checks = {"sampled loop": inside_unit_circle(poles, neutral)}
+    if len(own_poles):
+        checks["feed-forward poles"] = inside_unit_circle(own_poles, neutral)
     notes: list[str] = []
-    winding, sampled, delay = encirclements(parts), sampled_poles(parts), case.loop["dead_time"]
-    orders = approximations(parts, orders=orders_for(delay, winding.gain_edge))
-    counted = _believed(orders, delay, winding.gain_edge, notes)
-    checks = {f"poles, order {mode.order}": mode.unstable(neutral) == 0 for mode in counted}
-    checks["Nyquist criterion"] = winding.unstable == 0 and winding.clear and winding.resting <= neutral
-    independent = _independent(case, parts)
-    if independent.unstable_poles is not None:
-        checks["dynamic stiffness"] = independent.unstable_poles == 0
-    if independent.not_covered:
-        notes.append(f"not checked by the independent method, which does not cover {independent.not_covered}")
-    checks["sampled loop"] = inside(sampled, neutral)
-    feed_forward_poles = np.zeros(0, complex) if feed_forward is None else feed_forward.poles
-    if feed_forward is not None:
-        checks["feed-forward poles"] = resting_and_right(feed_forward_poles, neutral)[1] == 0
-    traces, identified = _simulated(parts, feed_forward, notes)
+    traces, identified = _simulated(bed, notes)
     checks["simulation"] = traces is not None
-    designed = () if feed_forward is None else feed_forward_modes(parts, feed_forward, reference)
-    every = (*designed, *feedback_modes(parts, orders[-1].order))
-    swinging = [(mode.damping_ratio, mode.frequency) for mode in every if mode.frequency > 0]
-    peaks = {} if traces is None else peaks_of(parts, traces)
-    errors, targets = error_figures(case, parts, feed_forward), target_modes_of(case, designed or every)
+    targets = target_modes_of(case, candidates_of(case, modes))
+    swinging = [(mode.damping_ratio, mode.frequency) for mode in modes if mode.frequency > 0]
     least = min(swinging, default=(1.0, 0.0))
-    above = encirclements(parts, margin_from=margin_from) if margin_from > 0 else winding
+    peaks = {} if traces is None else peaks_of(bed, traces)
+    every = np.concatenate([poles, own_poles])
     return Verification(
-        all(checks.values()), checks,
-        float(max(orders[-1].abscissa, *feed_forward_poles.real) if len(feed_forward_poles) else orders[-1].abscissa),
-        above.modulus_margin, above.margin_frequency, margin_from, winding, independent,
-        tuple(independent.disagreements(winding.unstable == 0, winding.modulus_margin)),
-        orders, sampled, feed_forward_poles, every, targets, least,
-        of_the_targets_modes(identified, (target.mode for target in targets), every), peaks,
-        violations_of(case, peaks, above.modulus_margin, least), errors,
-        robustness(parts, feed_forward, errors.nodes, orders[-1].order, margin_from) if deviations else (), traces,
+        all(checks.values()), checks, float(np.log(np.abs(every).max()) / controller.sample_time), required, figures,
+        poles, own_poles, modes, targets, least,
+        modes_of_targets(identified, (target.mode for target in targets), modes), peaks,
+        violations_of(case, peaks, figures.modulus_margin, least), error_figures(case, bed),
+        simulate_deviations(case, controller, required) if deviations else (), traces,
         (*notes, *remarks_on(case, neutral)),
+        check_beds(case, controller, neutral, required, beds, seed + FRESH) if beds else None,
     )  # fmt: skip
 
 
-def _simulated(
-    parts: Parts, feed_forward: FeedForward | None, notes: list[str]
-) -> tuple[Traces | None, tuple[IdentifiedMode, ...]]:
+def _simulated(bed: LinearBed, notes: list[str]) -> tuple[Traces | None, tuple[IdentifiedMode, ...]]:
     """The manoeuvre and the modes identified from it; no traces, and why in the notes, where the loop runs away."""
     try:
-        traces = simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
-        return traces, identified_modes(parts, feed_forward, traces)
+        traces = simulate_case(bed, *manoeuvre_torques(bed))
+        return traces, identified_modes(bed, traces)
     except SimulationError as fault:
         notes.append(f"simulation: {fault.wrong}")
-        return None, tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in parts.case.targets)
+        return None, tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in bed.case.targets)
 
 
 def remarks_on(case: Case, neutral: int) -> list[str]:
@@ -1245,34 +1064,10 @@ def remarks_on(case: Case, neutral: int) -> list[str]:
     return remarks
 
 
-def _independent(case: Case, parts: Parts) -> IndependentCheck:
-    """The vehicle and the feedback loop with continuous control, by dynamic stiffness."""
-    frequencies = np.geomspace(*case.band, COMPARED_FREQUENCIES)
-    pairs = [(pair.input, pair.sensor) for pair in case.compared]
-    inputs, sensors = ([*dict.fromkeys(names)] for names in zip(*pairs, strict=True))
-    H = ExactLoop(parts).response(2j * np.pi * frequencies, inputs, sensors)
-    controlled = np.stack([H[:, sensors.index(sensor), inputs.index(source)] for source, sensor in pairs], axis=1)
-    return check(case, frequencies, ComparedBed(case, parts).of_vehicle(frequencies), controlled)
-
-
-def inside(z: np.ndarray, neutral: int) -> bool:
-    """Whether poles z (x,) are stable, of which ``neutral`` may rest at 1."""
-    on = np.abs(z - 1) < 1e-9
-    return int(on.sum()) <= neutral and bool(np.all(np.abs(z[~on]) < 1))
-
-
-def _believed(orders: tuple[Approximation, ...], delay: float, edge: float, notes: list[str]) -> list[Approximation]:
-    """The approximations that are good as far as the loop has gain, and the highest order whatever it is."""
-    errors = [float(phase_error(delay, order.order, np.array([edge]))[0]) for order in orders]
-    poor = [str(order.order) for order, error in zip(orders[:-1], errors[:-1], strict=True) if error > BELIEVED]
-    if poor:
-        notes.append(
-            f"poles with the dead time approximated to order {', '.join(poor)} do not count: "
-            f"more than 5° off at {edge:.0f} Hz, where the loop still has gain"
-        )
-    if errors[-1] > BELIEVED:
-        notes.append(f"even order {orders[-1].order} misses {np.degrees(errors[-1]):.0f}° of the dead time there")
-    return [order for order, error in zip(orders, errors, strict=True) if error <= BELIEVED or order is orders[-1]]
+def candidates_of(case: Case, modes: Sequence[LoopMode]) -> tuple[LoopMode, ...]:
+    """The modes among which a target is looked for: of a model-based feed-forward those that known torques excite."""
+    kind = "feed_forward" if case.loop.structure.has_feed_forward else "feedback"
+    return tuple(mode for mode in modes if mode.belongs_to == kind) or tuple(modes)
 
 
 def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[ReachedTarget, ...]:
@@ -1283,138 +1078,3 @@ def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[Reach
         best = match_mode(wanted, candidates, inertia)
         reached.append(ReachedTarget(target.mode, *(best or (None, 0.0))))
     return tuple(reached)
-
-
-# --- Checks of a tuned case whose controller is an observer: one sampled loop for measured and unmeasured torques.
-
-JUDGES_BEDS = "the observer on the bed as planned: it judges drawn beds"
-FRESH = 1_000_003  # added to the seed: beds that the search has not drawn
-OBSERVED_RELATIVE_CHANGE, OBSERVED_DEAD_TIME_CHANGE = (
-    0.05,
-    5e-4,
-)  # of a stiffness or inertia; s: one quantity wrong at a time
-
-
-@dataclass(frozen=True)
-class RobustVerification:
-    """A tuned observer, checked, with what its beds and its loop do.
-
-    Attributes
-    ----------
-    verification : Verification
-    required : Requirements
-    loop : LoopFigures
-    beds : BedsCheck
-        By code that the search does not use.
-    """
-
-    verification: Verification
-    required: Requirements
-    loop: LoopFigures
-    beds: BedsCheck
-    dynamometers: tuple[str, ...]
-
-
-def verify_observer(case: Case, untuned: System | None, *, seed: int, beds: int) -> RobustVerification:
-    """Check a tuned case with an observer.
-
-    Parameters
-    ----------
-    untuned : System or None
-        The rig before it was tuned, which the figures compare with.
-    seed, beds : int
-        Of the fresh beds, and how many.
-    """
-    parts, reference = parts_of(case, untuned=untuned), cut(case.emulated_vehicle, case.rig)
-    model = observer_model(case.rig, reference, case.loop)
-    controller = controller_of(case)
-    required, neutral = requirements(case), neutral_motions(parts)
-    figures = loop_figures(planned(case, model.readings.noise), controller, required)
-    poles = np.linalg.eigvals(closed_matrices(sampled_beds(case, [{}]), controller)[0])
-    ahead = regulator(model)
-    fresh = check_beds(
-        case, law_of_observer(controller), required.damping_ratio, beds, seed + FRESH, required.rolled_off_from
-    )
-    checks = {
-        "sampled loop": inside(poles, neutral),
-        "feed-forward poles": resting_and_right(ahead.poles, neutral)[1] == 0,
-    }
-    notes = remarks_on(case, neutral)
-    traces, identified = _simulated_observed(parts, controller, checks, notes)
-    modes = _modes(case, parts, reference)
-    targets = target_modes_of(case, modes)
-    swinging = [(mode.damping_ratio, mode.frequency) for mode in modes if mode.frequency > 0]
-    peaks = {} if traces is None else peaks_of(parts, traces)
-    least = min(swinging, default=(1.0, 0.0))
-    verification = Verification(
-        all(checks.values()), checks, float(np.log(np.abs(poles).max()) / controller.sample_time),
-        figures.modulus_margin, figures.margin_at, required.margin_from, None, IndependentCheck(JUDGES_BEDS),
-        (), (), poles, ahead.poles, modes, targets, least,
-        of_the_targets_modes(identified, (target.mode for target in targets), modes), peaks,
-        violations_of(case, peaks, figures.modulus_margin, least),
-        figures_of(ObservedBed(case, parts, controller)), _deviations(case, controller), traces, tuple(notes),
-    )  # fmt: skip
-    return RobustVerification(verification, required, figures, fresh, controller.dynamometers)
-
-
-def controller_of(case: Case) -> ObserverController:
-    """The controller of a case with an observer."""
-    made = case.loop.structure.observer(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
-    if made is None:
-        raise InputError(
-            f"{case.path}: loop.structure", f"{case.loop.structure.name!r} is no observer", "take 'observer'"
-        )
-    return made
-
-
-def _simulated_observed(
-    parts: Parts, controller: ObserverController, checks: dict[str, bool], notes: list[str]
-) -> tuple[Traces | None, tuple[IdentifiedMode, ...]]:
-    """Traces of the manoeuvre and the target modes read off them; the check and its note are added."""
-    nothing = tuple(IdentifiedMode(target.mode, None, None, "nothing") for target in parts.case.targets)
-    try:
-        traces = simulate_case(parts, controller, *manoeuvre_torques(parts))
-        identified = identified_modes(parts, controller, traces)
-    except SimulationError as fault:
-        checks["simulation"] = False
-        notes.append(f"simulation: {fault.wrong}")
-        return None, nothing
-    checks["simulation"] = True
-    return traces, identified
-
-
-def _modes(case: Case, parts: Parts, reference: ResidualVehicle) -> tuple[LoopMode, ...]:
-    """Modes of bed and residual vehicle under the state feedback, which every torque shows."""
-    model = observer_model(case.rig, reference, case.loop)
-    loop = case.loop
-    feedback = regulator(model, loop["command_weight"], loop["command_change_weight"])
-    return feed_forward_modes(parts, feedback, reference, "feedback")
-
-
-def _deviations(case: Case, controller: ObserverController) -> tuple[Deviation, ...]:
-    """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first."""
-    rows: list[tuple[str, float, dict[str, float]]] = []
-    done: set[str] = set()
-    for name, quantity in case.rig.parameters.items():
-        if name in done or name.rsplit(".", 1)[1] not in ("J", "stiffness") or name.count(".") != 2:
-            continue
-        together = {name, mirror_image(name, case.rig)}
-        done |= together
-        for change in (OBSERVED_RELATIVE_CHANGE, -OBSERVED_RELATIVE_CHANGE):
-            rows.append(
-                (f"rig.{name}", change, {f"rig.{member}": quantity.value * (1 + change) for member in together})
-            )
-    for change in (OBSERVED_DEAD_TIME_CHANGE, -OBSERVED_DEAD_TIME_CHANGE):
-        late = max(case.loop["dead_time"] + change, 0.0)
-        if late != case.loop["dead_time"]:
-            rows.append(("loop.dead_time", late - case.loop["dead_time"], {"loop.dead_time": late}))
-    beds = bed_set(case, [values for _, _, values in rows], np.geomspace(*case.band, 100))
-    figures = bed_figures(beds, controller, case.loop.measured)
-    abscissa = np.log(figures.largest_pole) / controller.sample_time
-    deviations = [
-        Deviation(name, change, bool(stable), float(at), None, float(error))
-        for (name, change, _), stable, at, error in zip(
-            rows, figures.stable(), abscissa, figures.unmeasured, strict=True
-        )
-    ]
-    return tuple(sorted(deviations, key=lambda deviation: (deviation.stable, -deviation.response_error)))

@@ -343,7 +343,10 @@ SETTINGS: Any = {
 
 
 class PlainFigure(Figure):
-    """A figure whose logarithmic axes have plain texts."""
+    """A figure whose logarithmic axes have plain texts; a notebook shows it without a setting of its own."""
+
+    def _repr_png_(self) -> bytes:
+        return image(self, "png")
 
     def draw(self, renderer: Any) -> None:
         """As :meth:`matplotlib.figure.Figure.draw`."""

@@ -572,7 +572,7 @@ def _manoeuvre(result: MatchResult) -> list[Any]:
 
 
 def _sensitivity(result: MatchResult) -> list[Any]:
-    loop = sensitivity(result.tuned, drawn_modes(result), result.robust.required if result.robust else None)
+    loop = sensitivity(result.tuned, drawn_modes(result), result.verification.required)
     fig = acting_figure("", "Frequency in Hz", "Largest singular value", x_axis_type="log", y_axis_type="log")
     _curve(fig, loop.frequencies, loop.S, "|S|", color=MATCHED, line_width=1.6)
     _curve(fig, loop.frequencies, loop.T, "|T|", color=RIG, line_width=1.4, line_dash="dashed")

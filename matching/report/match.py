@@ -16,15 +16,14 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 
 from matching.export import exported_controller
-from matching.match.beds import LARGEST_ROLLED_OFF, Requirements, action, bed_set
-from matching.match.beds import return_difference as sampled_difference
-from matching.match.case import Case, Compared
-from matching.match.continuous_loop import ExactLoop, LoopMode
-from matching.match.dynamic_stiffness import BedsCheck, quantile
+from matching.match.beds import BedsCheck, quantile
+from matching.match.case import LARGEST_ROLLED_OFF, Case, Compared, Requirements
 from matching.match.in_time import EVERYTHING_STATED, TruthInTime
-from matching.match.loop import parts_of
+from matching.match.loop import bed_set, controller_of, frequency_response
+from matching.match.loop import return_difference as sampled_difference
+from matching.match.loop_modes import LoopMode
 from matching.match.result import AdapterTrade, MatchResult, ParameterResult, TargetResult
-from matching.match.verify import RobustVerification, Verification, controller_of
+from matching.match.verify import Verification
 from matching.report.common import (
     BAND,
     LEGEND,
@@ -105,9 +104,10 @@ class RequirementRow:
     holds: bool
 
 
-def requirement_rows(robust: RobustVerification) -> list[RequirementRow]:
-    """Requirements on beds, margin, roll-off and noise; without the beds where the method does not cover the case."""
+def requirement_rows(robust: Verification) -> list[RequirementRow]:
+    """Requirements on beds, margin, roll-off and noise."""
     beds, loop, required = robust.beds, robust.loop, robust.required
+    assert beds is not None, "beds were drawn"
     rows = []
     eased = beds.damped == beds.drawn and beds.smallest_damping_ratio < required.damping_ratio
     less = "; less is a mode of the bed's own beyond the roll-off" if eased else ""
@@ -127,8 +127,6 @@ def requirement_rows(robust: RobustVerification) -> list[RequirementRow]:
                 number(least, 3), f"at least {number(required.damping_ratio, 3)}", least >= required.damping_ratio,
             )
         )  # fmt: skip
-    if math.isnan(loop.modulus_margin):  # of a feedback law, which the same method judges
-        return rows
     rows += [
         RequirementRow(
             f"modulus margin from {number(required.margin_from)} Hz", number(loop.modulus_margin, 3),
@@ -139,7 +137,7 @@ def requirement_rows(robust: RobustVerification) -> list[RequirementRow]:
             f"at most {number(LARGEST_ROLLED_OFF)}", loop.largest_rolled_off <= LARGEST_ROLLED_OFF,
         ),
     ]  # fmt: skip
-    for name, noise in zip(robust.dynamometers, loop.command_noise, strict=True):
+    for name, noise in loop.command_noise.items():
         allowed = required.command_noise
         rows.append(
             RequirementRow(
@@ -159,9 +157,10 @@ class ErrorRow(NamedTuple):
     upper: float | None
 
 
-def error_rows(robust: RobustVerification) -> list[ErrorRow]:
+def error_rows(robust: Verification) -> list[ErrorRow]:
     """The response error over the stable beds, a row for each kind of torque."""
     beds = robust.beds
+    assert beds is not None, "beds were drawn"
     return [
         ErrorRow(kind, quantile(errors, 0.5), quantile(errors, 0.95))
         for kind, errors in (("measured", beds.measured), ("unmeasured", beds.unmeasured))
@@ -259,11 +258,9 @@ POINTS = 2000
 
 
 def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
-    """I + L (f, u, u) of a case's feedback loop at frequencies (f,), Hz, dead time exact."""
-    if case.loop.structure.is_observer:
-        bed = bed_set(case, [{}], frequencies)
-        return sampled_difference(bed, action(controller_of(case), frequencies))[0]
-    return ExactLoop(parts_of(case)).return_difference(2j * np.pi * frequencies)
+    """I + L (f, u, u) of a case's feedback loop at frequencies (f,), Hz."""
+    bed = bed_set(case, [{}], frequencies)
+    return sampled_difference(bed, frequency_response(controller_of(case), frequencies))[0]
 
 
 def frequencies_around(modes: list[float]) -> np.ndarray:
@@ -377,22 +374,16 @@ class SensitivityCurves:
     limits: tuple[CurveLimit, ...]
 
 
-def sensitivity(case: Case, modes: list[float], required: Requirements | None) -> SensitivityCurves:
-    """Of a tuned case; the grid is dense around ``modes``, Hz.
-
-    Without requirements on drawn beds the margin counts at every frequency, and the roll-off nowhere.
-    """
+def sensitivity(case: Case, modes: list[float], required: Requirements) -> SensitivityCurves:
+    """Of a tuned case; the grid is dense around ``modes``, Hz."""
     f = frequencies_around(modes)
     f = f[f < 0.499 / case.loop["sample_time"]]
     S = np.linalg.inv(return_difference(case, f))
     T = np.eye(S.shape[-1]) - S
-    largest_S, begins = 1 / case.limits["modulus_margin"], float(f[0])
-    limits = [CurveLimit("|S|", largest_S, begins)]
-    if required is not None:
-        limits = [
-            CurveLimit("|S|", largest_S, required.margin_from),
-            CurveLimit("|T|", LARGEST_ROLLED_OFF, required.rolled_off_from),
-        ]
+    limits = [
+        CurveLimit("|S|", 1 / case.limits["modulus_margin"], required.margin_from),
+        CurveLimit("|T|", LARGEST_ROLLED_OFF, required.rolled_off_from),
+    ]
     of_S, of_T = (np.linalg.svd(matrix, compute_uv=False)[:, 0] for matrix in (S, T))
     return SensitivityCurves(f, of_S, of_T, tuple(limits))
 
@@ -700,11 +691,7 @@ def margin_counted_from(verification: Verification) -> str:
     """From where on the modulus margin counts, and what it is below; nothing where it counts everywhere."""
     if not verification.margin_from > 0:
         return ""
-    winding, below = verification.winding, ""
-    if winding is not None and winding.margin_frequency < verification.margin_from:
-        least, at = number(winding.modulus_margin, 2), number(winding.margin_frequency, 3)
-        below = f", where the loop follows the emulated modes: {least} at {at} Hz"
-    return f" from {number(verification.margin_from, 3)} Hz on{below}"
+    return f" from {number(verification.margin_from, 3)} Hz on"
 
 
 def checks(result: MatchResult) -> list[ResultCheck]:
@@ -715,8 +702,8 @@ def checks(result: MatchResult) -> list[ResultCheck]:
     margin, (least, at) = verification.modulus_margin, verification.least_damping
     rows.append(
         ResultCheck(
-            "Modulus margin of the feedback loop, exact dead time",
-            f"{number(margin, 3)} at {number(verification.margin_frequency, 3)} Hz, "
+            "Modulus margin of the feedback loop",
+            f"{number(margin, 3)} at {number(verification.loop.margin_at, 3)} Hz, "
             f"at least {number(limits['modulus_margin'])} required{margin_counted_from(verification)}",
             margin >= limits["modulus_margin"] * (1 - ROUNDING),
         )
@@ -754,33 +741,18 @@ def _identified(target: TargetResult) -> tuple[str, bool]:
 
 def _in_words(name: str, verification: Verification) -> tuple[str, str]:
     """A check of the verification in words, and its outcome."""
-    if name.startswith("poles, order "):
-        order = int(name.rsplit(" ", 1)[1])
-        poles = next(row for row in verification.approximations if row.order == order)
-        return f"Poles of the feedback loop, dead time by a Padé approximation of order {order}", (
-            f"rightmost at {number(poles.abscissa, 3)} 1/s"
-        )
-    if name == "Nyquist criterion" and verification.winding is not None:
-        count = verification.winding.unstable
-        return "Nyquist criterion with the exact dead time", "met" if count == 0 else f"{number(count)} unstable poles"
     if name == "sampled loop":
         return (
             "Poles of the sampled loop",
-            f"largest magnitude {number(max(abs(verification.sampled)), 5)}, below 1 is stable",
+            f"largest magnitude {number(max(abs(verification.poles)), 5)}, below 1 is stable",
         )
     if name == "feed-forward poles":
-        return "Poles of the model-based feed-forward", (
-            f"rightmost at {number(max(verification.feed_forward_poles.real), 3)} 1/s"
+        return "Poles of the model that runs on known torques", (
+            f"largest magnitude {number(max(abs(verification.own_poles)), 5)}, below 1 is stable"
         )
     if name == "simulation":
         outcome = "diverges" if verification.traces is None else "stays bounded"
         return "Simulated manoeuvre with delay line and sampled controller", outcome
-    if name == "dynamic stiffness":
-        return "Nyquist criterion by a second method, from the dynamic stiffness", (
-            f"{number(verification.independent.unstable_poles)} unstable poles"
-            if verification.independent.unstable_poles
-            else "met"
-        )
     return name.capitalize(), ""
 
 
@@ -1281,14 +1253,14 @@ def drawers(result: MatchResult) -> dict[str, Callable[[], Figure]]:
     if of_worst_bed := in_time_signals(result):
         made["in_time"] = lambda: trace_figure(of_worst_bed, begins)
     frequencies = drawn_modes(result)
-    required = result.robust.required if result.robust else None
-    margin_from = required.margin_from if required else 0.0
+    required = result.verification.required
+    margin_from = required.margin_from
     made["sensitivity"] = lambda: sensitivity_figure(sensitivity(tuned, frequencies, required))
     made["margin"] = lambda: margin_figure(tuned, frequencies, margin_from)
     if max(len(system.inertias) for system in (case.vehicle, case.rig)) <= MOST_INERTIAS:
         made["drivetrain"] = lambda: case_figure(tuned)
-    if result.robust and result.robust.beds.unmeasured:
-        beds = result.robust.beds
+    beds = result.verification.beds
+    if beds and beds.unmeasured:
         made["beds"] = lambda: beds_figure(beds, case.unmeasured_tolerance)
     if result.parameters:
         made["quantities"] = lambda: quantity_figure(result)
@@ -1383,8 +1355,8 @@ def why_these_values(result: MatchResult) -> str:
     """What the values to enter are the best of."""
     limits, band = result.case.limits, result.response_error.band
     margin = f"the modulus margin stays above {number(limits['modulus_margin'], 3)}"
-    if result.robust and result.case.loop.structure.is_observer:
-        drawn = result.robust.beds.drawn
+    if result.verification.beds and result.case.loop.structure.is_observer:
+        drawn = result.verification.beds.drawn
         return (
             f"Tuned for the least response error to unmeasured torques, {number(band[0])} to {number(band[1])} Hz, "
             f"over beds drawn within [uncertainty]; {margin} above the emulated band, the loop rolls off, and sensor "
@@ -1434,7 +1406,7 @@ def to_watch(result: MatchResult) -> list[ScreenPoint]:
 
 def _of_beds(result: MatchResult) -> list[ScreenPoint]:
     """The worst bed of the box, where it is damped by less than is required."""
-    beds = result.robust.beds if result.robust else None
+    beds = result.verification.beds
     if beds is None or beds.worst is None or not 0 < beds.worst.damping_ratio < beds.required_damping:
         return []
     return [
@@ -1815,10 +1787,10 @@ def _manoeuvre(name: str, torque: Any) -> str:
 
 
 def _search(result: MatchResult) -> str:
-    if result.robust and result.tuned.loop.structure.is_observer:
+    if result.verification.beds and result.tuned.loop.structure.is_observer:
         return (
             "The weights of the observer were tuned over beds that fill the box of what is not known exactly; "
-            f"{result.robust.beds.drawn} fresh beds judged the result by equations of their own."
+            f"{result.verification.beds.drawn} fresh beds judged the result."
         )
     stable = [value for value in result.starts if value is not None]
     if not stable:

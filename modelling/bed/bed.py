@@ -75,6 +75,8 @@ class ObserverController:
         s. A command is issued at the sample whose readings it uses; the dead time is in A.
     observed : int
         The first states, which the sensors correct and commands reach; the others run on known torques alone.
+    delayed_commands : slice
+        Where the commands on their way stand among the states, newest first.
     """
 
     A: np.ndarray
@@ -89,6 +91,7 @@ class ObserverController:
     dynamometers: tuple[str, ...]
     sample_time: float
     observed: int
+    delayed_commands: slice
 
     @cached_property
     def space(self) -> StateSpace:

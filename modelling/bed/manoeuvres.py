@@ -13,6 +13,8 @@ import numpy as np
 
 from modelling.errors import InputError, unknown
 from modelling.recordings.read import read_signals
+from modelling.recordings.recording import Recording
+from modelling.system import System
 from modelling.toml import no_pipe
 from modelling.units import in_unit, to_si
 
@@ -276,6 +278,33 @@ class RecordedTorque(Manoeuvre):
 # --- Manoeuvres from the entries of a case file: a shape by name, a list of segments, or a file with a recorded torque.
 
 RAMP = {"to": "N*m", "over": "s", "hold": "s"}
+
+
+def driven(system: System, torques: Mapping[str, Manoeuvre], rate: float = 1000.0) -> Recording:
+    """Inputs of a system under manoeuvres, as a recording without sensors.
+
+    Parameters
+    ----------
+    system : System
+    torques : mapping of input to Manoeuvre
+        Inputs that are not named are 0.
+    rate : float
+        Hz.
+
+    Raises
+    ------
+    InputError
+        If the system lacks an input, or none is named.
+    """
+    names = [part.name for part in system.inputs]
+    for name in torques:
+        if name not in names:
+            raise InputError(name, "is no input of the model", f"its inputs are {', '.join(names)}")
+    if not torques:
+        raise InputError("recording", "no input is named", f"write one of {', '.join(names)} with its manoeuvre")
+    time = max(torques.values(), key=lambda torque: torque.duration).time(rate)
+    still = np.zeros(len(time))
+    return Recording(time, {name: torques[name].torque(time) if name in torques else still for name in names})
 
 
 def read_manoeuvre(entry: Any, name: str, where: str, folder: Path, held: float = 0.0) -> Manoeuvre:

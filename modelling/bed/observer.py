@@ -99,7 +99,7 @@ class ObserverModel:
         return len(self.wandering)
 
     @property
-    def on_their_way(self) -> slice:
+    def delayed_commands(self) -> slice:
         """Where the commands on their way stand among the states of the controller, newest first."""
         x = len(self.bed.whole)
         return slice(x, x + len(self.dynamometers) * (self.bed.delay + 1))
@@ -349,7 +349,7 @@ def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.n
     return ObserverController(
         whole, np.vstack([B, np.zeros((more, B.shape[1]))]), np.vstack([NOW * W, ahead.W]), C, L,
         np.hstack([F[:, :size], difference]), ahead.G,
-        model.readings.sensors, model.known, model.dynamometers, model.sample_time, size,
+        model.readings.sensors, model.known, model.dynamometers, model.sample_time, size, model.delayed_commands,
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from matching.bed.verify import judge, read_recordings, snapshots
 from matching.cli import main
 from matching.export import exported_controller
 from matching.match.case_file import load_case
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.responses import error_figures
 from modelling.bed.controllers import STRUCTURES
 from modelling.errors import InputError
@@ -42,7 +42,7 @@ def controlled_bed(case, law, torque, noise=0.0, gain=1.0):
 
     Bed, law and dead time as one linear map from sample to sample; torques change within a sample.
     """
-    parts, step = parts_of(case), case.loop["sample_time"]
+    parts, step = linear_bed(case), case.loop["sample_time"]
     k, bed = len(parts.dynamometers), parts.bed
     n, m = bed.B.shape
     block = expm(np.block([[bed.A, bed.B], [np.zeros((m, n + m))]]) * step / FINE)
@@ -54,7 +54,7 @@ def controlled_bed(case, law, torque, noise=0.0, gain=1.0):
     old, new = (sum(later[j] @ push[:, :k] for j in span) for span in (range(steps % FINE), range(steps % FINE, FINE)))
     A = np.linalg.matrix_power(fine, FINE)
     torques = np.stack([power @ push[:, motor] for power in later], axis=1)
-    C = bed.C[: 2 * k] * np.concatenate([parts.toward, np.ones(k)])[:, None]
+    C = bed.C[: 2 * k] * np.concatenate([parts.torque_signs, np.ones(k)])[:, None]
     keep = np.eye(len(law.A)) - law.L @ law.E
     x, q = len(law.A), law.known.index("motor_torque")
     size = n + k * delay + x

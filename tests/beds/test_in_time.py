@@ -28,7 +28,7 @@ from matching.match.in_time import (
     truth_of,
     vehicle_motions,
 )
-from matching.match.loop import control_law, parts_of
+from matching.match.loop import control_law, linear_bed
 from matching.match.match import match
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
@@ -52,7 +52,7 @@ WRONG = {
 
 @pytest.fixture(scope="module")
 def law(small_case):
-    return control_law(parts_of(small_case))
+    return control_law(linear_bed(small_case))
 
 
 def pulse(case, count=800):
@@ -169,7 +169,7 @@ WITHOUT_SWING = {
 def test_a_limit_cycle_in_a_lash_is_found_where_there_is_one(small_case):
     """Four lashes on drawn beds under weights that were not tuned for this drive: one swings on for ever."""
     loop = small_case.loop.with_values(WITHOUT_SWING)
-    law = control_law(parts_of(replace(small_case, loop=loop)))
+    law = control_law(linear_bed(replace(small_case, loop=loop)))
     runs = lash_runs(small_case, {"motor_torque": np.full(3000, 60.0)}, ("motor_torque",), 3, count=6)[:4]
     vehicles, beds = vehicle_motions(small_case, runs, SENSORS), bed_motions(small_case, law, runs, SENSORS)
     found = open_lash(vehicles, beds, [1], law.sample_time)
@@ -224,7 +224,7 @@ def test_no_limit_cycle_of_the_reference_with_twenty_lashes(milliseconds, exact)
     box = case.uncertainty.without(*exact).about({"loop.dead_time": milliseconds * 1e-3})
     loop = case.loop.with_values({"dead_time": milliseconds * 1e-3})
     case = match(replace(case, loop=loop, uncertainty=box), beds=8).tuned
-    law, names = control_law(parts_of(case)), ("side_left_torque", "side_right_torque")
+    law, names = control_law(linear_bed(case)), ("side_left_torque", "side_right_torque")
     time = np.arange(8000) * 1e-3
     runs = lash_runs(case, {"motor_torque": 100.0 * (time > 0.2)}, ("motor_torque",), 7, count=20)
     found = open_lash(vehicle_motions(case, runs, names), bed_motions(case, law, runs, names), [0, 1], 1e-3)

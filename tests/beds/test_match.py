@@ -8,12 +8,11 @@ import pytest
 from result_schema import check_schema
 
 from matching.match.adapters import estimator_bound
-from matching.match.beds import action, bed_set
-from matching.match.beds import responses as controlled
-from matching.match.loop import parts_of
+from matching.match.loop import bed_set, controller_on, frequency_response, linear_bed
+from matching.match.loop import responses as controlled
 from matching.match.match import match
 from matching.match.robustness import not_kept, noted
-from matching.match.verify import controller_of, matched_motion
+from matching.match.verify import matched_motion
 from matching.report.match import content, summary
 from modelling.bed.controllers import STRUCTURES
 
@@ -121,23 +120,16 @@ def test_a_worst_bed_damped_too_little_is_noted_with_how_much_it_has(result):
     assert worst.named[0] in note
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_the_simulated_loop_swings_as_the_frequency_response_says(result, known):
+def test_the_simulated_loop_swings_as_the_frequency_response_says(result):
     """Steady swing at 4 Hz by time steps with a delay line, against the response of the sampled loop."""
     tuned, frequency, step = result.tuned, 4.0, 1e-3
     time = np.arange(6000) * step
     torque = 10 * np.sin(2 * np.pi * frequency * time)
-    parts, controller = parts_of(tuned), controller_of(tuned)
-    told = () if known else ("motor_torque",)
-    silent = replace(controller, W=controller.W.copy(), G=controller.G.copy())
-    for name in told:  # the controller is not told of the torque that the rig gets
-        at = controller.known.index(name)
-        silent.W[:, at] = 0.0
-        silent.G[:, at] = 0.0
-    traces = matched_motion(parts, silent, {"motor_torque": torque})
+    parts = linear_bed(tuned)
+    traces = matched_motion(parts, {"motor_torque": torque})
     last = slice(-1000, None)
     drive = np.exp(-2j * np.pi * frequency * time[last])
     swing = 2 * np.mean(traces["side_torque"][last] * drive) / 10 * 1j
     bed = bed_set(tuned, [{}], np.array([frequency]))
-    wanted = controlled(bed, action(controller, bed.frequencies), ("motor_torque",) if known else ())[0, 0, 1]
+    wanted = controlled(bed, frequency_response(controller_on(parts), bed.frequencies), ("motor_torque",))[0, 0, 1]
     assert swing == pytest.approx(wanted, rel=5e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from matching.match.beds import closed_matrices, sampled_beds, shared_poles
+from matching.match.loop import closed_matrices, closed_poles, of_observer, sampled_beds
 from modelling.bed.observer import (
     FORGETTING_PER_SAMPLE,
     FREE_COMMAND_WEIGHT,
@@ -93,7 +93,7 @@ def test_the_correction_is_where_the_filters_recursion_ends_residual_vehicle_inc
 
 def test_poles_on_the_bed_it_believes_in_are_those_of_regulator_and_filter(small_case, model, controller):
     beds = sampled_beds(small_case, [{}])
-    closed = np.linalg.eigvals(closed_matrices(beds, controller)[0])
+    closed = np.linalg.eigvals(closed_matrices(beds, of_observer(controller))[0])
     o = controller.observed
     A, B, C, F, L = controller.A[:o, :o], controller.B[:o], controller.C[:, :o], controller.F[:, :o], controller.L[:o]
     of_regulator, of_filter = np.linalg.eigvals(A - B @ F), np.linalg.eigvals(A @ (np.eye(o) - L @ C))
@@ -113,7 +113,7 @@ def test_poles_on_the_bed_it_believes_in_are_those_of_regulator_and_filter(small
 @pytest.mark.parametrize("dead_time", [0.0, 0.0023, 0.009])  # s: shorter than believed, as believed, longer
 def test_commands_that_bed_and_controller_hold_both_add_poles_at_0_alone(small_case, model, controller, dead_time):
     beds = sampled_beds(small_case, [{"loop.dead_time": dead_time}, {"loop.dead_time": 0.6 * dead_time}])
-    closed, poles = closed_matrices(beds, controller), shared_poles(beds, controller, model.on_their_way)
+    closed, poles = closed_matrices(beds, of_observer(controller)), closed_poles(beds, of_observer(controller))
     twice = closed.shape[1] - poles.shape[1]
     way = beds.A.shape[1] - beds.states
     assert twice == min(way, len(model.dynamometers) * (model.bed.delay + 1)) > 0

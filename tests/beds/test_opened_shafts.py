@@ -1,4 +1,4 @@
-"""Beds whose cut shafts have opened, which the search keeps stable; judged by the independent assembly."""
+"""Beds whose cut shafts have opened, which the search keeps stable; judged like fresh beds."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,10 +8,9 @@ import pytest
 
 from matching.match import tune_observer as opened
 from matching.match import tune_observer as tune
-from matching.match.beds import SHARES, Requirements, softened
+from matching.match.beds import SHARES, Judge, check_beds, with_reduced_stiffness
 from matching.match.case_file import load_case
-from matching.match.dynamic_stiffness import BedsCheck, Judge, check_beds, dampings_opened
-from matching.match.robustness import noted
+from matching.match.loop import of_observer
 from matching.match.tune_observer import (
     DAMPING_RESERVE,
     LARGEST_ROOM,
@@ -21,8 +20,6 @@ from matching.match.tune_observer import (
     tuned_weights,
     tuner,
 )
-from matching.match.verify import RobustVerification
-from modelling.controller.law import law_of_observer
 
 REFERENCE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"
 
@@ -35,30 +32,38 @@ def late():
     return replace(case, loop=case.loop.with_values({"dead_time": 0.005}), uncertainty=box)
 
 
+def judge_at(search, logarithms):
+    return Judge(search.case, of_observer(search.gains.controller(logarithms)), 0, search.required)
+
+
+def damping_of(judge, values):
+    return judge.dampings_of([values])[0, 0]
+
+
 @pytest.fixture
 def begun(small_search, small_case):
     """The search on the small bed, where it begins, and a judge of the controller there."""
     search = replace(small_search, known={})
     start = np.log10([small_case.loop.values[name] for name in search.gains.names])
     search.guard(start, 0)
-    return search, start, Judge(small_case, law_of_observer(search.gains.controller(start)))
+    return search, start, judge_at(search, start)
 
 
 def test_only_the_cut_shaft_opens_and_other_values_of_the_bed_stay(small_case):
     drawn = {"rig.shafts.side.stiffness": 3800.0, "loop.dead_time": 0.0029}
     damping = small_case.rig.parameters["shafts.side.damping"].value
-    assert softened(small_case, drawn, 0.2) == pytest.approx(
+    assert with_reduced_stiffness(small_case, drawn, 0.2) == pytest.approx(
         {"rig.shafts.side.stiffness": 760.0, "rig.shafts.side.damping": 0.2 * damping, "loop.dead_time": 0.0029}
     )
 
 
-def test_the_search_sees_what_the_independent_assembly_says_of_opened_shafts(begun, small_case):
+def test_the_search_sees_what_the_judge_says_of_opened_shafts(begun, small_case):
     """Damping over what drawn beds need, less the part of it that is asked: 0.1 times the root of what is left."""
     search, start, judge = begun
     for left in SHARES:
         search.add(np.zeros((1, search.positions.shape[1])), STABLE_SHARE, left)
     needed = search.required.damping_ratio * (1 + DAMPING_RESERVE)
-    opened = [judge.damping(softened(small_case, {}, left)) for left in SHARES]
+    opened = [damping_of(judge, with_reduced_stiffness(small_case, {}, left)) for left in SHARES]
     wanted = [ratio / needed - STABLE_SHARE * left**0.5 for ratio, left in zip(opened, SHARES, strict=True)]
     assert search.guarded[-len(SHARES) :] == tuple(range(6, 6 + len(SHARES)))
     room = search.judged(start).least[: len(search.guarded)][-len(SHARES) :]
@@ -74,8 +79,8 @@ def test_of_drawn_beds_with_opened_shafts_the_least_stable_are_named(begun, smal
     assert tuple(named) == SHARES
     drawn = [small_case.uncertainty.at(position) for position in small_case.uncertainty.spread(16)]
     for left, (position,) in named.items():
-        ratios = [judge.damping(softened(small_case, of_bed, left)) for of_bed in drawn]
-        least = judge.damping(softened(small_case, small_case.uncertainty.at(position), left))
+        ratios = [damping_of(judge, with_reduced_stiffness(small_case, of_bed, left)) for of_bed in drawn]
+        least = damping_of(judge, with_reduced_stiffness(small_case, small_case.uncertainty.at(position), left))
         assert least == pytest.approx(min(ratios), rel=1e-6, abs=1e-9)
 
 
@@ -93,9 +98,9 @@ def test_beds_that_are_left_out_again_leave_no_trace(begun):
 
 def test_fresh_beds_are_judged_with_opened_shafts_as_well(begun, small_case):
     _, _, judge = begun
-    checked = check_beds(small_case, judge.law, 0.01, 2, 0)
+    checked = check_beds(small_case, judge.controller, 0, judge.required, 2, 0)
     for left in SHARES:
-        assert checked.opened[left] == judge.damping(softened(small_case, {}, left))
+        assert checked.opened[left] == damping_of(judge, with_reduced_stiffness(small_case, {}, left))
     for entry, left in zip(checked.to_dict()["opened_cut_shafts"], SHARES, strict=True):
         ratio = checked.opened[left]
         assert entry == {
@@ -107,27 +112,6 @@ def test_fresh_beds_are_judged_with_opened_shafts_as_well(begun, small_case):
     assert {ratio > 0 for ratio in checked.opened.values()} == {True, False}
 
 
-def test_of_two_cut_shafts_each_opens_alone_as_well():
-    """Judged by a made-up damping that tells which shafts have opened: only the right one alone is not stable."""
-    case = load_case(REFERENCE)
-    left, right = ("rig.shafts.side_left.stiffness", "rig.shafts.side_right.stiffness")
-    planned = {name: case.rig.parameters[name.removeprefix("rig.")].value for name in (left, right)}
-
-    def damping(values):
-        share = [values.get(name, planned[name]) / planned[name] for name in (left, right)]
-        return 0.02 if share[1] == 1 or share[0] < 1 else share[1] - 0.3
-
-    together, alone = dampings_opened(case, damping)
-    assert set(together.values()) == set(alone["side_left"].values()) == {0.02}
-    assert alone["side_right"] == pytest.approx({share: share - 0.3 for share in SHARES})
-    beds = BedsCheck(0, 0, 0, 0.0, 0.0, (), (), opened=together, opened_alone=alone)
-    entry = beds.to_dict()["opened_cut_shafts"][3]
-    assert entry["stable"]
-    assert entry["smallest_damping_ratio_alone"] == pytest.approx(0.2 - 0.3)
-    (said,) = noted(case, RobustVerification(None, Requirements(0.0, 0.0, 0.0, 0.0, None), None, beds, None))
-    assert "0.001, 0.05, 0.1, 0.2 times the stiffness and damping of the cut shaft side_right alone" in said
-
-
 @pytest.mark.long
 def test_at_5_ms_the_reference_keeps_opened_shafts_stable(late, monkeypatch):
     """Asked for at once they were out of reach: the bed was not stable with any share, the least damping -0.17."""
@@ -135,10 +119,9 @@ def test_at_5_ms_the_reference_keeps_opened_shafts_stable(late, monkeypatch):
     monkeypatch.setattr(opened, "least_stable_opened", lambda *_: {})
     search = tuner(late)
     weights, cost = tuned_weights(search)
-    law = law_of_observer(search.gains.controller(np.log10([weights[name] for name in search.gains.names])))
-    together, alone = dampings_opened(late, Judge(late, law).damping)
-    assert min(together.values()) > 0
-    assert min(min(by_share.values()) for by_share in alone.values()) > 0
+    judge = judge_at(search, np.log10([weights[name] for name in search.gains.names]))
+    for alone in (None, "side_left", "side_right"):
+        assert judge.dampings_of([with_reduced_stiffness(late, {}, share, alone) for share in SHARES])[:, 0].min() > 0
     assert cost < 0.15  # 0.098; of the squared tolerance
     assert weights["command_weight"] < 1e-9  # beyond it the emulated mode of 1.6 Hz is damped too much
 
@@ -154,6 +137,6 @@ def test_shorter_dead_times_lead_to_opened_shafts_that_are_stable(late):
     search.guarded = tuple(range(16, 16 + len(SHARES)))
     assert search.judged(start).least[: len(SHARES)].min() < -5
     end = opened._over_dead_times(search, start, effort, planned, 1.0)
-    law = law_of_observer(search.gains.controller(end.logarithms))
-    assert min(dampings_opened(late, Judge(late, law).damping)[0].values()) > 0
+    opened_beds = [with_reduced_stiffness(late, {}, share) for share in SHARES]
+    assert judge_at(search, end.logarithms).dampings_of(opened_beds)[:, 0].min() > 0
     assert opened._over_dead_times(search, start, effort, planned, 0.1 * end.judged.cost) is None

@@ -12,7 +12,7 @@ from small_bed import CASE, RIG, VEHICLE
 
 from matching.match.attempt import question_of
 from matching.match.case_file import case_files, load_case
-from matching.match.loop import control_law, parts_of
+from matching.match.loop import control_law, linear_bed
 from matching.match.match import match_with_observer, with_simple_vehicle
 from matching.match.responses import SimpleVehicle, fitted_simple_vehicle
 from matching.match.tune_observer import TuningEffort
@@ -59,7 +59,7 @@ def test_the_vehicles_own_parts_are_found_again(tmp_path, small_case):
     assert found.left_out == ()
     assert fitted.simple_vehicle.parameters["inertias.body.J"].value == pytest.approx(40, rel=1e-3)
     assert fitted.simple_vehicle.parameters["shafts.tyre.stiffness"].value == pytest.approx(8000, rel=1e-3)
-    own, wanted = control_law(parts_of(fitted)), control_law(parts_of(small_case))
+    own, wanted = control_law(linear_bed(fitted)), control_law(linear_bed(small_case))
     frequencies = np.exp(2j * np.pi * np.array([2.0, 5.0]) * 1e-3)
     for z in frequencies:
         answers = [law.K @ np.linalg.solve(z * np.eye(len(law.A)) - law.A, law.Bw) for law in (own, wanted)]

@@ -9,23 +9,19 @@ import pytest
 
 from matching.match.beds import (
     GainSlopes,
-    action,
-    action_slopes,
-    closed_matrices,
     command_noise,
     error_slopes,
-    errors,
     loop_curves,
     loop_slopes,
     pole_slopes,
-    resolvent,
+    response_slopes,
 )
+from matching.match.loop import closed_matrices, errors, frequency_response, of_observer, resolvent
 from matching.match.tune_observer import Tuner
 from modelling.bed.bed import ObserverController
 from modelling.bed.observer import assembled
 
 HALF_STEP = 1e-6  # of the gains' relative change, either way
-HALF_DECADES = 1e-3  # of a weight, either way: Riccati equations are solved to 1e-6 or so
 
 
 @pytest.fixture(scope="module")
@@ -76,11 +72,13 @@ def test_slopes_of_the_errors(search, changed, gains):
     ahead = search._ahead[search._of(beds)]
 
     def cost(controller: ObserverController) -> np.ndarray:
-        return share @ errors(beds, action(controller, beds.frequencies, ahead), ()).mean(axis=1)
+        return share @ errors(beds, frequency_response(of_observer(controller), beds.frequencies, ahead), ()).mean(
+            axis=1
+        )
 
     here = changed(0.0)
-    slopes = action_slopes(here, gains, beds.frequencies, ahead)
-    found = error_slopes(beds, action(here, beds.frequencies, ahead), slopes, share)
+    slopes = response_slopes(here, gains, beds.frequencies, ahead)
+    found = error_slopes(beds, frequency_response(of_observer(here), beds.frequencies, ahead), slopes, share)
     np.testing.assert_allclose(found, [central(cost, changed)], rtol=1e-5)
 
 
@@ -89,10 +87,10 @@ def test_slopes_of_margin_roll_off_and_noise(search, changed, gains):
     f = plan.every.frequencies
 
     def curves(controller: ObserverController):
-        return loop_curves(plan, action(controller, f, ahead))
+        return loop_curves(plan, frequency_response(of_observer(controller), f, ahead))
 
     here = changed(0.0)
-    margin, closed, noise = loop_slopes(plan, curves(here), action_slopes(here, gains, f, ahead))
+    margin, closed, noise = loop_slopes(plan, curves(here), response_slopes(here, gains, f, ahead))
     for found, of in (
         (margin, lambda own: curves(own).margin),
         (closed, lambda own: curves(own).closed),
@@ -104,13 +102,13 @@ def test_slopes_of_margin_roll_off_and_noise(search, changed, gains):
 
 def test_slopes_of_poles(search, changed, gains):
     here = changed(0.0)
-    z = np.linalg.eigvals(closed_matrices(search.sampled_pool, here))
+    z = np.linalg.eigvals(closed_matrices(search.sampled_pool, of_observer(here)))
     swinging = np.abs(z.imag) > 1e-3
     at = np.where(swinging, np.abs(z), 0).argmax(axis=1)
     poles = z[np.arange(len(z)), at]
 
     def moved(controller: ObserverController) -> np.ndarray:
-        there = np.linalg.eigvals(closed_matrices(search.sampled_pool, controller))
+        there = np.linalg.eigvals(closed_matrices(search.sampled_pool, of_observer(controller)))
         return there[np.arange(len(z)), np.abs(there - poles[:, None]).argmin(axis=1)]
 
     found = pole_slopes(search.sampled_pool, here, gains, poles)[0]
@@ -135,16 +133,3 @@ def test_the_search_sees_the_least_damped_beds_of_the_pool(search, start):
     search.guard(start, len(search.pool))
     assert len(search.guarded) == len(search.pool)
     np.testing.assert_allclose(np.sort(search.judged(start).least[:-3])[:2], np.sort(seen))
-
-
-def test_gains_change_with_the_weights_as_their_slopes_say(search, start):
-    """Every weight of filter and feedback, against differences of the whole design."""
-    slopes, o = search.gains.slopes(start), search.gains.controller(start).observed
-    for i, unit in enumerate(np.eye(len(start))):
-        ends = [search.gains.controller(start + side * HALF_DECADES * unit) for side in (1, -1)]
-        F, L = [end.F[:, :o] for end in ends], [end.L[:o] for end in ends]
-        for change, (there, back) in ((slopes.feedback[i], F), (slopes.correction[i], L)):
-            wanted = (there - back) / (2 * HALF_DECADES)
-            assert change == pytest.approx(wanted, abs=1e-3 * np.abs(wanted).max() + 1e-12), search.gains.names[i]
-    assert np.abs(slopes.feedback).max(axis=(1, 2)).astype(bool).sum() == 2
-    assert np.abs(slopes.correction).max(axis=(1, 2)).astype(bool).sum() == len(start) - 2

@@ -1,12 +1,9 @@
 """The box of what is not known exactly."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 
 from matching.match.case import apply, read_uncertainty, uncertainty_table
-from matching.match.tolerance import tolerance
 from modelling.errors import InputError
 
 
@@ -79,11 +76,6 @@ def test_draws_fill_the_box_and_come_again_with_their_seed(small_case):
     values = box.at(np.ones(len(box.uncertain)))
     assert values["rig.inertias.rotor.J"] == pytest.approx(0.945)
     assert not any(name.startswith("sensors") for name in (one.name for one in box.without("sensors").uncertain))
-
-
-def test_the_tolerance_study_refuses_an_observer_in_one_line(small_case):
-    with ThreadPoolExecutor(1) as executor, pytest.raises(InputError, match="does not cover 'observer'"):
-        tolerance(small_case, 10, executor)
 
 
 def test_beds_of_the_search_fill_the_box_evenly_whatever_the_seed(small_case):

@@ -2,8 +2,8 @@
 
 The reference drive with one thing changed at a time: the controller, the adapter, the bus, a sensor, what is known of
 the bed. A change is a line of ``case.toml``, ``observer.toml`` or ``rig.toml`` of ``examples/road_to_rig``, as a user
-would write it. Every variant is a match, judged on 200 fresh beds; notebook 03 reads the table that
-`make figures FIGURES=examples/road_to_rig/variants.json` keeps. A variant takes 10 to 20 s of one core.
+would write it. Every variant is a match, judged on 200 fresh beds; the README there shows the table. A variant takes
+10 to 20 s of one core.
 """
 
 import re

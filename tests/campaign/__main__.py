@@ -10,7 +10,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from matching.progress import count, progress, scale_out
+from matching.progress import progress
 from matching.worker_pool import executor_of
 from modelling.errors import InputError
 from tests.campaign.run import Campaign, run
@@ -20,12 +20,12 @@ RENEWED = 20  # recordings a process; then new ones, which gives memory back
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=count(1), default=400, help="how many recordings the campaign is made of")
-    parser.add_argument("--seed", type=count(0), default=1)
-    parser.add_argument("--first", type=count(1), help="only so many of them; they come in random order")
+    parser.add_argument("--cases", type=int, default=400, help="how many recordings the campaign is made of")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, help="only so many of them; they come in random order")
     parser.add_argument("--seconds", type=float, default=8.0, help="length of a recording (at 1 kHz)")
-    scale_out(parser)
-    parser.set_defaults(workers=2)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--scheduler", help="address of a Dask scheduler, instead of processes of this machine")
     parser.add_argument("--out", type=Path, default=Path("out/campaign"))
     parser.add_argument(
         "--hard", action="store_true", help="the second campaign: model error, wrong noise, three effects"

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from matching.studies import finished
+from matching import studies
 from tests.campaign.work import Prepared, diagnosed, prepared
 
 
@@ -35,17 +35,6 @@ class Campaign:
     def name(self) -> str:
         kind = "hard_" if self.hard else "vocabulary_" if self.vocabulary else ""
         return f"{kind}{self.cases}_{self.seed}_{self.seconds:g}s"
-
-
-def record_of(campaign: Campaign, out: Path) -> Path:
-    """The file of a campaign's rows, one a line."""
-    return out / f"cases_{campaign.name}.jsonl"
-
-
-def whole_lines(record: Path) -> list[str]:
-    """Lines of a record, without one that a kill left half written."""
-    text = record.read_text(encoding="utf-8") if record.exists() else ""
-    return text[: text.rfind("\n") + 1].splitlines()
 
 
 def run(
@@ -68,20 +57,10 @@ def run(
         Called with (recordings done, all recordings).
     """
     out = Path(out).resolve()
-    out.mkdir(parents=True, exist_ok=True)
-    record = record_of(campaign, out)
-    rows = [json.loads(line) for line in whole_lines(record)]
-    wanted = range(min(campaign.cases, first or campaign.cases))
-    done = set() if make_only else {row["number"] for row in rows}
-    numbers = [number for number in wanted if number not in done]
-    before = len(wanted) - len(numbers)
     given = {**asdict(campaign), "made": str(out / f"made_{campaign.name}")}
-    task = prepared if make_only else diagnosed
-    for count, (_, row) in enumerate(finished(task, Prepared, given, numbers, executor, content=json.dumps(given)), 1):
-        if not make_only:
-            rows.append(row)
-            with record.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-        if progress:
-            progress(before + count, len(wanted))
-    return rows
+    numbers = list(range(min(campaign.cases, first or campaign.cases)))
+    record = None if make_only else out / f"cases_{campaign.name}.jsonl"
+    return studies.run(
+        prepared if make_only else diagnosed, Prepared, given, numbers, executor,
+        content=json.dumps(given), record=record, progress=progress,
+    )  # fmt: skip

@@ -13,9 +13,9 @@ from matching.bed.identify import recorded_vehicle
 from matching.bed.simulated_bed import with_quantities
 from matching.bed.verify import Figures, MeasuredResponse, drawn_vehicles, judged
 from matching.cli import main
-from matching.match.beds import vehicle_response
 from matching.match.case import Box, Uncertain
 from matching.match.case_file import load_case
+from matching.match.loop import vehicle_response
 from modelling.errors import InputError
 from modelling.system import Quantity
 

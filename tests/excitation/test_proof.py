@@ -8,8 +8,8 @@ import pytest
 from matching.bed import excite as module
 from matching.bed.excite import FREE, VISIBLE_VARIANCE, _visible, controlled_beds, plan_proof, recorded_bed
 from matching.export import exported_controller
-from matching.match.loop import parts_of
-from matching.match.responses import ObservedBed
+from matching.match.loop import of_observer
+from matching.match.responses import ComparedBed
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
 
@@ -49,7 +49,7 @@ def test_responses_are_those_that_the_prediction_compares(limited_case, controll
     observer = limited_case.loop.structure.observer(
         limited_case.rig, cut(limited_case.vehicle, limited_case.rig), limited_case.loop
     )
-    wanted = ObservedBed(limited_case, parts_of(limited_case), observer).at(frequencies)
+    wanted = ComparedBed(limited_case, controller=of_observer(observer)).at(frequencies)
     for h, (source, sensor) in enumerate(wanted.pairs):
         own = found.outputs[0][:, bed.sensors.index(sensor), ["motor_torque", "road"].index(source)]
         np.testing.assert_allclose(own, wanted.matched[:, h], rtol=2e-3)

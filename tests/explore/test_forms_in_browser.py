@@ -32,22 +32,22 @@ MAP = {
 ANSWERED = """
 import sys
 import rigmatch as rm
-from matching.explore.job import Ended
-from matching.explore.page import map_view, match, server
+from matching.explore import page
+from matching.explore.common import Ended
 
-class ComputedMap(map_view.MapView):
+class ComputedMap(page.MapView):
     def panel(self):
         self.show_map({map})
         return super().panel()
 
-class AnsweredMatch(match.MatchTab):
+class AnsweredMatch(page.MatchTab):
     def panel(self):
         self._show(Ended(0, {{"adapters": [{{"name": "rig.shafts.flange.stiffness", "ordered": {order}}}]}}, ""))
         return super().panel()
 
-match.MapView = ComputedMap
-match.result_html = lambda *_: ""
-server.MatchTab = AnsweredMatch
+page.MapView = ComputedMap
+page.result_html = lambda *_: ""
+page.MatchTab = AnsweredMatch
 explorer = rm.explore(*sys.argv[1:-1], out=sys.argv[-1])
 print(explorer.address, file=sys.stderr, flush=True)
 explorer.wait()

@@ -10,15 +10,14 @@ class LinearBed:
 
     def __init__(self, parts, loop):
         self.k, self.bed, step = len(parts.dynamometers), parts.bed, loop["sample_time"]
-        self.read = np.vstack([self.bed.C[: 2 * self.k], parts.further_readings])
-        self.half = discretise(self.bed.A, self.bed.B, step / 2)
-        self.signs = np.concatenate([parts.toward, np.ones(len(self.read) - self.k)])
+        self.read = self.bed.readings
+        self.half = discretise(self.bed.A, np.hstack([self.bed.commands, self.bed.torques]), step / 2)
         self.queue = [np.zeros(self.k)] * round(loop["dead_time"] / (step / 2) - 1)  # less the half sample of hold
         self.x = np.zeros(len(self.bed.A))
 
     def readings(self):
         """Flange torques, speeds and the loop's further sensors (y,)."""
-        return (self.read @ self.x) * self.signs
+        return self.read @ self.x
 
     def step(self, command, drive, after):
         """One sample with commands (k,) held; other inputs (d,) go straight from ``drive`` to ``after``."""

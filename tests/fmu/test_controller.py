@@ -14,7 +14,7 @@ from scipy.signal import cont2discrete, dlsim
 from matching.cli import main
 from matching.export import exported_controller
 from matching.match.case_file import load_case
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.verify import matched_motion
 from modelling.bed.controllers import STRUCTURES
 from modelling.bed.vehicle import cut
@@ -89,7 +89,7 @@ def test_c_equals_python_through_all_modes_and_faults(controller, path):
 
 def closed(case, law, torques):
     """Commands of a law on the linear bed of a case, by half samples, a queue for the dead time; torques linear."""
-    parts = parts_of(case)
+    parts = linear_bed(case)
     bed, state, commands = LinearBed(parts, case.loop), np.zeros(len(law.A)), []
     drives = np.stack([torques.get(name, np.zeros(len(torques["motor_torque"]))) for name in parts.drives], axis=1)
     known = np.stack([torques.get(name, np.zeros(len(drives))) for name in law.known], axis=1)
@@ -106,7 +106,7 @@ def test_law_of_the_feed_forward_commands_what_the_verification_commands(case):
     time = np.arange(600) * case.loop["sample_time"]
     torques = {"motor_torque": 100.0 * (time > 0.05), "road_left": -200.0 * np.sin(20 * time)}
     feed_forward = case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
-    wanted = matched_motion(parts_of(case), feed_forward, torques)
+    wanted = matched_motion(linear_bed(case), feed_forward, torques)
     commands = closed(case, exported_controller(case).law, torques)
     for j, name in enumerate(("left", "right")):
         trace = wanted[f"dynamometers.{name}.command"]
@@ -115,7 +115,7 @@ def test_law_of_the_feed_forward_commands_what_the_verification_commands(case):
 
 def test_law_of_pi_is_its_sampled_state_space(case):
     case = with_structure(case, "pi")
-    parts, law = parts_of(case), exported_controller(case).law
+    parts, law = linear_bed(case), exported_controller(case).law
     rng = np.random.default_rng(1)
     readings, known = rng.normal(size=(200, 4)), rng.normal(size=(200, len(law.known)))
     state, got = np.zeros(len(law.A)), []
@@ -123,7 +123,7 @@ def test_law_of_pi_is_its_sampled_state_space(case):
         sent, state = law.step(state, y, w, np.full(2, np.inf))
         got.append(sent)
     own = parts.sampled_controller
-    drive = np.hstack([readings * np.concatenate([parts.toward, np.ones(2)]), known])
+    drive = np.hstack([readings * np.concatenate([parts.torque_signs, np.ones(2)]), known])
     wanted = dlsim((own.A, own.B, own.C, own.D, law.sample_time), drive)[1]
     np.testing.assert_allclose(np.array(got), wanted, atol=1e-9 * np.abs(wanted).max())
 

@@ -13,7 +13,7 @@ from needs import compiles
 
 from matching.export import exported_controller
 from matching.match.case_file import load_case
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from modelling.controller.law import EMULATION, FAULTS, HELD_BELOW_LIMIT, SPEED_HOLD, ZERO_TORQUE
 from modelling.fmu.export import controller_fmu
 
@@ -28,13 +28,13 @@ class Stand:
     """The FMU on a bed; ``wrong`` names what goes wrong at sample ``GOES_WRONG``."""
 
     def __init__(self, case):
-        self.case, self.controller, self.parts = case, exported_controller(case), parts_of(case)
+        self.case, self.controller, self.parts = case, exported_controller(case), linear_bed(case)
         self.law = self.controller.law
         self.k = len(self.law.dynamometers)
 
     def broken(self, shaft):
         rig = self.case.rig.with_values({f"shafts.{shaft}.{what}": BROKEN for what in ("stiffness", "damping")})
-        return LinearBed(parts_of(replace(self.case, rig=rig)), self.case.loop)
+        return LinearBed(linear_bed(replace(self.case, rig=rig)), self.case.loop)
 
     def run(self, path, wrong="", back_at=SAMPLES, **parameters):
         """Rows of readings (y), commands (k), mode and fault; the motor's torque ends at sample ``back_at``."""

@@ -14,10 +14,9 @@ from matching.match import verify as running_controller
 from matching.match import verify as simulation
 from matching.match.case import apply
 from matching.match.case_file import case_files, load_case
-from matching.match.loop import parts_of
+from matching.match.loop import control_law, linear_bed
 from matching.match.verify import manoeuvre_torques, pencil, thinned
 from modelling.bed.controllers import LEAD_POLE_OVER_ZERO
-from modelling.bed.vehicle import cut
 
 pytestmark = compiles
 
@@ -61,8 +60,11 @@ class Round:
     its speed and acceleration then meet speed controller, feed-forwards and lead, which are Tustin's as in rigmatch.
     """
 
-    def __init__(self, one, parts, step):
-        loop, self.k, self.one, self.step = parts.case.loop, len(parts.dynamometers), one, step
+    def __init__(self, one, parts):
+        step = parts.case.loop["sample_time"]
+        law = control_law(parts)
+        self.sensors, self.known, self.A, self.signs = law.sensors, law.known, np.zeros((0, 0)), parts.torque_signs
+        loop, self.k, self.one = parts.case.loop, len(parts.dynamometers), one
         self.inputs = [*(own.torque for own in parts.cuts), *parts.simulated]
         self.wanted = [own.speed for own in parts.cuts] + [acceleration(own) for own in parts.cuts]
         rate = LEAD_POLE_OVER_ZERO / loop["lead_time"]
@@ -72,25 +74,24 @@ class Round:
         through = np.array([kp, loop["acceleration_feed_forward"], -loop["torque_feed_forward"]])
         B = np.array([[1.0, 0.0, 0.0], rate * through])
         C = np.array([[LEAD_POLE_OVER_ZERO * ki, 1 - LEAD_POLE_OVER_ZERO]])
-        self.A, self.B, self.C, self.D, _ = cont2discrete(
-            (A, B, C, LEAD_POLE_OVER_ZERO * through[None]), step, "bilinear"
-        )
-        self.x, self.last = np.zeros((2, self.k)), None
+        self.law = cont2discrete((A, B, C, LEAD_POLE_OVER_ZERO * through[None]), step, "bilinear")[:4]
+        self.x, self.last, self.sample = np.zeros((2, self.k)), None, step
 
-    def command(self, seen):
-        torques, speeds = seen[: self.k], seen[self.k : 2 * self.k]
-        now = np.concatenate([torques, seen[2 * self.k :]])
+    def step(self, state, readings, known, limits):
+        torques, speeds = self.signs * readings[: self.k], readings[self.k :]
+        now = np.concatenate([torques, known])
         if self.last is not None:
             self.one.set(dict(zip(self.inputs, self.last, strict=True)))
-            self.one.slope(dict(zip(self.inputs, (now - self.last) / self.step, strict=True)))
-            self.one.step(self.step)
+            self.one.slope(dict(zip(self.inputs, (now - self.last) / self.sample, strict=True)))
+            self.one.step(self.sample)
         self.one.set(dict(zip(self.inputs, now, strict=True)))
         self.last = now
         wanted = np.array(self.one.get(self.wanted))
         drive = np.stack([wanted[: self.k] - speeds, wanted[self.k :], torques])
-        out = self.C @ self.x + self.D @ drive
-        self.x = self.A @ self.x + self.B @ drive
-        return out[0]
+        A, B, C, D = self.law
+        out = C @ self.x + D @ drive
+        self.x = A @ self.x + B @ drive
+        return out[0], state
 
 
 class Rounds:
@@ -99,19 +100,18 @@ class Rounds:
     def __init__(self, one):
         self.one, self.begun = one, False
 
-    def __call__(self, parts, step):
+    def __call__(self, parts):
         if self.begun:
             self.one.fmu.reset()
         self.one.begin()
         self.begun = True
-        return Round(self.one, parts, step)
+        return Round(self.one, parts)
 
 
 def run(case):
     """Traces of the matched rig over the manoeuvre, and when its torques last change."""
-    parts = parts_of(case)
-    feed_forward = case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
-    traces = simulation.simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
+    parts = linear_bed(case)
+    traces = simulation.simulate_case(parts, *manoeuvre_torques(parts))
     ends = [np.flatnonzero(np.diff(torque))[-1] for torque in traces.torques.values()]
     return traces.matched, max(ends) + 2
 
@@ -125,33 +125,21 @@ def ringing(traces, begin, near, step=1e-3):
     return abs(best) / (2 * np.pi), -best.real / abs(best)
 
 
-@pytest.mark.parametrize(
-    ("structure", "knows", "close", "shown"),
-    [
-        ("model_based", ("motor_torque",), 1e-9, (1.5997, 8.4420)),  # as the match result has it
-        ("model_based", (), 5e-4, ()),  # nobody announces the motor torque: the FMU acts
-        ("pi", (), 5e-4, ()),  # the FMU alone says what the rig has to follow
-    ],
-)
-def test_closed_round_the_fmu_the_rig_shows_the_same_shuffle(
-    structure, knows, close, shown, result, export, monkeypatch
-):
-    case = load_case(result(structure) / "case.toml")
+def test_closed_round_the_fmu_the_rig_shows_the_same_shuffle(result, export, monkeypatch):
+    case = load_case(result("pi") / "case.toml")
     case = apply(case, {name: move.start for move in case.moves for name in move.together})
     shorter = {name: replace(manoeuvre, duration=5.0) for name, manoeuvre in case.manoeuvre.items()}
-    case = replace(case, loop=replace(case.loop, measured=knows), manoeuvre=shorter)
+    case = replace(case, manoeuvre=shorter)
     wanted, begin = run(case)
-    with slave(export(result(structure))) as one:
-        monkeypatch.setattr(running_controller, "_Sampled", Rounds(one))
+    with slave(export(result("pi"))) as one:
+        monkeypatch.setattr(running_controller, "control_law", Rounds(one))
         found, _ = run(case)
         (speed,) = one.get(["wheel_left_interface_speed"])
     assert one.time == pytest.approx(5.0)
-    assert (abs(speed) > 1) == (not shown)  # an exact feed-forward leaves nothing to the feedback
-    for near in shown or (1.9, 8.4):
+    assert abs(speed) > 1
+    for near in (1.9, 8.4):
         there, here = ringing(wanted, begin, near), ringing(found, begin, near)
         assert here[0] == pytest.approx(there[0], rel=1e-3)
         assert here[1] == pytest.approx(there[1], abs=1e-3)
-        if shown:
-            assert here[0] == pytest.approx(near, rel=1e-4)
     for name in ("motor_speed", "dynamometers.left.torque"):
-        assert np.abs(found[name] - wanted[name]).max() < close * np.abs(wanted[name]).max()
+        assert np.abs(found[name] - wanted[name]).max() < 5e-4 * np.abs(wanted[name]).max()

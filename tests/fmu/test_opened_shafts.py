@@ -7,7 +7,7 @@ import pytest
 from fmu.opened_bed import Trial, run
 from plant.marks import needs_compiler
 
-from matching.export import exported_controller, linear_bed, write_controller
+from matching.export import exported_controller, watched_bed, write_controller
 from matching.match.case_file import load_case
 from modelling.controller.law import NO_LIMIT, TORQUE_GONE, WATCHED_SAMPLES, ShaftWatch, WatchedShafts, nothing_watched
 
@@ -68,10 +68,10 @@ def controller(observed):
 
 def test_torques_carried_are_those_of_the_balance(observed, controller):
     shafts = ("gear_mesh", "gear_output", "side_left", "flange_right")
-    carried = linear_bed(observed, controller.law, {}).carried(shafts)
+    carried = watched_bed(observed, controller.law, {}).carried(shafts)
     np.testing.assert_allclose(carried, [[1 / 10.05, 1 / 10.05], [1, 1], [1, 0], [0, 1]], atol=2e-3)
     assert carried[2, 1] == carried[3, 0] == 0  # rounding is no load
-    balancing = linear_bed(observed, controller.law, {}).balancing()["motor_torque"]
+    balancing = watched_bed(observed, controller.law, {}).balancing()["motor_torque"]
     np.testing.assert_allclose(np.abs(balancing), 1 / 10.05, rtol=0.02)
 
 

@@ -17,7 +17,7 @@ from needs import compiles
 from matching.cli import main
 from matching.export import exported_controller
 from matching.match.case_file import load_case
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from modelling.controller.law import FAULTS
 
 pytestmark = compiles
@@ -46,7 +46,7 @@ def run(request, reference_case):
     """Case file, inputs (t, i) and outputs (t, o) by name, parameters: rigmatch's own controller on the linear bed."""
     path = reference_case.with_name(request.param)
     case = load_case(path)
-    controller, parts = exported_controller(case), parts_of(case)
+    controller, parts = exported_controller(case), linear_bed(case)
     k, settings = len(parts.dynamometers), controller.settings
     limit = np.array([LIMIT, *settings.torque_limit[1:]])
     running = replace(controller, settings=replace(settings, torque_limit=limit)).running()

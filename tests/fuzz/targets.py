@@ -17,11 +17,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from matching.bed.verify import compared_bed
 from matching.cli import main
 from matching.export import read_export_source, tuned_case
 from matching.fidelity import read_case, xil_fidelity
 from matching.match.case_file import load_case
+from matching.match.responses import ComparedBed as compared_bed
 from matching.match.responses import figures_of
 from matching.uncertainty.budget import read_budget
 from matching.uncertainty.evaluate import evaluate

@@ -19,7 +19,7 @@ from matching.match.attempt import (
 from matching.match.case import Demands, DynamometerChain
 from matching.match.case_file import load_case
 from matching.match.limits import Relaxations, _delay
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.programme import sensor_sign
 from modelling.bed.controllers import STRUCTURES
 from modelling.bed.vehicle import cut
@@ -102,12 +102,12 @@ def test_sign_and_ratio_of_a_flange_and_of_a_cut(tmp_path):
     text = (tmp_path / "rig.toml").read_text()
     forth = load_case(tmp_path / "case.toml")
     assert sensor_sign(forth.rig, forth.loop.dynamometers[0]) == 1.0
-    assert parts_of(forth).toward.tolist() == [1.0]
+    assert linear_bed(forth).torque_signs.tolist() == [1.0]
     assert cut(forth.vehicle, forth.rig).interfaces[0].factor == 1.0
     (tmp_path / "rig.toml").write_text(text.replace('["adapter", "rotor"]', '["rotor", "adapter"]\nratio = 4'))
     back = load_case(tmp_path / "case.toml")
     assert sensor_sign(back.rig, back.loop.dynamometers[0]) == -0.25
-    assert parts_of(back).toward.tolist() == [-0.25]
+    assert linear_bed(back).torque_signs.tolist() == [-0.25]
     for name in ("rig.toml", "vehicle.toml"):
         swapped = (tmp_path / name).read_text().replace('["hub", "adapter"]', '["adapter", "hub"]\nratio = 5')
         (tmp_path / name).write_text(swapped.replace('["hub", "wheel"]', '["wheel", "hub"]\nratio = 5'))
@@ -133,8 +133,9 @@ def test_equations_and_state_space_of_a_structure_are_one_law(small, structure):
     """Commands in s against the continuous controller, at complex frequencies."""
     values = {"proportional_gain": 37.0, "integral_gain": 11.0, "torque_feed_forward": 0.4, "lead_time": 0.004}
     loop = replace(small.loop, structure=STRUCTURES[structure]).with_values(values | {"acceleration_feed_forward": 0.7})
-    parts = parts_of(replace(small, loop=loop))
-    law, residual = parts.controller, parts.residual_space
+    parts = linear_bed(replace(small, loop=loop))
+    residual = parts.residual_space
+    law = loop.structure.controller(loop, residual, parts.case.rig)
     for s in (0.3 + 2j, 40j, -1 + 300j):
         H = law.C @ np.linalg.solve(s * np.eye(len(law.A)) - law.A, law.B) + law.D
         R = residual.C @ np.linalg.solve(s * np.eye(len(residual.A)) - residual.A, residual.B)

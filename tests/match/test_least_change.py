@@ -8,9 +8,8 @@ from match import drawn
 
 from matching.match import solve as searching
 from matching.match.adapters import some_as_planned
-from matching.match.case import apply
+from matching.match.case import apply, scaled
 from matching.match.case_file import load_case
-from matching.match.programme import scaled
 from matching.match.solve import AS_GOOD, as_good_as, given_end, least_change, vector_of, with_nearest_roots
 from tests.match.programme import programme_of
 

@@ -1,6 +1,5 @@
 """Lash and dry friction: linear about a loaded, moving operating point, refused or said where there is none."""
 
-import json
 import tomllib
 import warnings
 from dataclasses import replace
@@ -12,14 +11,10 @@ import tomli_w
 
 from matching.match.attempt import check_sliding, opened_lashes, unloaded_lashes
 from matching.match.case_file import load_case
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.match import match
 from matching.match.programme import closed_loop
-from matching.match.result import _of_beds
-from matching.match.robustness import not_kept, on_drawn_beds
-from matching.match.verify import simulate_case, verify
-from matching.report.match import requirement_rows
-from modelling.bed.vehicle import cut
+from matching.match.verify import simulate_case
 from modelling.errors import InputError
 from modelling.linear.steady_motion import torques_of
 from modelling.modal.modes import modes
@@ -68,7 +63,9 @@ def test_under_load_and_in_motion_both_are_as_if_they_were_not_there(plain, hard
                 wanted = np.array(one(0.0, omega, first.values)).ravel()
                 np.testing.assert_allclose(np.array(other(0.0, omega, second.values)).ravel(), wanted, rtol=1e-6)
     for one, other in zip(
-        (parts_of(plain).rig, *parts_of(plain).residual), (parts_of(hard).rig, *parts_of(hard).residual), strict=True
+        (linear_bed(plain).rig, *linear_bed(plain).residual),
+        (linear_bed(hard).rig, *linear_bed(hard).residual),
+        strict=True,
     ):
         np.testing.assert_allclose(other.space.A, one.space.A, rtol=1e-7, atol=1e-6)
 
@@ -79,8 +76,7 @@ def test_the_simulation_begins_there(plain, hard):
     torques = {"motor_torque": 20 * np.clip((time - 0.02) / 0.05, 0, 1)}
     traces = []
     for case in (plain, hard):
-        feed_forward = case.loop.structure.feed_forward(case.rig, cut(case.vehicle, case.rig), case.loop)
-        traces.append(simulate_case(parts_of(case), feed_forward, torques))
+        traces.append(simulate_case(linear_bed(case), torques))
     for name in ("motor_speed", "side_left_torque", "dynamometers.left.torque", "dynamometers.left.speed"):
         wanted = traces[0].matched[name]
         np.testing.assert_allclose(traces[1].matched[name], wanted, atol=2e-4 * np.ptp(wanted))
@@ -108,10 +104,6 @@ def test_a_lash_without_load_is_said(tmp_path):
     assert "open at the operating point" in sentence
     loaded = [mode.frequency for mode in modes(compact(tmp_path, LASH).vehicle)]
     np.testing.assert_allclose([mode.frequency for mode in modes(coasting.vehicle)], loaded, rtol=1e-6, atol=1e-6)
-    robust = on_drawn_beds(coasting, verify(coasting, coasting.rig), 4)
-    assert any("no bed drawn within [uncertainty] is judged" in sentence for sentence in not_kept(coasting, robust))
-    assert json.loads(json.dumps(_of_beds(robust), allow_nan=False))["beds"]["drawn"] == 0
-    assert requirement_rows(robust) == []
 
 
 def test_an_overrun_closes_the_other_flank(tmp_path):
@@ -122,7 +114,7 @@ def test_an_overrun_closes_the_other_flank(tmp_path):
     body, wheel = 30 / 3.6 / 0.31, 2 * 9.7 * 20  # the slope drives what the motor and the drags take
     assert torques["road_torque"] == pytest.approx(wheel / 2 + 0.6 * body + 9.7**2 * 0.002 * body, rel=1e-3)
     plain = compact(tmp_path)
-    np.testing.assert_allclose(parts_of(case).rig.space.A, parts_of(plain).rig.space.A, rtol=1e-7, atol=1e-6)
+    np.testing.assert_allclose(linear_bed(case).rig.space.A, linear_bed(plain).rig.space.A, rtol=1e-7, atol=1e-6)
 
 
 def test_a_delay_that_both_have_changes_no_response(plain, tmp_path):

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from matching.match.case_file import load_case
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
 from matching.match.verify import manoeuvre_torques, simulate_case
 from modelling.bed.controllers import STRUCTURES
 
@@ -30,5 +30,5 @@ def feedback(reference):
 
 @pytest.fixture(scope="session")
 def simulated(feedback):
-    parts = parts_of(feedback)
-    return parts, simulate_case(parts, None, *manoeuvre_torques(parts))
+    parts = linear_bed(feedback)
+    return parts, simulate_case(parts, *manoeuvre_torques(parts))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.match.continuous_loop import PLACE, emulated
+from matching.match.loop_modes import PLACE, emulated
 from matching.match.verify import match_fidelity
 
 
@@ -30,7 +30,7 @@ def test_residual_vehicle_on_the_vehicles_own_torques_reads_what_the_vehicle_rea
     fast = replace(parts, case=replace(parts.case, loop=parts.case.loop.with_values({"torque_sensor_lag": 1e-6})))
     flanges = {
         dyno.torque_sensor: sign * traces.vehicle[f"shafts.{dyno.follows}.torque"]
-        for dyno, sign in zip(parts.dynamometers, parts.toward, strict=True)
+        for dyno, sign in zip(parts.dynamometers, parts.torque_signs, strict=True)
     }
     read = emulated(fast, flanges, traces.torques, tuned=False)
     for name in ("body_left_speed", "body_right_speed", "body_left_acceleration"):

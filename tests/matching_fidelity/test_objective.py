@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from matching.match.case_file import case_text, load_case
-from matching.match.continuous_loop import PLACE
-from matching.match.loop import parts_of
+from matching.match.loop import linear_bed
+from matching.match.loop_modes import PLACE
 from matching.match.match import match
 from matching.match.objectives import FidelityObjective
 from matching.match.programme import build, closed_loop
@@ -98,8 +98,8 @@ def test_unknown_objective_is_one_line(tmp_path):
 def test_loss_ranks_tunings_as_the_simulation_does(feedback, aim, simulated):
     """Quick form of the match below: a weaker tuning loses in the objective and in the simulated R_XiL alike."""
     weaker = {"proportional_gain": 15.0, "integral_gain": 0.0, "torque_feed_forward": 0.0}
-    parts = parts_of(replace(feedback, loop=feedback.loop.with_values(weaker)))
-    traces = simulate_case(parts, None, *manoeuvre_torques(parts))
+    parts = linear_bed(replace(feedback, loop=feedback.loop.with_values(weaker)))
+    traces = simulate_case(parts, *manoeuvre_torques(parts))
     totals = [match_fidelity(*one).after.total for one in (simulated, (parts, traces))]
     losses = [float(aim.loss(*responses(aim, values))) for values in ({}, {f"loop.{k}": v for k, v in weaker.items()})]
     assert totals[0] > totals[1] + 0.01

@@ -1,20 +1,22 @@
-"""Simulation against frequency responses, feed-forward, and itself by another path; poles of both parts together."""
+"""Simulation against frequency responses, the feed-forward's own recursion, and itself by another path."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete
 
-from matching.match.continuous_loop import ExactLoop, sampled_poles
-from matching.match.loop import LinearMotion, arrivals, parts_of
-from matching.match.responses import feed_forward_of
+from matching.match.loop import arrivals, linear_bed
 from matching.match.verify import free_motion, matched_motion
+from modelling.bed.vehicle import cut
 from modelling.simulation.simulate import simulate
 from modelling.simulation.stepping import SimulationError
 from modelling.system import Effect, Quantity
 
 STEP = 1e-3
+
+
+def feed_forward_of(case):
+    return case.loop.structure.feed_forward(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
 
 
 def phasors(signal, frequencies, periods=5):
@@ -47,7 +49,7 @@ def test_arrivals():
 
 
 def test_free_rig_is_its_response(reference):
-    parts = parts_of(reference)
+    parts = linear_bed(reference)
     f = 5.0
     trace = free_motion(parts.rig.system, parts, {"motor_torque": sines([f], 12)}, STEP, parts.rig)["side_left_torque"]
     rig = parts.rig.space
@@ -58,25 +60,15 @@ def test_free_rig_is_its_response(reference):
 
 
 def test_a_motion_out_of_bounds_says_when(reference):
-    parts = parts_of(reference)
+    parts = linear_bed(reference)
     with pytest.raises(SimulationError, match=r"grows out of bounds at 0\.05 s"):
         free_motion(parts.rig.system, parts, {"motor_torque": np.full(50, 1e300)}, STEP, parts.rig)
 
 
 @pytest.mark.parametrize("source", ["motor_torque", "road_left"])
-def test_feedback_in_simulation_is_its_response(feedback, source):
-    parts, frequencies = parts_of(feedback), np.array([1.0, 4.0, 12.5])
-    sensors = ["motor_speed", "side_left_torque"]
-    traces = matched_motion(parts, None, {source: sines(frequencies, 30)})
-    H = ExactLoop(parts).response(2j * np.pi * frequencies, [source], sensors)[:, :, 0]
-    for sensor, wanted in zip(sensors, H.T, strict=True):
-        assert phasors(traces[sensor], frequencies) / frequencies == pytest.approx(wanted, rel=2e-2)
-
-
-@pytest.mark.parametrize("source", ["motor_torque", "road_left"])
 def test_measured_torques_are_answered_as_the_feed_forward_predicts(reference, source):
-    parts, feed_forward, frequencies = parts_of(reference), feed_forward_of(reference), np.array([1.0, 8.0, 25.0])
-    traces = matched_motion(parts, feed_forward, {source: sines(frequencies, 14)})
+    parts, feed_forward, frequencies = linear_bed(reference), feed_forward_of(reference), np.array([1.0, 8.0, 25.0])
+    traces = matched_motion(parts, {source: sines(frequencies, 14)})
     H = feed_forward.response(frequencies)
     for sensor in ("motor_speed", "side_left_torque"):
         wanted = H[:, feed_forward.outputs.index(sensor), feed_forward.measured.index(source)]
@@ -87,12 +79,12 @@ def test_measured_torques_are_answered_as_the_feed_forward_predicts(reference, s
 def test_a_perfect_model_and_the_rig_do_the_same(reference, dead_time):
     """The feed-forward's recursion against the rig at fine steps with a true delay line: to rounding."""
     case = replace(reference, loop=reference.loop.with_values({"dead_time": dead_time, "torque_feed_forward": 0.0}))
-    parts, feed_forward = parts_of(case), feed_forward_of(case)
+    parts, feed_forward = linear_bed(case), feed_forward_of(case)
     rng = np.random.default_rng(0)
     torques = {"motor_torque": rng.normal(size=600).cumsum(), "road_left": 10 * rng.normal(size=600).cumsum()}
     for torque in torques.values():
         torque[0] = 0.0  # as before
-    traces = matched_motion(parts, feed_forward, torques)
+    traces = matched_motion(parts, torques)
     news = np.stack([torques.get(name, np.zeros(600)) for name in feed_forward.measured], axis=1)
     state, sent, outputs = np.zeros(len(feed_forward.A)), np.zeros((600 + feed_forward.delay, 2)), []
     for k in range(600):
@@ -106,61 +98,12 @@ def test_a_perfect_model_and_the_rig_do_the_same(reference, dead_time):
         np.testing.assert_allclose(traces[sensor], wanted, atol=tolerance * np.ptp(wanted))
 
 
-def test_poles_of_both_parts_together_are_the_poles_of_each(reference):
-    """Rig, true delay line, feedback and feed-forward assembled in one discrete model: block triangular."""
-    parts, feed_forward = parts_of(reference), feed_forward_of(reference)
-    bed, own, k = parts.bed, parts.controller, 2
-    motion = LinearMotion(bed.A, bed.B, k, STEP, 0.0025)
-    Ad, Bd, Cd, Dd = cont2discrete((own.A, own.B[:, :4], own.C, own.D[:, :4]), STEP, "bilinear")[:4]
-    rows = [feed_forward.outputs.index(name) for name in ("left torque", "right torque", "left speed", "right speed")]
-    n, c, t, late, delay = len(bed.A), len(Ad), len(feed_forward.A), 3, feed_forward.delay
-    assert (delay, max(ago for ago, _ in motion.commands)) == (2, late)
-    size = n + c + t + 2 * late * k
-    x, xc, xt = slice(0, n), slice(n, n + c), slice(n + c, n + c + t)
-
-    def register(line, ago):
-        start = n + c + t + line * late * k + (ago - 1) * k
-        return slice(start, start + k)
-
-    seen = np.zeros((2 * k, size))
-    seen[:, x], seen[:, xt] = bed.C[: 2 * k], -feed_forward.C[rows]
-    issue = np.zeros((2, k, size))
-    ahead = np.linalg.matrix_power(feed_forward.A, delay)
-    issue[0, :, xt] = -feed_forward.F @ ahead
-    # of those on their way, the newest has its effect multiplied by A no further
-    for ago in range(1, delay + 1):
-        issue[0, :, register(0, ago)] = (
-            -feed_forward.F @ np.linalg.matrix_power(feed_forward.A, ago - 1) @ feed_forward.B
-        )
-    issue[1] = Dd @ seen
-    issue[1][:, xc] += Cd
-    whole = np.zeros((size, size))
-    whole[x, x] = motion.whole
-    for line in (0, 1):
-        for ago, push in motion.commands:
-            whole[x, register(line, ago)] += push
-    whole[xc] = Bd @ seen
-    whole[xc, xc] += Ad
-    whole[xt, xt] = feed_forward.A
-    whole[xt, register(0, delay)] += feed_forward.B
-    for line in (0, 1):
-        whole[register(line, 1)] = issue[line]
-        for ago in range(2, late + 1):
-            whole[register(line, ago), register(line, ago - 1)] = np.eye(k)
-    together = np.linalg.eigvals(whole)
-    apart = np.concatenate([np.linalg.eigvals(feed_forward.A - feed_forward.B @ feed_forward.F), sampled_poles(parts)])
-    for z in apart[np.abs(apart) > 0.3]:
-        assert np.abs(together - z).min() < 1e-6, z
-    assert np.sum(np.abs(together) > 0.3) == np.sum(np.abs(apart) > 0.3)
-
-
 def test_nonlinear_path_is_the_linear_one_where_nothing_bends(reference):
     bent = reference.rig.with_effects(Effect("hardening", "shafts.side_left", (("cubic", Quantity(0.0)),)))
     case = replace(reference, rig=bent)
     time = np.arange(400) * STEP
     torques = {"motor_torque": 50 * np.clip(time / 0.05, 0, 1)}
-    feed_forward = feed_forward_of(reference)
-    curved, straight = (matched_motion(parts_of(own), feed_forward, torques) for own in (case, reference))
+    curved, straight = (matched_motion(linear_bed(own), torques) for own in (case, reference))
     assert curved.keys() == straight.keys()
     for name, wanted in straight.items():
         np.testing.assert_allclose(curved[name], wanted, atol=2e-5 * np.ptp(wanted), err_msg=name)
@@ -169,7 +112,7 @@ def test_nonlinear_path_is_the_linear_one_where_nothing_bends(reference):
 def test_lash_moves_as_the_general_simulation_says(reference):
     """The same rig by the general simulation, on a grid of 0.1 ms."""
     lash = reference.rig.with_effects(Effect("backlash", "shafts.side_left", (("gap", Quantity(0.02)),)))
-    parts = parts_of(replace(reference, rig=lash))
+    parts = linear_bed(replace(reference, rig=lash))
     time = np.arange(300) * STEP
     torque = 50 * np.sin(2 * np.pi * 8 * time)
     trace = free_motion(parts.rig.system, parts, {"motor_torque": torque}, STEP)["side_left_torque"]
@@ -177,7 +120,7 @@ def test_lash_moves_as_the_general_simulation_says(reference):
     inputs = {"motor_torque": np.interp(fine, time, torque), "dyno_left": 0 * fine, "dyno_right": 0 * fine}
     other = simulate(lash, fine, inputs, compile=False)["side_left_torque"][::10]
     np.testing.assert_allclose(trace, other, atol=0.01 * np.ptp(other))
-    plain = parts_of(reference)
+    plain = linear_bed(reference)
     assert np.abs(
         free_motion(plain.rig.system, plain, {"motor_torque": torque}, STEP)["side_left_torque"] - trace
     ).max() > 0.1 * np.ptp(trace)

@@ -9,10 +9,9 @@ from small_bed import CASE, RIG, VEHICLE
 
 from matching.match.case import target_modes
 from matching.match.case_file import load_case
-from matching.match.continuous_loop import feed_forward_modes
-from matching.match.loop import parts_of
-from matching.match.verify import identified_modes, manoeuvre_torques, simulate_case, target_modes_of
-from modelling.bed.vehicle import cut
+from matching.match.loop import linear_bed
+from matching.match.loop_modes import modes_of
+from matching.match.verify import candidates_of, identified_modes, manoeuvre_torques, simulate_case, target_modes_of
 from modelling.modal.modes import damped_modes
 
 MAIN, BESIDE = 10.300, 10.336  # Hz, with damping ratios 0.085 and 0.020
@@ -35,39 +34,35 @@ def prepared(tmp_path_factory):
     case["move"] = {"loop.proportional_gain": {"lower": 1, "upper": 300}}
     for name, content in (("vehicle", vehicle), ("rig", rig), ("case", case)):
         (folder / f"{name}.toml").write_text(tomli_w.dumps(content))
-    loaded = load_case(folder / "case.toml")
-    reference = cut(loaded.vehicle, loaded.rig)
-    feed_forward = loaded.loop.structure.feed_forward(loaded.rig, reference, loaded.loop)
-    return parts_of(loaded), feed_forward, reference
+    return linear_bed(load_case(folder / "case.toml"))
 
 
 def test_the_models_are_as_they_are_meant(prepared):
-    modes = [(mode.frequency, mode.damping_ratio) for mode in list(damped_modes(prepared[0].case.vehicle))[1:3]]
+    modes = [(mode.frequency, mode.damping_ratio) for mode in list(damped_modes(prepared.case.vehicle))[1:3]]
     assert modes[0] == pytest.approx((MAIN, 0.0849), rel=1e-3)
     assert modes[1] == pytest.approx((BESIDE, 0.0202), rel=5e-3)
 
 
 def test_each_target_is_a_mode_of_its_own_and_the_loop_shows_it(prepared):
-    parts, feed_forward, reference = prepared
-    wanted = [mode.damping_ratio for _, mode in target_modes(parts.case)]
+    case = prepared.case
+    wanted = [mode.damping_ratio for _, mode in target_modes(case)]
     assert sorted(wanted) == pytest.approx([0.0202, 0.0849], rel=5e-3)
-    named = target_modes_of(parts.case, feed_forward_modes(parts, feed_forward, reference))
-    reached = [mode.damping_ratio for _, mode, _ in named]
+    named = target_modes_of(case, candidates_of(case, modes_of(prepared)))
+    reached = [row.mode.damping_ratio for row in named]
     assert reached == pytest.approx(wanted, rel=1e-3)  # the feed-forward has the poles of the vehicle
 
 
 def test_the_simulation_shows_a_mode_or_says_that_it_does_not_but_never_its_neighbour(prepared):
     """The absorber moves the drive side by a thousandth: what is read at 0.085 of damping is not it."""
-    parts, feed_forward, _ = prepared
-    traces = simulate_case(parts, feed_forward, *manoeuvre_torques(parts))
-    identified = identified_modes(parts, feed_forward, traces)
-    for mode, (_, wanted) in zip(identified, target_modes(parts.case), strict=True):
+    traces = simulate_case(prepared, *manoeuvre_torques(prepared))
+    identified = identified_modes(prepared, traces)
+    for mode, (_, wanted) in zip(identified, target_modes(prepared.case), strict=True):
         for reading in (mode.vehicle, mode.matched):
             if reading is not None:
                 assert reading.frequency == pytest.approx(wanted.frequency, rel=2e-3)
                 assert reading.damping_ratio == pytest.approx(wanted.damping_ratio, rel=0.02)
     by_damping = {
-        round(wanted.damping_ratio, 2): mode for mode, (_, wanted) in zip(identified, target_modes(parts.case))
+        round(wanted.damping_ratio, 2): mode for mode, (_, wanted) in zip(identified, target_modes(prepared.case))
     }
     assert by_damping[0.08].vehicle is not None
     assert by_damping[0.08].matched is not None

@@ -7,8 +7,8 @@ from match import drawn
 
 from matching.match.case import apply
 from matching.match.case_file import load_case
-from matching.match.continuous_loop import LoopMode
-from matching.match.verify import IdentifiedMode, Ringing, of_the_targets_modes, verify
+from matching.match.loop_modes import LoopMode
+from matching.match.verify import IdentifiedMode, Ringing, modes_of_targets, verify
 
 # 13 ms of dead time: the loop loses the mode at 8.4 Hz, and its wheel hop moves the sensors much as that mode does
 TUNED = {
@@ -30,12 +30,12 @@ def shown(frequency, damping_ratio=0.06):
 
 def test_another_mode_of_the_loop_is_not_the_targets():
     modes = (loop_mode(1, 8.4, 0.06), loop_mode(2, 25.6, 0.06))
-    at = {frequency: of_the_targets_modes([shown(frequency)], [modes[0]], modes)[0] for frequency in (8.4, 25.5, 12.0)}
+    at = {frequency: modes_of_targets([shown(frequency)], [modes[0]], modes)[0] for frequency in (8.4, 25.5, 12.0)}
     assert at[8.4].matched is not None
     assert at[25.5].matched is None
     assert at[25.5].vehicle is not None
     assert at[12.0].matched is not None, "no mode of the loop: simulation and loop disagree, which has to be seen"
-    assert of_the_targets_modes([shown(8.4)], [None], modes)[0].matched is None
+    assert modes_of_targets([shown(8.4)], [None], modes)[0].matched is None
 
 
 def test_a_target_that_the_loop_lacks_is_not_read_off_its_wheel_hop(tmp_path):

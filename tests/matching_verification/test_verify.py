@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 
 from matching.match.adapters import lower_bound
-from matching.match.continuous_loop import ExactLoop, match_mode
-from matching.match.loop import parts_of
-from matching.match.responses import ComparedBed, error_figures
-from matching.match.verify import _deviating, verify
-from matching.report.match import margin_counted_from
+from matching.match.loop_modes import match_mode
+from matching.match.responses import error_figures
+from matching.match.verify import verify
 from modelling.bed.controllers import STRUCTURES
-from modelling.bed.vehicle import cut
 from modelling.modal.modes import modes
 
 
@@ -47,25 +44,6 @@ def test_sampling_costs_the_sample_time(reference):
     assert fast.unmeasured == pytest.approx(slow.unmeasured, rel=0.02)
 
 
-def test_a_deviating_bed_keeps_the_feed_forward_it_is_given(reference):
-    """One that does nothing leaves the feedback alone, worked out here on the deviating case itself."""
-    reference = replace(reference, compared=tuple(pair for pair in reference.compared if pair.input == "motor_torque"))
-    parts, residual = parts_of(reference), cut(reference.vehicle, reference.rig)
-    designed = reference.loop.structure.feed_forward(reference.rig, residual, reference.loop)
-    nothing = {name: np.zeros_like(getattr(designed, name)) for name in ("F", "G", "C", "D")}
-    frequencies = np.geomspace(*reference.band, 5)
-    deviating = _deviating(parts, replace(designed, **nothing))
-    beds = {(each.name, round(each.change, 9)): each.bed for each in deviating}
-    sides = ("left", "right")
-    soft = {f"shafts.flange_{side}.stiffness": 0.95 * 2e5 for side in sides}
-    for name, change, case in (
-        ("loop.dead_time", 5e-4, replace(reference, loop=reference.loop.with_values({"dead_time": 3.5e-3}))),
-        ("rig.shafts.flange_left.stiffness", -0.05, replace(reference, rig=reference.rig.with_values(soft))),
-    ):
-        expected = ComparedBed(case).at(frequencies).unmeasured
-        assert beds[name, change].at(frequencies).matched == pytest.approx(expected, rel=1e-9)
-
-
 def test_feedback_alone_answers_all_torques_alike(feedback):
     found = error_figures(feedback)
     assert found.after == found.unmeasured
@@ -82,15 +60,8 @@ def test_no_dead_time_between_samples_costs_more(reference, dead_time):
 
 def test_reference_case_is_stable_under_every_check(verified):
     assert verified.stable
-    assert set(verified.checks) == {f"poles, order {n}" for n in (3, 5, 8)} | {
-        "dynamic stiffness",
-        "Nyquist criterion",
-        "sampled loop",
-        "feed-forward poles",
-        "simulation",
-    }
+    assert set(verified.checks) == {"sampled loop", "feed-forward poles", "simulation"}
     assert verified.spectral_abscissa < 0
-    np.testing.assert_allclose([own.abscissa for own in verified.approximations], verified.spectral_abscissa, rtol=1e-6)
 
 
 def test_targets_are_read_off_the_simulation(verified):
@@ -118,7 +89,7 @@ def test_peaks_and_limits(verified, reference):
     assert verified.peaks["shafts.flange_left.torque"] == pytest.approx(
         2e5 * verified.peaks["shafts.flange_left.twist"], rel=1e-2
     )
-    assert [own.limit for own in verified.violations] == ["modulus_margin"]
+    assert not verified.violations
     tight = replace(
         reference,
         limits={
@@ -140,34 +111,10 @@ def test_what_must_be_known_is_ranked(verified):
     assert sorted(late) == pytest.approx([-5e-4, 5e-4])
 
 
-@pytest.mark.long
-def test_margins_count_from_one_frequency_nominal_and_with_a_value_wrong(feedback):
-    case = feedback
-    everywhere = verify(case, deviations=False)
-    counted_from = 1.5 * everywhere.margin_frequency
-    checked = verify(case, margin_from=counted_from)
-    frequencies = np.geomspace(counted_from, 1000, 4000)
-
-    def least(dead_time):
-        difference = ExactLoop(parts_of(case), dead_time).return_difference(2j * np.pi * frequencies)
-        return np.linalg.svd(difference, compute_uv=False).min()
-
-    assert checked.modulus_margin == pytest.approx(least(case.loop["dead_time"]), rel=1e-3)
-    assert checked.modulus_margin > 1.05 * everywhere.modulus_margin == checked.winding.modulus_margin * 1.05
-    late = {wrong.change: wrong.modulus_margin for wrong in checked.robustness if wrong.name == "loop.dead_time"}
-    assert len(late) == 2
-    for change, margin in late.items():
-        assert margin == pytest.approx(least(case.loop["dead_time"] + change), rel=1e-3)
-    assert (everywhere.margin_from, checked.margin_from) == (0, counted_from)
-    assert margin_counted_from(everywhere) == ""
-    assert f"from {counted_from:.3g} Hz on" in margin_counted_from(checked)
-    assert f"{everywhere.modulus_margin:.2g} at" in margin_counted_from(checked)
-
-
 def test_an_unstable_loop_is_never_called_stable(reference):
     checked = verify(replace(reference, loop=reference.loop.with_values({"proportional_gain": 10.0})), deviations=False)
     assert not checked.stable
-    assert not checked.checks["Nyquist criterion"]
+    assert not checked.checks["sampled loop"]
     assert checked.spectral_abscissa > 0
     json.dumps(checked.to_dict(), allow_nan=False)
 
@@ -231,19 +178,11 @@ def test_a_motion_that_leaves_every_bound_is_no_result(feedback):
         "acceleration_feed_forward": 2.477, "dead_time": 0.0005, "inverter_lag": 1e-5,
     }  # fmt: skip
     checked = verify(replace(feedback, loop=feedback.loop.with_values(values)), deviations=False)
-    assert np.abs(checked.sampled).max() > 1.1
+    assert np.abs(checked.poles).max() > 1.1
     assert checked.traces is None
     assert not checked.checks["simulation"]
     assert all(own.matched is None for own in checked.identified)
     json.dumps(checked.to_dict(), allow_nan=False)
-
-
-def test_a_long_dead_time_takes_higher_orders(feedback):
-    values = {"dead_time": 0.04, "inverter_lag": 0.05, "proportional_gain": 300.0}
-    checked = verify(replace(feedback, loop=feedback.loop.with_values(values)), deviations=False)
-    assert checked.approximations[-1].order >= 8
-    assert any("do not count" in note for note in checked.notes)
-    assert checked.approximations[-1].unstable(0) == checked.winding.unstable
 
 
 def test_match_mode_leaves_out_rigid_modes_alone(verified, reference):

@@ -8,7 +8,7 @@ import pytest
 
 from matching.match.case_file import load_case
 from matching.match.in_time import truth_in_time
-from matching.match.loop import control_law, parts_of
+from matching.match.loop import control_law, linear_bed
 from matching.match.responses import ComparedBed
 from matching.match.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.match.verify import manoeuvre_torques, verify
@@ -65,7 +65,7 @@ def hand_made(case):
             )
         )
     errors = seen.errors
-    parts = parts_of(tuned)
+    parts = linear_bed(tuned)
     torques, lead = manoeuvre_torques(parts)
     begun = {name: torque[: lead + IN_TIME] for name, torque in torques.items()}
     in_time = truth_in_time(tuned, control_law(parts), begun, lead)

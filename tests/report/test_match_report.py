@@ -97,6 +97,7 @@ def test_json_has_the_agreed_shape(hand_made):
 
 def test_margin_figure_agrees_with_the_verification(hand_made):
     f = frequencies_around([target.vehicle for target in hand_made.targets])
+    f = f[f >= hand_made.verification.margin_from]
     least = np.linalg.svd(return_difference(hand_made.tuned, f), compute_uv=False)[:, -1].min()
     assert least == pytest.approx(hand_made.verification.modulus_margin, rel=2e-3)
 
@@ -110,9 +111,7 @@ def test_needs_and_checks(hand_made):
     assert peaks["shafts.flange_left.twist"].limit == pytest.approx(np.pi / 180)
     assert all(own.holds for own in checks(hand_made))
     stricter = replace(hand_made, case=replace(hand_made.case, limits={**hand_made.case.limits, "modulus_margin": 0.9}))
-    assert [own.what for own in checks(stricter) if not own.holds] == [
-        "Modulus margin of the feedback loop, exact dead time"
-    ]
+    assert [own.what for own in checks(stricter) if not own.holds] == ["Modulus margin of the feedback loop"]
 
 
 def test_a_motion_that_ran_away_still_gives_a_page(hand_made):

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from matching.match.beds import LoopFigures, Requirements
-from matching.match.dynamic_stiffness import BedsCheck
+from matching.match.beds import BedsCheck, LoopFigures
+from matching.match.case import Requirements
 from matching.report.match import beds_figure, error_rows, requirement_rows
 
 BEDS = BedsCheck(4, 3, 3, 0.005, 0.01, (0.1, 0.2, 0.3), (0.2, 0.3, 0.4))
 
-LOOP, REQUIRED = LoopFigures(0.49, 20.0, 0.4, (19.0, 21.0)), Requirements(0.01, 0.5, 16.0, 100.0, 20.0)
+LOOP, REQUIRED = LoopFigures(0.49, 20.0, 0.4, {"left": 19.0, "right": 21.0}), Requirements(0.01, 0.5, 16.0, 100.0, 20.0)
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,6 @@ class Robust:
     beds: BedsCheck = BEDS
     loop: LoopFigures = LOOP
     required: Requirements = REQUIRED
-    dynamometers: tuple[str, ...] = ("left", "right")
 
 
 def test_every_requirement_stands_with_what_is_asked_and_whether_it_holds():

@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 
 from matching.match.result import AdapterTrade
-from matching.report.match import CAPTIONS, figures, page, trade_figure
+from matching.report.match import trade_figure
 
 CURVE = ((1e5, 0.5), (4e5, 0.2), (6e5, 0.19), (1e6, 0.3))
 FLANGE = AdapterTrade("rig.shafts.flange.stiffness", "N*m/rad", 4e5, 6e5, (5e5, 7e5), 0.195, 0.19, CURVE, 0.2)
 DAMPING = replace(FLANGE, name="rig.shafts.flange.damping", unit="N*m*s/rad", error_all_as_planned=None)
-
-OTHERS = (
-    "overview", "match_modes_figure", "response_figure", "signals", "margin_figure", "case_figure", "quantity_figure",
-    "wrong_values",
-)  # fmt: skip
 
 
 def test_every_quantity_has_its_curve_range_and_values():
@@ -32,12 +27,3 @@ def test_every_quantity_has_its_curve_range_and_values():
     assert panels[0].get_xscale() == "log"
     assert panels[0].get_xlabel() == "flange, stiffness [N·m/rad]"
     assert "all adapters as planned, tuned for it" not in [line.get_label() for line in panels[1].get_lines()]
-
-
-def test_the_report_has_it_where_there_is_something_to_order(hand_made, monkeypatch):
-    for name in OTHERS:  # seconds to draw, and not asked for here
-        monkeypatch.setattr(f"matching.report.match.figures.{name}", lambda *_: None)
-    assert "trade" not in figures(hand_made)
-    ordered = replace(hand_made, adapters=(FLANGE,))
-    assert figures(ordered)["trade"].axes
-    assert CAPTIONS["trade"] in page(ordered, {"trade": b"<svg/>"})

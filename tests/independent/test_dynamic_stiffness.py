@@ -1,76 +1,14 @@
-"""The independent method against the search's own and against closed forms."""
+"""Dynamic stiffness against the derived equations and closed forms."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from independent.dynamic_stiffness import Chain, NotCovered, plain_response
 
-from matching.match.case_file import load_case
-from matching.match.continuous_loop import ExactLoop, encirclements
-from matching.match.dynamic_stiffness import Chain, IndependentCheck, IndependentLoop, NotCovered, check, plain_response
-from matching.match.loop import parts_of
-from matching.match.responses import ComparedBed
 from modelling.linear.state_space import response
 from modelling.model_file import from_dict
 from modelling.system import OperatingPoint
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
-@pytest.fixture(scope="module", params=["road_to_rig", "compact_bev", "adapter_only"])
-def case(request):
-    return load_case(EXAMPLES / request.param / "case.toml")
-
-
-def feedback_responses(case, frequencies):
-    """Of the compared functions (f, h), by feedback alone and continuous control."""
-    pairs = [(pair.input, pair.sensor) for pair in case.compared]
-    inputs, sensors = [source for source, _ in pairs], [sensor for _, sensor in pairs]
-    H = ExactLoop(parts_of(case)).response(2j * np.pi * frequencies, inputs, sensors)
-    return np.stack([H[:, i, i] for i in range(len(pairs))], axis=1)
-
-
-def test_examples_agree_by_both_methods(case):
-    frequencies = np.geomspace(*case.band, 15)
-    parts = parts_of(case)
-    vehicle, controlled = ComparedBed(case).of_vehicle(frequencies), feedback_responses(case, frequencies)
-    winding = encirclements(parts)
-    own = check(case, frequencies, vehicle, controlled)
-    assert own.not_covered == ""
-    assert own.unstable_poles == winding.unstable == 0
-    assert own.modulus_margin == pytest.approx(winding.modulus_margin, abs=1e-5)
-    assert own.vehicle_difference < 1e-9
-    assert own.rig_difference < 1e-9
-    assert own.disagreements(True, winding.modulus_margin) == []
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"proportional_gain": 400.0, "dead_time": 0.02},
-        {"proportional_gain": 300.0, "integral_gain": 4000.0, "torque_feed_forward": 1.2},
-        {"acceleration_feed_forward": 2.0, "dead_time": 0.008},
-        {"torque_feed_forward": 1.5, "dead_time": 0.05, "lead_time": 0.0},
-    ],
-)
-def test_unstable_poles_are_counted_alike(values):
-    case = load_case(EXAMPLES / "road_to_rig" / "case.toml")
-    case = replace(case, loop=case.loop.with_values(values))
-    expected = encirclements(parts_of(case)).unstable
-    assert expected > 0
-    assert IndependentLoop(case).unstable_poles() == expected
-
-
-def test_without_control_nothing_is_unstable_and_the_loop_has_no_gain():
-    """With every gain at 0 the bed is passive, and I + L is I."""
-    case = load_case(EXAMPLES / "road_to_rig" / "case.toml")
-    still = replace(case, loop=case.loop.with_values(dict.fromkeys(
-        ("proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward"), 0.0
-    )))  # fmt: skip
-    assert IndependentLoop(still).unstable_poles() == 0
-    assert np.allclose(IndependentLoop(still).return_difference(2j * np.pi * np.array([1.0, 10.0])), np.eye(2))
-
 
 BRANCHED = {
     "inertias": {"motor": {"J": 0.05}, "cage": {"J": 0.02}, "left": {"J": 1.0, "drag": 0.2}, "right": {"J": 1.4},
@@ -167,15 +105,3 @@ def test_what_is_not_known_is_said():
     system = from_dict({**BRANCHED, "effects": [{"kind": "coulomb_friction", "at": "inertias.left", "torque": 3.0}]})
     with pytest.raises(NotCovered, match="coulomb_friction"):
         Chain(system)
-
-
-def test_every_kind_of_disagreement_has_its_sentence():
-    good = IndependentCheck("", 0, 0.5, 10.0, 1e-12, 1e-12)
-    assert good.disagreements(True, 0.5) == []
-    assert good.disagreements(False, 0.5) != []
-    assert good.disagreements(True, 0.502) != []
-    assert good.disagreements(True, 0.498) != []
-    assert IndependentCheck("", 2, 0.5, 10.0, 0.0, 0.0).disagreements(True, 0.5) != []
-    assert IndependentCheck("", 0, 0.5, 10.0, 1e-5, 0.0).disagreements(True, 0.5) != []
-    assert IndependentCheck("", 0, 0.5, 10.0, 0.0, float("nan")).disagreements(True, 0.5) != []
-    assert IndependentCheck("slip").disagreements(True, 0.5) == []
