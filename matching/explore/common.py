@@ -124,7 +124,7 @@ class Ended:
     @property
     def cancelled(self) -> bool:
         """Whether it was asked to end."""
-        return self.code in (128 + signal.SIGINT, 128 + signal.SIGTERM)
+        return self.code in [own for number in (signal.SIGINT, signal.SIGTERM) for own in (128 + number, -number)]
 
 
 class Job:
