@@ -137,20 +137,21 @@ def run_explore(arguments: argparse.Namespace) -> dict[str, Any]:
 
     from bokeh.settings import settings
 
-    from matching.explore.page import page, serve
+    from matching.explore.page import page, redirect, serve
 
     settings.resources = "server"  # the page needs no internet, whatever BOKEH_RESOURCES says
     interrupt = signal.getsignal(signal.SIGINT)
     server, address = serve(lambda: page(workspace), workspace.out, arguments.port)
     signal.signal(signal.SIGINT, interrupt)  # with Panel's own the command would end as if it had answered
     print(f"{address}\nCtrl-C ends it", file=sys.stderr, flush=True)
-    if not arguments.no_browser:
-        server.io_loop.add_callback(webbrowser.open, address)
-    server.start()
-    try:
-        server.io_loop.start()
-    finally:
-        server.stop()
+    with redirect(address) as leads_there:
+        if not arguments.no_browser:
+            server.io_loop.add_callback(webbrowser.open, leads_there)
+        server.start()
+        try:
+            server.io_loop.start()
+        finally:
+            server.stop()
     return {"address": address}
 
 
