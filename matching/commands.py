@@ -420,8 +420,9 @@ def run_map(arguments: Arguments) -> dict[str, Any]:
     axes = {name: axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y")}
     study, record = _studied(api.map, "map", arguments, case=case, **axes)
     drawn = map_figure(study)
-    files: dict[str, str | bytes] = {f"map.{kind}": image(drawn, kind) for kind in ("svg", "png")}
-    files["report.html"] = map_page(study, drawn, provenance(case, arguments.seed))
+    picture = image(drawn)
+    files: dict[str, str | bytes] = {"map.svg": picture, "map.png": image(drawn, "png")}
+    files["report.html"] = map_page(study, drawn, picture, provenance(case, arguments.seed))
     written = write_results(arguments.out, "map.json", study.to_dict(), files)
     record.unlink(missing_ok=True)
     return written
@@ -453,8 +454,9 @@ def run_tolerance(arguments: Arguments) -> dict[str, Any]:
     case, added = api.load_case(arguments.case), _tolerances(arguments)
     study, record = _studied(api.tolerance, "tolerance", arguments, case=case, added=added)
     drawn = plot_tolerance(study)
-    report = tolerance_page(study, drawn, provenance(case, arguments.seed))
-    files: dict[str, str | bytes] = {"tolerance.svg": image(drawn), "report.html": report}
+    picture = image(drawn)
+    report = tolerance_page(study, drawn, picture, provenance(case, arguments.seed))
+    files: dict[str, str | bytes] = {"tolerance.svg": picture, "report.html": report}
     written = write_results(arguments.out, "tolerance.json", study.to_dict(), files)
     record.unlink(missing_ok=True)
     return written

@@ -236,7 +236,6 @@ def _improve(search: FeedbackTuner, begin: np.ndarray) -> None:
 # --- The gains of a feedback law tuned over drawn beds, and the end judged on fresh ones.
 
 MIDDLE = 0.6  # of every gain's scaled range: one of the points from which is searched
-MARGIN = "modulus_margin"
 
 
 @dataclass(frozen=True)
