@@ -14,11 +14,11 @@ from matching.bed.excite import (
     ExcitationPlan,
     excitation_csv,
     plan_excitation,
-    plan_proof,
-    proof_csv,
     steady_speed,
 )
 from matching.bed.identify import bed_from_recordings, identified_case, vehicle_from_recordings
+from matching.bed.plausible import check_excitation
+from matching.bed.proof import plan_proof, proof_csv
 from matching.bed.simulated_bed import (
     KEPT,
     ByHand,
@@ -347,7 +347,7 @@ class Circle:
             path = kept_recording(self._folder / name)
 
             def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
-                result = judge(case, read_recordings([path], case)).to_dict()
+                result = judge(case, read_recordings([path], case), of_this_controller=False).to_dict()
                 return {}, {key: result[key] for key in ("errors", "functions", "modes", "fidelity")}
 
             inputs = checksum(self._stages.of_files(path) + _of_case(case))
@@ -410,7 +410,10 @@ class Circle:
                 with self._fmu(case) as bed, FmuController(exported, law) as controller:
                     taken = HandedRecording(BY_FMU, proof_recording(bed, case, law, controller, wanted, speed))
             keep_recording(self._folder / name, taken)
-            result = judge(case, read_recordings([self._folder / name / taken.name], case)).to_dict()
+            recorded = read_recordings([self._folder / name / taken.name], case)
+            planned = dict(zip(wanted.inputs, wanted.torques.T, strict=True))
+            check_excitation(recorded.recordings[0], planned, wanted.step)
+            result = judge(case, recorded).to_dict()
             files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
             return files | {"verification.json": strict_json(result)}, result
 

@@ -27,7 +27,7 @@ from bokeh.plotting import figure
 from panel.custom import JSComponent
 from scipy.interpolate import RegularGridInterpolator
 
-from matching.bed.verify import estimated_response, spectra
+from matching.bed.measured import estimated_response, spectra
 from matching.explore.files import Document, ModelDocument, Workspace
 from matching.progress import PROGRESS_ALWAYS
 from matching.report.common import LIMIT, NOISE, RIG, VEHICLE
