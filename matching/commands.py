@@ -583,13 +583,17 @@ def run_fidelity(arguments: Arguments) -> dict[str, Any]:
 
 def run_excite(arguments: Arguments) -> dict[str, Any]:
     """Plan the excitation and write files."""
-    from matching.bed.excite import excitation_csv
+    from matching.bed.excite import ExcitationPlan, excitation_csv
+    from matching.bed.proof import proof_csv
     from matching.report.bed import excitation
     from matching.report.common import image
     from modelling.writing import strict_json, write_all
 
     plan = called(api.excite, arguments)
     result = plan.to_dict()
+    if not isinstance(plan, ExcitationPlan):
+        write_all(arguments.out, {"proof.json": strict_json(result), "excitation.csv": proof_csv(plan)})
+        return result
     files: dict[str, str | bytes] = {
         "excite.json": strict_json(result), "excitation.csv": excitation_csv(plan),
         "figures/excitation.svg": image(excitation(plan)),
@@ -667,7 +671,7 @@ def _judged(
     from matching.bed.commission import why_short
     from matching.bed.verify import judge, read_recordings
     from matching.progress import steps
-    from matching.report.bed import curve_data, responses, verification_page
+    from matching.report.bed import curve_data, responses, verification_page, verification_steps
     from matching.report.common import image, made_from, with_recordings
     from matching.report.curves import acting
     from modelling.writing import write_results
@@ -684,7 +688,14 @@ def _judged(
     made = with_recordings(made, zip(arguments.recordings, recordings, strict=True))
     data = {"responses": curve_data(verification.curves)}
     files: dict[str, str | bytes] = {
-        "report.html": verification_page(result, drawn, acting({"responses": figure}), made, data)
+        "report.html": verification_page(
+            result,
+            drawn,
+            acting({"responses": figure}),
+            made,
+            data,
+            verification_steps(result, arguments.case, str(arguments.out)),
+        )
     }
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}
     return write_results(arguments.out, "verification.json", result, files)
@@ -721,16 +732,21 @@ def _followed(arguments: argparse.Namespace, case: Case, channels: Mapping[str, 
 def run_commission(arguments: Arguments) -> dict[str, Any]:
     """Go round and write files."""
     from matching.progress import steps
-    from matching.report.bed import commissioning_page
-    from matching.report.common import made_from
+    from matching.report.bed import commissioning_figures, commissioning_page, next_steps
+    from matching.report.common import image, made_from
+    from matching.report.curves import acting
     from modelling.writing import strict_json, write_all
 
     with steps("commission") as step:
         tell = step if arguments.follow is None else _said
-        result = called(api.commission, arguments, tell=tell).to_dict()
+        commissioning = called(api.commission, arguments, tell=tell)
     case = Path(arguments.case)
     made = made_from(case / "case.toml" if case.is_dir() else case, arguments.seed, ("vehicle", "rig"))
-    write_all(arguments.out, {"commission.json": strict_json(result), "report.html": commissioning_page(result, made)})
+    result, figures = commissioning.to_dict(), commissioning_figures(commissioning)
+    images = {name: image(figure) for name, figure in figures.items()}
+    steps_now = next_steps(result, arguments.case, str(arguments.out))
+    page = commissioning_page(result, made, images, acting(figures) if figures else {}, steps_now)
+    write_all(arguments.out, {"commission.json": strict_json(result), "report.html": page})
     return result
 
 
@@ -968,6 +984,7 @@ EXAMPLES = {  # each works as typed after those before it, in the program's fold
     ),
     "excite": (
         "excite out/road_to_rig --out out/excite",
+        "excite out/road_to_rig --proof --out out/proof",
         "excite examples/from_recordings/case.toml --duration 30 --speed 40 --limit motor_torque=60 --out out/excite",
     ),
     "identify": (

@@ -28,11 +28,19 @@ from matching.bed.excite import (
     recorded_bed,
 )
 from matching.bed.measured import MeasuredFunction, MeasuredMode, measured_mode
-from matching.bed.verify import UNKNOWN_VARIANCE, Lines, log_weights, square_variance, standard_uncertainty
+from matching.bed.verify import (
+    UNKNOWN_VARIANCE,
+    Lines,
+    between_lines,
+    log_weights,
+    square_variance,
+    standard_uncertainty,
+)
 from matching.export import exported_controller
 from matching.match.case import Case, target_modes
 from matching.match.responses import ComparedBed
 from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, Settings, has_gone
+from modelling.display import Displayed
 from modelling.errors import InputError
 from modelling.recordings.read import csv_text
 
@@ -95,7 +103,7 @@ class ExpectedUncertainty:
 
 
 @dataclass(frozen=True)
-class Proof:
+class Proof(Displayed):
     """What excites the controlled bed.
 
     Attributes
@@ -499,7 +507,11 @@ class _Told:
         share = np.where(shown, log_weights(frequencies[inside], self._case.band), 0.0)
         share /= max(share.sum(), 1e-300)
         size = math.sqrt(max(float(share @ np.abs(off) ** 2), 1e-300))
-        return Lines(share, error / size * off, noise, np.ones(len(share)), 0.0 if shown.any() else math.inf)
+        scaled = error / size * off
+        if not shown.any():
+            return Lines(share, scaled, noise, np.ones(len(share)), math.inf)
+        between = between_lines(frequencies[inside][shown], np.abs(scaled[shown]) ** 2, self._case.band)
+        return Lines(share, scaled, noise, np.ones(len(share)), between)
 
     def visible(self, periods: int) -> dict[str, float]:
         """Share of the band where each compared function shows."""

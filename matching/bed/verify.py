@@ -268,7 +268,7 @@ class Figures:
         clean, noise = np.where(good, clean, 0.0), np.where(good[:, None], noise, 0.0)
         between = 0.0
         if (shared == 1).all():
-            between = _between_lines(function.frequencies[good], error[good] - relative[good], band)
+            between = between_lines(function.frequencies[good], error[good] - relative[good], band)
         lines = Lines(share, clean, noise, shared, between)
         variance = square_variance([lines])
         square, others = float(share @ error), np.zeros(0)
@@ -278,7 +278,7 @@ class Figures:
         return cls(square - float(share @ relative), variance, predicted, unknown, vehicles=others, lines=lines)
 
 
-def _between_lines(frequencies: np.ndarray, squares: np.ndarray, band: tuple[float, float]) -> float:
+def between_lines(frequencies: np.ndarray, squares: np.ndarray, band: tuple[float, float]) -> float:
     """Standard uncertainty of a mean square (f,) from what may lie between its frequencies.
 
     The error of the trapezoidal rule is a third of the change from twice the distance (Richardson); the two halves of
