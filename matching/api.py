@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matching.bed.commission import Commissioning
     from matching.bed.excite import ExcitationOrder, ExcitationPlan
     from matching.bed.identify import FromRecordings
+    from matching.bed.proof import Proof
     from matching.bed.verify import BedVerification
     from matching.diagnosis.result import Diagnosis
     from matching.explore.page import Explorer
@@ -634,9 +635,9 @@ def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
 
 
 def excite(
-    case: Case | File, *, duration: float = 20.0, margin: float = 0.2, speed: float | None = None,
+    case: Case | File, *, proof: bool = False, duration: float = 20.0, margin: float = 0.2, speed: float | None = None,
     limit: Mapping[str, float | str] | None = None, beds: int = 20, seed: int = 0,
-) -> ExcitationPlan:  # fmt: skip
+) -> ExcitationPlan | Proof:  # fmt: skip
     """Plan the recording that identifies what a match depends on most, within the limits of the bed.
 
     A multisine whose spectrum carries the most information (Fisher), a chirp and steps on dynamometers and motor, as
@@ -649,6 +650,8 @@ def excite(
     ----------
     case : Case or path
         Directory or result.json of a match, or a case file (TOML).
+    proof : bool
+        Plan the proof of the controlled bed instead: compared torques, emulation on, as long as the verdict needs.
     duration : float
         Length in s.
     margin : float
@@ -664,7 +667,7 @@ def excite(
 
     Returns
     -------
-    ExcitationPlan
+    ExcitationPlan or Proof
         Torques over time, the share of every limit that they use, and the uncertainties to expect.
 
     Raises
@@ -677,9 +680,13 @@ def excite(
     >>> plan = rm.excite("out/road_to_rig")  # doctest: +SKIP
     >>> plan.error_after  # doctest: +SKIP
     """
-    from matching.bed.excite import plan_excitation
+    from matching.bed.excite import plan_excitation, steady_speed
+    from matching.bed.proof import plan_proof
 
-    return plan_excitation(tuned_case_of(case), excitation_order(duration, margin, speed, limit, beds, seed))
+    tuned = tuned_case_of(case)
+    if proof:
+        return plan_proof(tuned, steady_speed(tuned) if speed is None else speed, seed)
+    return plan_excitation(tuned, excitation_order(duration, margin, speed, limit, beds, seed))
 
 
 def excitation_order(

@@ -137,20 +137,21 @@ def run_explore(arguments: argparse.Namespace) -> dict[str, Any]:
 
     from bokeh.settings import settings
 
-    from matching.explore.page import page, serve
+    from matching.explore.page import page, redirect, serve
 
     settings.resources = "server"  # the page needs no internet, whatever BOKEH_RESOURCES says
     interrupt = signal.getsignal(signal.SIGINT)
     server, address = serve(lambda: page(workspace), workspace.out, arguments.port)
     signal.signal(signal.SIGINT, interrupt)  # with Panel's own the command would end as if it had answered
     print(f"{address}\nCtrl-C ends it", file=sys.stderr, flush=True)
-    if not arguments.no_browser:
-        server.io_loop.add_callback(webbrowser.open, address)
-    server.start()
-    try:
-        server.io_loop.start()
-    finally:
-        server.stop()
+    with redirect(address) as leads_there:
+        if not arguments.no_browser:
+            server.io_loop.add_callback(webbrowser.open, leads_there)
+        server.start()
+        try:
+            server.io_loop.start()
+        finally:
+            server.stop()
     return {"address": address}
 
 
@@ -418,8 +419,9 @@ def run_map(arguments: Arguments) -> dict[str, Any]:
     axes = {name: axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y")}
     study, record = _studied(api.map, "map", arguments, case=case, **axes)
     drawn = map_figure(study)
-    files: dict[str, str | bytes] = {f"map.{kind}": image(drawn, kind) for kind in ("svg", "png")}
-    files["report.html"] = map_page(study, drawn, provenance(case, arguments.seed))
+    picture = image(drawn)
+    files: dict[str, str | bytes] = {"map.svg": picture, "map.png": image(drawn, "png")}
+    files["report.html"] = map_page(study, drawn, picture, provenance(case, arguments.seed))
     written = write_results(arguments.out, "map.json", study.to_dict(), files)
     record.unlink(missing_ok=True)
     return written
@@ -451,8 +453,9 @@ def run_tolerance(arguments: Arguments) -> dict[str, Any]:
     case, added = api.load_case(arguments.case), _tolerances(arguments)
     study, record = _studied(api.tolerance, "tolerance", arguments, case=case, added=added)
     drawn = plot_tolerance(study)
-    report = tolerance_page(study, drawn, provenance(case, arguments.seed))
-    files: dict[str, str | bytes] = {"tolerance.svg": image(drawn), "report.html": report}
+    picture = image(drawn)
+    report = tolerance_page(study, drawn, picture, provenance(case, arguments.seed))
+    files: dict[str, str | bytes] = {"tolerance.svg": picture, "report.html": report}
     written = write_results(arguments.out, "tolerance.json", study.to_dict(), files)
     record.unlink(missing_ok=True)
     return written
@@ -579,13 +582,17 @@ def run_fidelity(arguments: Arguments) -> dict[str, Any]:
 
 def run_excite(arguments: Arguments) -> dict[str, Any]:
     """Plan the excitation and write files."""
-    from matching.bed.excite import excitation_csv
+    from matching.bed.excite import ExcitationPlan, excitation_csv
+    from matching.bed.proof import proof_csv
     from matching.report.bed import excitation
     from matching.report.common import image
     from modelling.writing import strict_json, write_all
 
     plan = called(api.excite, arguments)
     result = plan.to_dict()
+    if not isinstance(plan, ExcitationPlan):
+        write_all(arguments.out, {"proof.json": strict_json(result), "excitation.csv": proof_csv(plan)})
+        return result
     files: dict[str, str | bytes] = {
         "excite.json": strict_json(result), "excitation.csv": excitation_csv(plan),
         "figures/excitation.svg": image(excitation(plan)),
@@ -663,7 +670,7 @@ def _judged(
     from matching.bed.commission import why_short
     from matching.bed.verify import judge, read_recordings
     from matching.progress import steps
-    from matching.report.bed import curve_data, responses, verification_page
+    from matching.report.bed import curve_data, responses, verification_page, verification_steps
     from matching.report.common import image, made_from, with_recordings
     from matching.report.curves import acting
     from modelling.writing import write_results
@@ -680,7 +687,14 @@ def _judged(
     made = with_recordings(made, zip(arguments.recordings, recordings, strict=True))
     data = {"responses": curve_data(verification.curves)}
     files: dict[str, str | bytes] = {
-        "report.html": verification_page(result, drawn, acting({"responses": figure}), made, data)
+        "report.html": verification_page(
+            result,
+            drawn,
+            acting({"responses": figure}),
+            made,
+            data,
+            verification_steps(result, arguments.case, str(arguments.out)),
+        )
     }
     files |= {f"figures/{name}.svg": content for name, content in drawn.items()}
     return write_results(arguments.out, "verification.json", result, files)
@@ -717,16 +731,21 @@ def _followed(arguments: argparse.Namespace, case: Case, channels: Mapping[str, 
 def run_commission(arguments: Arguments) -> dict[str, Any]:
     """Go round and write files."""
     from matching.progress import steps
-    from matching.report.bed import commissioning_page
-    from matching.report.common import made_from
+    from matching.report.bed import commissioning_figures, commissioning_page, next_steps
+    from matching.report.common import image, made_from
+    from matching.report.curves import acting
     from modelling.writing import strict_json, write_all
 
     with steps("commission") as step:
         tell = step if arguments.follow is None else _said
-        result = called(api.commission, arguments, tell=tell).to_dict()
+        commissioning = called(api.commission, arguments, tell=tell)
     case = Path(arguments.case)
     made = made_from(case / "case.toml" if case.is_dir() else case, arguments.seed, ("vehicle", "rig"))
-    write_all(arguments.out, {"commission.json": strict_json(result), "report.html": commissioning_page(result, made)})
+    result, figures = commissioning.to_dict(), commissioning_figures(commissioning)
+    images = {name: image(figure) for name, figure in figures.items()}
+    steps_now = next_steps(result, arguments.case, str(arguments.out))
+    page = commissioning_page(result, made, images, acting(figures) if figures else {}, steps_now)
+    write_all(arguments.out, {"commission.json": strict_json(result), "report.html": page})
     return result
 
 
@@ -964,6 +983,7 @@ EXAMPLES = {  # each works as typed after those before it, in the program's fold
     ),
     "excite": (
         "excite out/road_to_rig --out out/excite",
+        "excite out/road_to_rig --proof --out out/proof",
         "excite examples/from_recordings/case.toml --duration 30 --speed 40 --limit motor_torque=60 --out out/excite",
     ),
     "identify": (

@@ -130,14 +130,11 @@ def check_file(tables: Mapping[str, Any], known: Iterable[str], where: str, kind
     InputError
         If there is an unknown key; where the file is of another kind, it says so.
     """
-    known = sorted(known)
-    for key in tables:
-        if key in known:
-            continue
-        for other, (marks, command) in KINDS.items():
-            if other != kind and not marks.isdisjoint(tables):
-                raise InputError(where, f"is a {other}, where a {kind} is expected", f"give it to 'rigmatch {command}'")
-        raise unknown(key, known, where)
+    known = set(known)
+    for other, (marks, command) in KINDS.items():
+        if other != kind and not tables.keys() <= known and not marks.isdisjoint(tables):
+            raise InputError(where, f"is a {other}, where a {kind} is expected", f"give it to 'rigmatch {command}'")
+    check_keys(tables, known, where)
 
 
 def check_keys(table: Any, known: Iterable[str], where: str) -> dict[str, Any]:

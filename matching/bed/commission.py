@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -14,11 +15,11 @@ from matching.bed.excite import (
     ExcitationPlan,
     excitation_csv,
     plan_excitation,
-    plan_proof,
-    proof_csv,
     steady_speed,
 )
 from matching.bed.identify import bed_from_recordings, identified_case, vehicle_from_recordings
+from matching.bed.plausible import check_excitation
+from matching.bed.proof import plan_proof, proof_csv
 from matching.bed.simulated_bed import (
     KEPT,
     ByHand,
@@ -100,12 +101,15 @@ class Commissioning(Displayed):
         The recording that it waits for, in words.
     vehicle : mapping, optional
         What recordings of the road say: the content of ``identification.json`` for the vehicle.
+    last : BedVerification, optional
+        Of the last round that was verified, with its curves.
     """
 
     rounds: tuple[Round, ...]
     end: str | None = None
     waiting_for: str | None = None
     vehicle: Mapping[str, Any] | None = None
+    last: BedVerification | None = None
 
     @property
     def status(self) -> str | None:
@@ -148,7 +152,7 @@ def _could_gain(error: Mapping[str, Any]) -> bool:
 
 
 def _gained(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
-    """Whether an error fell by more than the uncertainty of both; errors that are not determined say nothing."""
+    """Whether an error fell by more than its expanded uncertainty; errors that are not determined say nothing."""
     known = [
         (old, new)
         for old, new in zip(before["errors"], now["errors"], strict=False)
@@ -156,8 +160,11 @@ def _gained(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
     ]
     if not known:
         return True
-    return any(old["error"] - new["error"] > old["standard_uncertainty"] + new["standard_uncertainty"]
-               for old, new in known)  # fmt: skip
+    return any(
+        old["error"] - new["error"]
+        > COVERAGE_FACTOR * math.hypot(old["standard_uncertainty"], new["standard_uncertainty"])
+        for old, new in known
+    )
 
 
 def best_round(rounds: Sequence[Round]) -> int | None:
@@ -311,7 +318,7 @@ class Circle:
         except Waiting as reason:
             waiting = reason.what
         self._on_one_scale()
-        return Commissioning(tuple(self._rounds), end, waiting, vehicle)
+        return Commissioning(tuple(self._rounds), end, waiting, vehicle, self._last())
 
     def _found(self, **of_step: Any) -> None:
         """Add what a step found to the present round; a step that waits for a recording keeps those before it."""
@@ -336,6 +343,14 @@ class Circle:
         had, limit = identification.get("ended_early"), self._order.diagnosis_limit
         return had is None or (limit is not None and had >= limit)
 
+    def _last(self) -> BedVerification | None:
+        """The last recording under emulation, judged once more for its curves."""
+        number = max((entry.number for entry in self._rounds if entry.verification is not None), default=None)
+        if number is None:
+            return None
+        case, path = self._tuned[number], kept_recording(self._folder / f"{number}_verify")
+        return judge(case, read_recordings([path], case), of_this_controller=False)
+
     def _on_one_scale(self) -> None:
         """Judge the recordings of all rounds against the vehicle of the last, whose specimen is known best."""
         judged = [entry.number for entry in self._rounds if entry.verification is not None]
@@ -347,7 +362,7 @@ class Circle:
             path = kept_recording(self._folder / name)
 
             def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
-                result = judge(case, read_recordings([path], case)).to_dict()
+                result = judge(case, read_recordings([path], case), of_this_controller=False).to_dict()
                 return {}, {key: result[key] for key in ("errors", "functions", "modes", "fidelity")}
 
             inputs = checksum(self._stages.of_files(path) + _of_case(case))
@@ -410,7 +425,10 @@ class Circle:
                 with self._fmu(case) as bed, FmuController(exported, law) as controller:
                     taken = HandedRecording(BY_FMU, proof_recording(bed, case, law, controller, wanted, speed))
             keep_recording(self._folder / name, taken)
-            result = judge(case, read_recordings([self._folder / name / taken.name], case)).to_dict()
+            recorded = read_recordings([self._folder / name / taken.name], case)
+            planned = dict(zip(wanted.inputs, wanted.torques.T, strict=True))
+            check_excitation(recorded.recordings[0], planned, wanted.step)
+            result = judge(case, recorded).to_dict()
             files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
             return files | {"verification.json": strict_json(result)}, result
 

@@ -12,7 +12,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from matching.bed.excite import ExcitationPlan, Proof
+from matching.bed.excite import ExcitationPlan
+from matching.bed.proof import Proof
 from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared, snapshots
 from matching.match.case import Case, Uncertain
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, ControlLaw, SupervisedController

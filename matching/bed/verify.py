@@ -5,221 +5,42 @@ from __future__ import annotations
 import math
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy
 
-from matching.match.case import Box, Case, of_system
+from matching.bed.measured import (
+    FITTED_BAND_RATIO,
+    MeasuredFunction,
+    MeasuredMode,
+    MeasuredResponse,
+    Spectra,
+    estimated_response,
+    joined,
+    lines_needed,
+    measured_mode,
+    periodic_responses,
+    repetition,
+    spectra,
+)
+from matching.bed.plausible import check_recording
+from matching.match.case import Box, Case, of_system, target_modes
 from matching.match.loop import bed_set, controller_of, frequency_response, responses, vehicle_response
 from matching.match.responses import ComparedBed
 from modelling.display import Displayed
 from modelling.errors import InputError, listed
 from modelling.fidelity.measures import WEIGHTS, Fidelity, SignalPair, fidelity_distribution, fidelity_of_signals
 from modelling.linear.state_space import state_space
-from modelling.modal.modes import modes
 from modelling.recordings.read import Channel, read_signals
 from modelling.recordings.readers import READERS
 from modelling.recordings.recording import Recording
 from modelling.recordings.text import read_csv
 from modelling.system import System
-
-# --- Frequency responses from recordings of any excitation, by local rational models, with their covariance.
-#
-# Around each frequency the spectra obey Y·(1 + d₁r + d₂r²) = (G + g₁r + g₂r²)·U + t₀ + t₁r + t₂r², r the distance in
-# frequency: a rational response and a smooth transient that the beginning and the end of a recording leave behind. It
-# is
-# linear in its unknowns, takes any number of inputs, and needs neither periods nor windows (McKelvey and Guérin, IFAC
-# Proc. Vol. 45 (2012) 1431; Pintelon and Schoukens, System Identification, 2012, chapter 7). Recordings share the
-# response; each has its own transient.
-
-DEGREE = 2  # of response, transient and denominator over one window
-FREEDOM = 1.5  # lines in a window over unknowns, at least: what is left over measures the noise
-SINGULAR = 1e-9  # of the largest singular value of a scaled window: below it an input does not excite
-
-
-@dataclass(frozen=True)
-class Spectra:
-    """One recording: frequencies (l,), Hz, spectra of inputs (l, u) and outputs (l, y)."""
-
-    frequencies: np.ndarray
-    inputs: np.ndarray
-    outputs: np.ndarray
-
-
-@dataclass(frozen=True)
-class MeasuredResponse:
-    """Responses at frequencies (f,), Hz.
-
-    Attributes
-    ----------
-    values : ndarray (f, y, u)
-        Output per input; NaN where it is not determined.
-    variances : ndarray (f, y, u)
-        Of the complex values: real and imaginary part together.
-    windows : ndarray (f,)
-        Hz, width of the window that each value was taken from.
-    """
-
-    frequencies: np.ndarray
-    values: np.ndarray
-    variances: np.ndarray
-    windows: np.ndarray
-
-
-def spectra(inputs: np.ndarray, outputs: np.ndarray, step: float, top: float) -> Spectra:
-    """Spectra of signals (t, u), (t, y) at even steps (s), up to ``top`` (Hz), without their means."""
-    count = len(inputs)
-    frequencies = np.fft.rfftfreq(count, step)
-    kept = (frequencies > 0) & (frequencies <= top)
-    both = np.fft.rfft(np.hstack([inputs - inputs.mean(axis=0), outputs - outputs.mean(axis=0)]), axis=0)[kept]
-    both /= np.sqrt(count)
-    u = inputs.shape[1]
-    return Spectra(frequencies[kept], both[:, :u], both[:, u:])
-
-
-def estimated_response(recordings: Sequence[Spectra], frequencies: np.ndarray) -> MeasuredResponse:
-    """Responses at frequencies (f,), Hz, from one or several recordings of the same system."""
-    first = recordings[0]
-    u, y = first.inputs.shape[1], first.outputs.shape[1]
-    lines = lines_needed(u, len(recordings))
-    if any(len(recording.frequencies) < lines for recording in recordings):
-        raise ValueError(f"{lines} lines are needed")
-    values = np.full((len(frequencies), y, u), np.nan, complex)
-    variances = np.full((len(frequencies), y, u), np.inf)
-    windows = np.zeros(len(frequencies))
-    for i, frequency in enumerate(frequencies):
-        near = [_nearest(recording.frequencies, frequency, lines) for recording in recordings]
-        windows[i] = max(np.ptp(recording.frequencies[at]) for recording, at in zip(recordings, near, strict=True))
-        for output in range(y):
-            values[i, output], variances[i, output] = _one(recordings, near, frequency, windows[i], output)
-    return MeasuredResponse(np.asarray(frequencies, float), values, variances, windows)
-
-
-def lines_needed(inputs: int, recordings: int) -> int:
-    """Lines of each recording in a window."""
-    unknown = (DEGREE + 1) * (inputs + recordings) + DEGREE
-    return int(np.ceil((FREEDOM * unknown + 2) / recordings)) | 1
-
-
-def _nearest(frequencies: np.ndarray, frequency: float, count: int) -> slice:
-    middle = int(np.searchsorted(frequencies, frequency))
-    start = min(max(middle - count // 2, 0), len(frequencies) - count)
-    return slice(start, start + count)
-
-
-def _one(
-    recordings: Sequence[Spectra], near: Sequence[slice], frequency: float, width: float, output: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Values (u,) and variances (u,) of one output at one frequency."""
-    count, u = len(recordings), recordings[0].inputs.shape[1]
-    rows, wanted = [], []
-    for i, (recording, lines) in enumerate(zip(recordings, near, strict=True)):
-        powers = ((recording.frequencies[lines] - frequency) / (width / 2))[:, None] ** np.arange(DEGREE + 1)
-        answer = recording.outputs[lines, output]
-        driven = [powers * recording.inputs[lines, j, None] for j in range(u)]
-        block = [powers if i == j else np.zeros_like(powers) for j in range(count)]
-        rows.append(np.hstack([*driven, *block, -powers[:, 1:] * answer[:, None]]))
-        wanted.append(answer)
-    matrix, right = np.vstack(rows), np.concatenate(wanted)
-    scale = np.linalg.norm(matrix, axis=0)
-    missing = np.full(u, np.nan, complex), np.full(u, np.inf)
-    if not (scale[: u * (DEGREE + 1)] > 0).all() or not np.linalg.norm(right) > 0:
-        return missing
-    scale[scale == 0] = 1.0
-    left, sizes, turned = np.linalg.svd(matrix / scale, full_matrices=False)
-    if sizes[-1] < SINGULAR * sizes[0]:
-        return missing
-    solution = (turned.conj().T @ ((left.conj().T @ right) / sizes)) / scale
-    freedom = len(right) - matrix.shape[1]
-    noise = float(np.sum(np.abs(right - matrix @ solution) ** 2)) / freedom
-    spread = np.sum(np.abs(turned.conj().T / sizes) ** 2, axis=1) / scale**2
-    at = np.arange(u) * (DEGREE + 1)
-    return solution[at], noise * spread[at]
-
-
-# --- Frequency and damping of a mode from measured responses: one pair of poles that all functions share.
-
-FITTED_BAND_RATIO = 1.3  # a mode is fitted from its expected frequency over this to its frequency times this
-RESIDUAL_DEGREE = 2  # of the numerator: what other modes add is smooth so near to this one
-LEAST_DEVIATION = 1e-6  # of the largest value: no value counts as exact
-LARGEST_MISFIT_RATIO = 0.3  # over the misfit of a polynomial alone: above it the responses show no mode here
-LARGEST_RELATIVE_UNCERTAINTY = 0.1  # of a frequency that still counts as identified, k = 1
-
-
-@dataclass(frozen=True)
-class MeasuredMode:
-    """Frequency (Hz) and damping ratio with standard uncertainties."""
-
-    frequency: float
-    frequency_uncertainty: float
-    damping_ratio: float
-    damping_uncertainty: float
-
-
-def measured_mode(measured: MeasuredResponse, frequency: float, damping: float) -> MeasuredMode | None:
-    """The mode near an expected one (Hz, damping ratio); None where the responses do not show it.
-
-    Each function is (c₀ + c₁q + c₂q²)/(s² + 2ζωs + ω²), q the relative distance in frequency: for given ω and ζ linear
-    in c, so only ω and ζ are searched for (variable projection, Golub and Pereyra 1973).
-    """
-    low, high = frequency / FITTED_BAND_RATIO, frequency * FITTED_BAND_RATIO
-    near = (measured.frequencies > low) & (measured.frequencies < high)
-    values = measured.values[near].reshape(near.sum(), -1)
-    deviations = np.sqrt(measured.variances[near].reshape(near.sum(), -1))
-    known = np.isfinite(values).all(axis=0) & np.isfinite(deviations).all(axis=0)
-    f = measured.frequencies[near]
-    if len(f) < 2 * (RESIDUAL_DEGREE + 3) or not known.any():
-        return None
-    values, deviations = values[:, known], deviations[:, known]
-    deviations = np.maximum(deviations, LEAST_DEVIATION * np.abs(values).max(axis=0))
-    powers = ((f - frequency) / frequency)[:, None] ** np.arange(RESIDUAL_DEGREE + 1)
-    s = 2j * np.pi * f
-
-    def residual(x: np.ndarray) -> np.ndarray:
-        omega, zeta = 2 * np.pi * np.exp(x[0]), x[1]
-        shape = powers / (s**2 + 2 * zeta * omega * s + omega**2)[:, None]
-        parts = []
-        for value, deviation in zip(values.T, deviations.T, strict=True):
-            weighted, right = shape / deviation[:, None], value / deviation
-            scale = np.linalg.norm(weighted, axis=0)
-            c = np.linalg.lstsq(weighted / scale, right, rcond=None)[0]
-            rest = right - weighted / scale @ c
-            parts += [rest.real, rest.imag]
-        return np.concatenate(parts)
-
-    start = np.array([np.log(frequency), damping])
-    bounds = [np.log(low), 1e-5], [np.log(high), 0.9]
-    optimum = scipy.optimize.least_squares(residual, np.clip(start, *bounds), bounds=bounds, x_scale=[0.05, 0.05])
-    freedom = max(len(optimum.fun) - 2 - 2 * (RESIDUAL_DEGREE + 1) * values.shape[1], 1)
-    # neighbouring values share spectral lines: as many independent ones as windows fit in
-    overlap = max(1.0, len(f) * float(np.mean(measured.windows[near])) / np.ptp(f))
-    covariance = np.linalg.pinv(optimum.jac.T @ optimum.jac) * overlap * max(2 * optimum.cost / freedom, 1.0)
-    relative, of_damping = np.sqrt(np.diag(covariance))
-    if optimum.cost > LARGEST_MISFIT_RATIO * _misfit_without_mode(powers, values, deviations, f, frequency):
-        return None
-    if relative > LARGEST_RELATIVE_UNCERTAINTY or not bounds[0][0] < optimum.x[0] < bounds[1][0]:
-        return None
-    value = float(np.exp(optimum.x[0]))
-    return MeasuredMode(value, value * float(relative), float(optimum.x[1]), float(of_damping))
-
-
-def _misfit_without_mode(
-    powers: np.ndarray, values: np.ndarray, deviations: np.ndarray, f: np.ndarray, middle: float
-) -> float:
-    """Half the sum of squares that polynomials leave which have two degrees more, as many unknowns, and no pole."""
-    more = ((f - middle) / middle)[:, None] ** np.arange(powers.shape[1] + 2)
-    misfit = 0.0
-    for value, deviation in zip(values.T, deviations.T, strict=True):
-        weighted, right = more / deviation[:, None], value / deviation
-        scale = np.linalg.norm(weighted, axis=0)
-        rest = right - weighted / scale @ np.linalg.lstsq(weighted / scale, right, rcond=None)[0]
-        misfit += float(np.sum(np.abs(rest) ** 2)) / 2
-    return misfit
-
 
 # --- What recordings of the controlled bed show beside vehicle and prediction.
 
@@ -236,6 +57,8 @@ class ErrorJudgement:
         ``measured`` or ``unmeasured`` torques, or ``INPUT → SENSOR``.
     value, uncertainty : float
         Response error and its standard uncertainty; NaN where nothing determines it.
+    interval : tuple of float
+        95 % interval of the error.
     predicted, expected, allowed : float
         By the match for the bed as planned; what 95 % of beds drawn from ``[uncertainty]`` keep below; by the case.
     resolved : float
@@ -247,6 +70,7 @@ class ErrorJudgement:
     name: str
     value: float
     uncertainty: float
+    interval: tuple[float, float]
     predicted: float
     expected: float
     allowed: float
@@ -258,7 +82,8 @@ class ErrorJudgement:
         known = math.isfinite(self.value) and math.isfinite(self.uncertainty)
         return {
             "name": self.name, "error": self.value if known else None,
-            "standard_uncertainty": self.uncertainty if known else None, "predicted": self.predicted,
+            "standard_uncertainty": self.uncertainty if known else None,
+            "interval": list(self.interval) if known else None, "predicted": self.predicted,
             "expected": self.expected, "allowed": self.allowed, "resolved": self.resolved, "status": self.status,
         }  # fmt: skip
 
@@ -387,6 +212,7 @@ class BedVerification(Displayed):
 UNKNOWN_VARIANCE = 0.1  # of a response over its square: beyond it nothing is said at that frequency
 LARGEST_UNKNOWN = 0.2  # share of the band that may be left out of an error
 NEGLIGIBLE = 0.1  # of what the case allows: a smaller error is none that the prediction could be blamed for
+RICHARDSON = 3.0  # 2² − 1: the trapezoidal rule is of second order
 CORRECTED = 0.5  # of what the spectral lines change: half-width of what is left after its correction
 
 
@@ -394,6 +220,7 @@ CORRECTED = 0.5  # of what the spectral lines change: half-width of what is left
 class Figures:
     """Mean squares over the logarithm of frequency: error, its variance, prediction; share of the band left out.
 
+    ``variance`` is that of the function alone; functions of one torque, ``source``, share noise, which ``lines`` hold.
     ``resolution`` is by how much the recordings' spectral lines alone change the mean square of the prediction,
     ``vehicles`` (b,) by how much it changes against vehicles drawn from what is not known of them.
     """
@@ -404,6 +231,8 @@ class Figures:
     unknown: float
     resolution: float = 0.0
     vehicles: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    lines: Lines | None = field(default=None, repr=False)
+    source: str = ""
 
     @property
     def known(self) -> bool:
@@ -413,34 +242,121 @@ class Figures:
     @classmethod
     def of(
         cls,
-        values: np.ndarray,
-        variances: np.ndarray,
+        function: MeasuredFunction,
         vehicle: np.ndarray,
         matched: np.ndarray,
-        measured: MeasuredResponse,
+        band: tuple[float, float],
         drawn: np.ndarray | None = None,
     ) -> Figures:
-        """Of one function (f,), and of drawn vehicles (b, f)."""
+        """Of one function (f,) in a band (Hz), its vehicle's and predicted values (f,), and those of drawn vehicles
+        (b, f)."""
+        values, shared = function.values, function.shared
         with np.errstate(invalid="ignore", divide="ignore"):
-            relative = variances / np.abs(values) ** 2
+            relative = function.variances / np.abs(values) ** 2
             error = np.abs(np.log(values / vehicle)) ** 2
         expected = np.abs(np.log(matched / vehicle)) ** 2
         good = np.isfinite(error) & (relative < UNKNOWN_VARIANCE)
-        weights = np.gradient(np.log(measured.frequencies))
-        weights /= weights.sum()
+        weights = log_weights(function.frequencies, band)
         unknown = float(weights[~good].sum())
         if unknown > LARGEST_UNKNOWN:
             return cls(math.nan, math.nan, float(weights @ expected), unknown)
         share = np.where(good, weights, 0.0) / weights[good].sum()
         error, relative = np.where(good, error, 0.0), np.where(good, relative, 0.0)
-        # |e + n|² has the mean |e|² + v and the variance 2|e|²v + v²; neighbours share spectral lines
-        clean = np.maximum(error - relative, 0.0)
-        overlap = np.maximum(measured.windows / np.gradient(measured.frequencies), 1.0)
-        variance = float(np.sum(share**2 * (2 * clean * relative + relative**2) * overlap))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            clean = np.log(values / vehicle) * np.sqrt(np.maximum(1 - relative / np.maximum(error, 1e-300), 0.0))
+            noise = function.noise / values[:, None]
+        clean, noise = np.where(good, clean, 0.0), np.where(good[:, None], noise, 0.0)
+        between = 0.0
+        if (shared == 1).all():
+            between = between_lines(function.frequencies[good], error[good] - relative[good], band)
+        lines = Lines(share, clean, noise, shared, between)
+        variance = square_variance([lines])
         square, others = float(share @ error), np.zeros(0)
         if drawn is not None and len(drawn):
             others = np.abs(np.log(np.where(good, values, vehicle) / drawn)) ** 2 @ share - square
-        return cls(square - float(share @ relative), variance, float(share @ expected), unknown, vehicles=others)
+        predicted = float(share @ expected)
+        return cls(square - float(share @ relative), variance, predicted, unknown, vehicles=others, lines=lines)
+
+
+def between_lines(frequencies: np.ndarray, squares: np.ndarray, band: tuple[float, float]) -> float:
+    """Standard uncertainty of a mean square (f,) from what may lie between its frequencies.
+
+    The error of the trapezoidal rule is a third of the change from twice the distance (Richardson); the two halves of
+    the lines give that change twice.
+    """
+    if len(squares) < 4:
+        return 0.0
+    halves = [float(log_weights(frequencies[i::2], band) @ squares[i::2]) for i in (0, 1)]
+    return abs(halves[0] - halves[1]) / (2 * RICHARDSON)
+
+
+def log_weights(frequencies: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+    """Shares (f,) of a band's logarithm that values at ``frequencies`` (f,) inside it stand for; they add up to 1."""
+    middles = np.log(frequencies[1:] * frequencies[:-1]) / 2
+    weights = np.diff([np.log(band[0]), *middles, np.log(band[1])])
+    return np.asarray(weights / weights.sum())
+
+
+@dataclass(frozen=True)
+class Lines:
+    """A function at its frequencies: what the variance of mean squares is made of.
+
+    Attributes
+    ----------
+    share : ndarray (f,)
+        Weights in the mean square.
+    error : ndarray (f,)
+        Complex logarithm of the response over the vehicle's.
+    noise : ndarray (f, n)
+        Of the response over its value, as in :class:`matching.bed.measured.MeasuredFunction`.
+    shared : ndarray (f,)
+        As there.
+    between : float
+        Standard uncertainty of the mean square from what may lie between the frequencies.
+    """
+
+    share: np.ndarray
+    error: np.ndarray
+    noise: np.ndarray
+    shared: np.ndarray
+    between: float = 0.0
+
+
+def square_variance(functions: Sequence[Lines]) -> float:
+    """Variance of the sum of mean squares of functions at the same frequencies.
+
+    For circular normal n, |e + n|² has the variance 2|e|²v + v², v that of n; two of them that share noise have the
+    covariance 2 Re(e₁*·e₂·c) + |c|², c = ⟨n₁·n₂*⟩.
+    """
+    along = sum((one.share * one.error.conj())[:, None] * one.noise for one in functions)
+    gram = sum(one.share[:, None, None] * one.noise[:, :, None].conj() * one.noise[:, None, :] for one in functions)
+    of_lines = 2 * np.sum(np.abs(along) ** 2, axis=1) + np.sum(np.abs(gram) ** 2, axis=(1, 2))
+    return float(of_lines @ functions[0].shared) + sum(one.between**2 for one in functions)
+
+
+def _variance(figures: Sequence[Figures]) -> float:
+    """Of the sum of the functions' mean squares."""
+    total = 0.0
+    together: dict[str, list[Lines]] = {}
+    for figure in figures:
+        if figure.lines is None:
+            total += figure.variance
+        else:
+            together.setdefault(figure.source, []).append(figure.lines)
+    return total + sum(square_variance(lines) for lines in together.values())
+
+
+def interval_of(square: float, spread: float) -> tuple[float, float]:
+    """95 % interval of a root mean square whose mean square is known with a standard deviation ``spread``."""
+    reach = COVERAGE_FACTOR * spread
+    return math.sqrt(max(square - reach, 0.0)), math.sqrt(max(square, 0.0) + reach)
+
+
+def standard_uncertainty(square: float, spread: float) -> float:
+    """Half of what the interval of :func:`interval_of` reaches to its longer side."""
+    low, high = interval_of(square, spread)
+    value = math.sqrt(max(square, 0.0))
+    return max(high - value, value - low) / COVERAGE_FACTOR
 
 
 def judged(name: str, figures: Sequence[Figures], expected: float, allowed: float) -> ErrorJudgement:
@@ -461,24 +377,24 @@ def judged(name: str, figures: Sequence[Figures], expected: float, allowed: floa
     resolved = len(shown) / len(figures)
     predicted = math.sqrt(float(np.mean([figure.predicted for figure in shown or figures])))
     if not shown:
-        return ErrorJudgement(name, math.nan, math.nan, predicted, expected, allowed, resolved, "undetermined")
+        unknown = (math.nan, math.nan)
+        return ErrorJudgement(name, math.nan, math.nan, unknown, predicted, expected, allowed, resolved, "undetermined")
     # the prediction, sent through the same lines, shows what they change: it is taken off, and half of it stays unsure
     lines = float(np.mean([figure.resolution for figure in shown]))
-    square = max(float(np.mean([figure.square for figure in shown])) - lines, 0.0)
+    square = float(np.mean([figure.square for figure in shown])) - lines
     rest = CORRECTED * abs(lines) / math.sqrt(3)
-    spread = math.hypot(math.sqrt(sum(figure.variance for figure in shown)) / len(shown), rest)
+    spread = math.hypot(math.sqrt(_variance(shown)) / len(shown), rest)
     if shown[0].vehicles.size:  # the same drawn vehicles for all functions
         changes = np.mean([figure.vehicles for figure in shown], axis=0)
         spread = math.hypot(spread, float(np.sqrt(np.mean(changes**2))))
-    value = math.sqrt(square)
-    uncertainty = math.sqrt(square + spread) - value
+    low, high = interval_of(square, spread)
     limit = max(predicted, NEGLIGIBLE * allowed, min(expected, allowed))
-    expanded = COVERAGE_FACTOR * uncertainty
-    if value - expanded > limit:
-        status = "short"
-    else:
-        status = "as_predicted" if value + expanded <= max(limit, allowed) else "undetermined"
-    return ErrorJudgement(name, value, uncertainty, predicted, expected, allowed, resolved, status)
+    decided = "as_predicted" if high <= max(limit, allowed) else "undetermined"
+    status = "short" if low > limit else decided
+    return ErrorJudgement(
+        name, math.sqrt(max(square, 0.0)), standard_uncertainty(square, spread), (low, high), predicted, expected,
+        allowed, resolved, status,
+    )  # fmt: skip
 
 
 # --- How far the prediction of a match holds: response errors of beds drawn from what is not known exactly.
@@ -567,7 +483,7 @@ def read_recordings(
     torques = list(dict.fromkeys(pair.input for pair in case.compared))
     wanted = list(dict.fromkeys(pair.sensor for pair in case.compared))
     drives = [part.name for part in case.rig.inputs]
-    names = {*torques, *wanted, *drives}
+    names = {*torques, *wanted, *drives, *(sensor.name for sensor in case.rig.sensors)}
     read = [
         replace(read_signals(Path(path), names, channels).resampled(), source=str(source))
         for path, source in zip(paths, sources or paths, strict=True)
@@ -583,7 +499,7 @@ def read_recordings(
             "record them, or name them in a channel file",
         )
     notes += [f"{name} is not in every recording and not judged" for name in wanted if name not in sensors]
-    inputs = tuple(name for name in torques if any(_moves(recording, name) for recording in read))
+    inputs = tuple(name for name in torques if any(moves(recording, name) for recording in read))
     if not inputs:
         raise InputError(
             read[0].source,
@@ -598,7 +514,8 @@ def read_recordings(
     return BedRecordings(tuple(read), inputs, sensors, tuple(notes))
 
 
-def _moves(recording: Recording, name: str) -> bool:
+def moves(recording: Recording, name: str) -> bool:
+    """Whether a torque of a recording changes."""
     if name not in recording.channels:
         return False
     torque = recording[name]
@@ -753,75 +670,146 @@ def _copy(path: Path, folder: Path) -> Path:
 # --- Judge
 
 FINEST = 0.01  # relative distance of neighbouring frequencies
-BEYOND_BAND = 1.3  # spectra reach so far, for the windows at its upper end
-FIT_VARIANCE = 1e-8  # relative, of responses that are computed
+BEYOND_BAND = 1.3  # spectra reach so far, for the windows at its upper end and the modes near it
+FIT_POINTS = 60  # frequencies around a mode
 
 
-def judge(case: Case, recorded: BedRecordings) -> BedVerification:
-    """Judge recordings of the bed of a tuned case."""
-    grid, recordings = _frequencies(recorded, case.band), _spectra(recorded, case.band)
-    measured = estimated_response(recordings, grid)
-    bed = ComparedBed(case)
-    answers = bed.at(grid)
-    pairs = [
-        (h, source, sensor)
-        for h, (source, sensor) in enumerate(answers.pairs)
-        if source in recorded.inputs and sensor in recorded.sensors
-    ]
-    places = [(h, *_place(recorded, source, sensor)) for h, source, sensor in pairs]
-    again = _predicted_again(recordings, bed, places, grid)
+def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = True) -> BedVerification:
+    """Judge recordings of the bed of a tuned case.
+
+    Parameters
+    ----------
+    of_this_controller : bool
+        Whether the case's controller ran: then a recording that cannot be one of this bed under it is refused.
+
+    Raises
+    ------
+    InputError
+        Where a recording cannot be right, see :func:`matching.bed.plausible.check_recording`.
+    """
+    if of_this_controller:
+        for recording in recorded.recordings:
+            check_recording(case, recording, [name for name in recorded.inputs if moves(recording, name)])
+    shown = _shown(case, recorded)
     units = {part.name: part.unit for part in case.rig.sensors}
-    functions, vehicles = [], drawn_vehicles(case, grid)
-    for (h, source, sensor), (_, y, u) in zip(pairs, places, strict=True):
-        values, variances = measured.values[:, y, u], measured.variances[:, y, u]
-        known = bool(bed.measured[h])
-        figures = Figures.of(
-            values, variances, answers.vehicle[:, h], answers.matched[:, h], measured, vehicles[:, :, h]
-        )
-        repeated = Figures.of(
-            again.values[:, y, u], np.zeros(len(grid)), answers.vehicle[:, h], answers.matched[:, h], again
-        )
-        figures = replace(figures, resolution=repeated.square - repeated.predicted)
-        curves = FunctionCurves(
-            source, sensor, units[sensor], grid, values, np.sqrt(variances / 2), answers.vehicle[:, h],
-            answers.matched[:, h],
-        )  # fmt: skip
-        functions.append(_Function("measured" if known else "unmeasured", h, figures, curves))
     allowed = {"measured": case.tolerance, "unmeasured": case.unmeasured_tolerance}
     drawn = drawn_squares(case)
     errors = []
-    for kind in dict.fromkeys(function.kind for function in functions):
-        alike = [function for function in functions if function.kind == kind]
-        shown = [function for function in alike if function.figures.known] or alike
-        expected = largest_expected(drawn[:, [function.number for function in shown]])
+    for kind in dict.fromkeys(function.kind for function in shown.functions):
+        alike = [function for function in shown.functions if function.kind == kind]
+        counted = [function for function in alike if function.figures.known] or alike
+        expected = largest_expected(drawn[:, [function.number for function in counted]])
         errors.append(judged(kind, [function.figures for function in alike], expected, allowed[kind]))
     each = [
         judged(
             function.name, [function.figures], largest_expected(drawn[:, [function.number]]), allowed[function.kind]
         )
-        for function in functions
+        for function in shown.functions
     ]  # fmt: skip
-    mode_checks = _modes(case, recordings, bed, places)
+    mode_checks = _modes(case, shown)
     fidelity = tuple(recorded_fidelity(case, recorded, recording) for recording in recorded.recordings)
     states = [*(checked.status for checked in errors), *(checked.status for checked in mode_checks)]
+    curves = tuple(function.curves(units[function.sensor]) for function in shown.functions)
     return BedVerification(
-        case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(mode_checks), fidelity,
-        tuple(function.curves for function in functions), (*recorded.notes, *_hidden(functions)),
+        case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(mode_checks), fidelity, curves,
+        (*recorded.notes, *_hidden(shown.functions)),
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Function:
-    """A compared function: whether its torque is measured or unmeasured, its number, figures, and curves."""
+    """A compared function with number ``number`` of the case: what was measured of it, also near modes, and figures.
+
+    ``kind`` says whether its torque is ``measured`` or ``unmeasured``; ``vehicle`` and ``matched`` (f,) are the
+    responses of vehicle and prediction at the same frequencies.
+    """
 
     kind: str
     number: int
+    input: str
+    sensor: str
+    measured: MeasuredFunction
+    around: Callable[[np.ndarray], MeasuredFunction]
+    vehicle: np.ndarray
+    matched: np.ndarray
     figures: Figures
-    curves: FunctionCurves
 
     @property
     def name(self) -> str:
-        return f"{self.curves.input} → {self.curves.sensor}"
+        return f"{self.input} → {self.sensor}"
+
+    def curves(self, unit: str) -> FunctionCurves:
+        """What a figure of it draws."""
+        measured = self.measured
+        return FunctionCurves(
+            self.input, self.sensor, unit, measured.frequencies, measured.values, np.sqrt(measured.variances / 2),
+            self.vehicle, self.matched,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What recordings show of a bed: compared functions and the bed that answers for vehicle and prediction."""
+
+    functions: tuple[_Function, ...]
+    bed: ComparedBed
+
+
+def _shown(case: Case, recorded: BedRecordings) -> _Shown:
+    bed = ComparedBed(case)
+    known = {pair: (h, bool(bed.measured[h])) for h, pair in enumerate(bed.pairs)}
+    periodic = _periodic(recorded, case.band)
+    found, grid = [], np.empty(0)
+    if periodic is None:
+        every, recordings = _frequencies(recorded, case.band), _spectra(recorded, case.band)
+        measured = estimated_response(recordings, every)
+        again = _predicted_again(recordings, bed, recorded, every)
+    for (source, sensor), (h, is_measured) in known.items():
+        if source not in recorded.inputs or sensor not in recorded.sensors:
+            continue
+        y, u = recorded.sensors.index(sensor), recorded.inputs.index(source)
+        if periodic is not None:
+            function, around = periodic[y][u].within(*case.band), partial(_as_it_is, periodic[y][u])
+        else:
+            function, around = measured.function(y, u), partial(_estimated, recordings, y, u)
+        if not len(grid) or not np.array_equal(grid, function.frequencies):  # a torque's functions share theirs
+            grid = function.frequencies
+            answers, vehicles = bed.at(grid), drawn_vehicles(case, grid)
+        vehicle, matched = answers.vehicle[:, h], answers.matched[:, h]
+        figures = replace(Figures.of(function, vehicle, matched, case.band, vehicles[:, :, h]), source=source)
+        if periodic is None:
+            repeated = Figures.of(
+                replace(again.function(y, u), noise=np.zeros((len(every), 1))), vehicle, matched, case.band
+            )
+            figures = replace(figures, resolution=repeated.square - repeated.predicted)
+        kind = "measured" if is_measured else "unmeasured"
+        found.append(_Function(kind, h, source, sensor, function, around, vehicle, matched, figures))
+    return _Shown(tuple(found), bed)
+
+
+def _as_it_is(function: MeasuredFunction, _: np.ndarray) -> MeasuredFunction:
+    return function
+
+
+def _estimated(recordings: Sequence[Spectra], y: int, u: int, frequencies: np.ndarray) -> MeasuredFunction:
+    return estimated_response(recordings, frequencies).function(y, u)
+
+
+def _periodic(recorded: BedRecordings, band: tuple[float, float]) -> list[list[MeasuredFunction]] | None:
+    """Responses [y][u] of recordings that all hold whole periods with lines of their own for every torque."""
+    parts: list[list[list[MeasuredFunction]]] = [[[] for _ in recorded.inputs] for _ in recorded.sensors]
+    for recording in recorded.recordings:
+        torques, readings = recorded.signals(recording)
+        step = float(np.mean(np.diff(recording.time)))
+        active = [j for j, name in enumerate(recorded.inputs) if moves(recording, name)]
+        repeated = repetition(torques[:, active], round(1 / (band[0] * step)))
+        found = repeated and periodic_responses(torques[:, active], readings, step, repeated, BEYOND_BAND * band[1])
+        if not found:
+            return None
+        for y, row in enumerate(found):
+            for j, function in zip(active, row, strict=True):
+                parts[y][j].append(function)
+    return [[joined(functions) for functions in row] for row in parts]
 
 
 def _hidden(functions: Sequence[_Function]) -> list[str]:
@@ -832,10 +820,6 @@ def _hidden(functions: Sequence[_Function]) -> list[str]:
         for function in functions
         if not function.figures.known
     ]
-
-
-def _place(recorded: BedRecordings, source: str, sensor: str) -> tuple[int, int]:
-    return recorded.sensors.index(sensor), recorded.inputs.index(source)
 
 
 def _together(states: Sequence[str]) -> str:
@@ -869,52 +853,43 @@ def _spectra(recorded: BedRecordings, band: tuple[float, float]) -> list[Spectra
 
 
 def _predicted_again(
-    recordings: Sequence[Spectra], bed: ComparedBed, places: Sequence[tuple[int, int, int]], grid: np.ndarray
+    recordings: Sequence[Spectra], bed: ComparedBed, recorded: BedRecordings, grid: np.ndarray
 ) -> MeasuredResponse:
     """The predicted responses as the recordings would show them without noise: what they cannot resolve is missing."""
     predicted = []
     for recording in recordings:
         matched = bed.at(recording.frequencies).matched
         outputs = np.zeros_like(recording.outputs)
-        for h, y, u in places:
-            outputs[:, y] += matched[:, h] * recording.inputs[:, u]
+        for h, (source, sensor) in enumerate(bed.pairs):
+            if source in recorded.inputs and sensor in recorded.sensors:
+                u = recorded.inputs.index(source)
+                outputs[:, recorded.sensors.index(sensor)] += matched[:, h] * recording.inputs[:, u]
         predicted.append(replace(recording, outputs=outputs))
     return estimated_response(predicted, grid)
 
 
-def _modes(
-    case: Case, recordings: Sequence[Spectra], bed: ComparedBed, places: Sequence[tuple[int, int, int]]
-) -> list[ModeJudgement]:
-    """Target modes by one estimator for vehicle, prediction and bed: the same frequencies, the same shape."""
-    known, out = modes(case.vehicle), []
-    for target in case.targets:
-        mode = known[target.mode - 1]
+def _modes(case: Case, shown: _Shown) -> list[ModeJudgement]:
+    """Target modes by one estimator for vehicle, prediction and bed: the same frequencies, weights and shape."""
+    out = []
+    for target, (_, mode) in zip(case.targets, target_modes(case), strict=True):
         if not case.band[0] <= mode.frequency <= case.band[1]:
             continue
-        fine = np.geomspace(mode.frequency / 1.3, mode.frequency * 1.3, 60)
-        answers = bed.at(fine)
-        computed = [
-            MeasuredResponse(
-                fine, values[:, [h for h, *_ in places]][:, :, None],
-                FIT_VARIANCE * np.abs(values[:, [h for h, *_ in places]][:, :, None]) ** 2, np.full(len(fine), 1e-9),
-            )
-            for values in (answers.vehicle, answers.matched)
-        ]  # fmt: skip
-        vehicle, predicted = (
-            measured_mode(computation, mode.frequency, mode.damping_ratio) for computation in computed
-        )
+        reach = FITTED_BAND_RATIO
+        fine = np.geomspace(mode.frequency / reach, mode.frequency * reach, FIT_POINTS)
+        bed = [function.around(fine).within(fine[0], fine[-1]) for function in shown.functions]
+        computed = []
+        for what in ("vehicle", "matched"):
+            values = [
+                getattr(shown.bed.at(function.frequencies), what)[:, own.number]
+                for function, own in zip(bed, shown.functions, strict=True)
+            ]
+            same = [replace(function, values=found) for function, found in zip(bed, values, strict=True)]
+            computed.append(measured_mode(same, mode.frequency, mode.damping_ratio))
+        vehicle, predicted = computed
         if vehicle is None:
             continue
         start = predicted or vehicle
-        local = estimated_response(recordings, fine)
-        rows = np.array([(y, u) for _, y, u in places])
-        picked = MeasuredResponse(
-            fine,
-            local.values[:, rows[:, 0], rows[:, 1], None],
-            local.variances[:, rows[:, 0], rows[:, 1], None],
-            local.windows,
-        )
-        fitted = measured_mode(picked, start.frequency, start.damping_ratio)
+        fitted = measured_mode(bed, start.frequency, start.damping_ratio)
         status = _mode_status(fitted, vehicle, predicted, target.frequency_tolerance, target.damping_tolerance)
         out.append(
             ModeJudgement(

@@ -27,7 +27,7 @@ from bokeh.plotting import figure
 from panel.custom import JSComponent
 from scipy.interpolate import RegularGridInterpolator
 
-from matching.bed.verify import estimated_response, spectra
+from matching.bed.measured import estimated_response, spectra
 from matching.explore.files import Document, ModelDocument, Workspace
 from matching.progress import PROGRESS_ALWAYS
 from matching.report.common import LIMIT, NOISE, RIG, VEHICLE
@@ -124,8 +124,7 @@ class Ended:
     @property
     def cancelled(self) -> bool:
         """Whether it was asked to end."""
-        asked = signal.SIGINT, signal.SIGTERM
-        return self.code in (*(128 + each for each in asked), *(-each for each in asked))  # the latter before it began
+        return self.code in [own for number in (signal.SIGINT, signal.SIGTERM) for own in (128 + number, -number)]
 
 
 class Job:

@@ -253,6 +253,8 @@ class Workspace:
     case : Document or None
     recordings : list of Path
     budget, fidelity : Document or None
+    leave : callable
+        Empties the page that shows these files now: its fields would not hear what a newer page changes.
     """
 
     out: Path
@@ -261,6 +263,7 @@ class Workspace:
     recordings: list[Path] = field(default_factory=list)
     budget: Document | None = None
     fidelity: Document | None = None
+    leave: Callable[[], None] = field(default=lambda: None, repr=False)
 
     @property
     def unsaved(self) -> list[Path]:

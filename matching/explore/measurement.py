@@ -30,7 +30,7 @@ from matching.report.common import RIG, VEHICLE
 from matching.report.diagnosis import summary
 from modelling.errors import InputError
 from modelling.escape import file_name, html
-from modelling.recordings.readers import read_table
+from modelling.recordings.readers import READERS, read_table
 from modelling.writing import write_all
 
 LARGEST_UPLOAD = "2000MB"  # of a dropped file; a larger one is opened by its path
@@ -47,7 +47,7 @@ class MeasurementTab:
         self.role = pn.widgets.Select(name="Model", options=list(workspace.models), width=200)
         self.drop = pn.widgets.FileDropper(
             name="Drop a recording here", max_file_size=LARGEST_UPLOAD, height=130, sizing_mode=WIDE
-        )
+        )  # its own check of types knows none of these formats
         self.path = pn.widgets.TextInput(name="or its path on this machine", sizing_mode=WIDE)
         self.message = Message()
         self.channels = pn.Column(sizing_mode=WIDE)
@@ -189,6 +189,9 @@ class MeasurementTab:
 
     def _dropped(self, event: Any) -> None:
         for name, content in (event.new or {}).items():
+            if Path(name).suffix.lower() not in READERS:
+                self.message.say(f"{name} is no recording; known are {', '.join(READERS)}", wrong=True)
+                continue
             folder = self.workspace.out / "recordings"
             data = content.encode() if isinstance(content, str) else content
             write_all(folder, {file_name(name): data})

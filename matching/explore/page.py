@@ -7,9 +7,11 @@ import json
 import re
 import secrets
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from threading import Event, Thread
 from typing import Any
 
@@ -18,7 +20,7 @@ import panel as pn
 from bokeh.events import Tap
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LogColorMapper
 from panel.io.server import get_server
-from tornado.web import RequestHandler
+from tornado.web import OutputTransform, RequestHandler
 
 from matching.explore import common
 from matching.explore.common import (
@@ -541,8 +543,31 @@ class NoIcon(RequestHandler):
         self.set_status(204)
 
 
+class SafeHeaders(OutputTransform):
+    """Nothing is loaded from elsewhere, nothing is sent there, and nobody learns the address with its secret."""
+
+    # Bokeh makes functions of texts, Panel scripts of blobs, and styles stand in the page
+    POLICY = (
+        "default-src 'self'; script-src 'self' blob: 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+        "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self' blob: ws://{host}; object-src 'none'; "
+        "base-uri 'self'; form-action 'self'"
+    )
+
+    def __init__(self, request: Any):
+        super().__init__(request)
+        self._host = request.host
+
+    def transform_first_chunk(self, status_code: int, headers: Any, chunk: bytes, finishing: bool) -> Any:
+        """The answer with the headers."""
+        headers["Content-Security-Policy"] = self.POLICY.format(host=self._host)
+        headers["Referrer-Policy"] = "no-referrer"
+        headers["X-Content-Type-Options"] = "nosniff"
+        return super().transform_first_chunk(status_code, headers, chunk, finishing)
+
+
 def page(workspace: Workspace) -> Any:
-    """The whole page."""
+    """The whole page; one that was opened before is emptied."""
+    workspace.leave()
     makers = _makers(workspace)
     names, made = list(makers), dict[str, Any]()
     bar, content = TabBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE)
@@ -566,7 +591,16 @@ def page(workspace: Workspace) -> Any:
 
     bar.param.watch(lambda event: show(event.new), "active")
     show(0)
-    return pn.Column(heading("rigmatch", 1), bar, content, sizing_mode=WIDE)
+    whole, own = pn.Column(heading("rigmatch", 1), bar, content, sizing_mode=WIDE), pn.state.curdoc
+
+    def empty() -> None:
+        whole[:] = [
+            heading("rigmatch", 1),
+            paragraph("These files are open in another window now. Reload to go on here."),
+        ]
+
+    workspace.leave = partial(own.add_next_tick_callback, empty) if own is not None else empty
+    return whole
 
 
 def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
@@ -621,7 +655,21 @@ def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
         title="rigmatch", start=False, show=False, verbose=False, index=None,
         extra_patterns=[("/favicon.ico", NoIcon)], static_dirs={RESULTS: str(out.absolute())},
     )  # fmt: skip
+    server._tornado.add_transform(SafeHeaders)
     return server, f"http://{HOST}:{number}/{token}/page"
+
+
+@contextmanager
+def redirect(address: str) -> Iterator[str]:
+    """URL of a file that only this user can read and that leads to the address.
+
+    All users of a machine see the command line of the browser.
+    """
+    with NamedTemporaryFile("w", prefix="rigmatch-", suffix=".html", encoding="utf-8") as file:  # of mode 600
+        target = escape.html(address)
+        file.write(f'<meta http-equiv="refresh" content="0; url={target}"><a href="{target}">rigmatch</a>')
+        file.flush()
+        yield Path(file.name).as_uri()
 
 
 class Explorer:

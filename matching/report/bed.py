@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from matching.bed.commission import Commissioning
 from matching.bed.excite import ExcitationPlan
+from matching.bed.proof import Proof
 from matching.bed.verify import COVERAGE_FACTOR, BedVerification, FunctionCurves
 from matching.report.common import (
     BAND,
@@ -18,6 +19,7 @@ from matching.report.common import (
     RIG,
     VEHICLE,
     Provenance,
+    ScreenPoint,
     csv_table,
     curve,
     embedded,
@@ -206,6 +208,40 @@ def _pair(values: Mapping[str, float] | None) -> str:
     return f"{number(values['frequency'], 4)} Hz, {number(values['damping_ratio'], 3)}"
 
 
+def verification_steps(
+    result: Mapping[str, Any], case: str, folder: str, *, commissioned: bool = False
+) -> list[ScreenPoint]:
+    """What to do after a verification, with its command."""
+    if result["status"] == "as_predicted":
+        return [
+            ScreenPoint("Drive the manoeuvres: the bed answers like the vehicle as far as the match promised"),
+            ScreenPoint("Repeat the proof after every change of specimen, adapter or loop",
+                        command=f"rigmatch verify {case} RECORDING --out {folder}"),
+        ]  # fmt: skip
+    if result["status"] == "short":
+        return [
+            ScreenPoint("Find what differs from the model, and match again with it",
+                        "it records the bed without emulation, diagnoses it and matches with what it found",
+                        command=f"rigmatch commission {case} --bed FOLDER --out commission"),
+        ] if not commissioned else []  # fmt: skip
+    longer = []
+    for error in result["errors"]:
+        if error["status"] == "undetermined" and error["interval"]:
+            limit = max(error["allowed"], error["predicted"])
+            far = max(abs(error["error"] - limit), 0.1 * limit)
+            times = (2 * error["standard_uncertainty"] / far) ** 2
+            longer.append(
+                f"{error['name']} torques: {number(max(times, 1.5), 2)} times as long decides it, as far as noise does"
+            )
+    hidden = [f"vehicle mode {mode['vehicle_mode']}" for mode in result["modes"] if mode["status"] == "undetermined"]
+    why = "; ".join([*longer, *(f"{name} is open" for name in hidden)])
+    return [
+        ScreenPoint("Record again, longer or with larger torques: the proof plans them for this case", why,
+                    command=f"rigmatch excite {case} --proof --out proof"),
+        ScreenPoint("Judge it together with what there is", command=f"rigmatch verify {case} OLD NEW --out {folder}"),
+    ]  # fmt: skip
+
+
 # --- The report of a bed's verification: one HTML page that opens anywhere, without network.
 
 CAPTIONS = {
@@ -220,6 +256,7 @@ def verification_page(
     moving: Mapping[str, str] | None = None,
     made: Provenance | None = None,
     data: Mapping[str, str] | None = None,
+    steps: Sequence[ScreenPoint] = (),
 ) -> str:
     """The page as HTML.
 
@@ -235,6 +272,8 @@ def verification_page(
         Where the result comes from.
     data : mapping of str to str, optional
         Curves of the same figure (CSV).
+    steps : sequence of ScreenPoint
+        What to do now.
     """
     values = {
         "title": f"Bed against vehicle: {result['title']}" if result["title"] else "Bed against vehicle",
@@ -255,6 +294,7 @@ def verification_page(
         "moving": moving or {},
         "data": {name: in_address(text, "text/csv") for name, text in (data or {}).items()},
         "made": made,
+        "steps_now": steps,
     }
     return environment().get_template("bed_test.html").render(values)
 
@@ -367,8 +407,38 @@ def _fidelity(judged: Mapping[str, Any], against: str) -> list[str]:
 # --- The page of a commissioning: the circle with what each round gained.
 
 
-def commissioning_page(result: Mapping[str, Any], made: Provenance | None = None) -> str:
-    """The content of ``commission.json`` as HTML, and where it comes from."""
+def commissioning_figures(result: Commissioning) -> dict[str, Figure]:
+    """The bed's responses of the last round, and the error of every round where there are two."""
+    figures = {} if result.last is None else {"responses": responses(result.last)}
+    content = result.to_dict()
+    return figures | ({"rounds": rounds_figure(content)} if len(round_errors(content)) > 1 else {})
+
+
+def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[ScreenPoint]:
+    """What to do after a commissioning, with its command."""
+    again = f"rigmatch commission {case} --bed BED --out {folder}"
+    if result["waiting_for"]:
+        return [ScreenPoint(f"Record: {result['waiting_for']}"), ScreenPoint("Go on", command=again)]
+    best = result["best_round"]
+    judged = {entry["round"]: entry.get("verification") for entry in result["rounds"]}
+    points = [ScreenPoint(f"Use the controller of round {best}", f"it has the least error on the bed: "
+                          f"{best}_export/controller.fmu")] if best else []  # fmt: skip
+    last = next((proof for _, proof in sorted(judged.items(), reverse=True) if proof), None)
+    if last:
+        points += verification_steps(last, f"{folder}/{max(judged)}_match", folder, commissioned=True)
+    if result["end"] is None:
+        points.append(ScreenPoint("Allow a further round: it may gain", command=f"{again} --rounds {len(judged) + 1}"))
+    return points
+
+
+def commissioning_page(
+    result: Mapping[str, Any],
+    made: Provenance | None = None,
+    images: Mapping[str, bytes] | None = None,
+    moving: Mapping[str, str] | None = None,
+    steps: Sequence[ScreenPoint] = (),
+) -> str:
+    """The content of ``commission.json`` as HTML, where it comes from, its figures and what to do next."""
     rounds = [
         {
             "id": f"round-{entry['round']}", "title": f"Round {entry['round']}", "lines": round_lines(entry),
@@ -385,21 +455,55 @@ def commissioning_page(result: Mapping[str, Any], made: Provenance | None = None
         .get_template("commission.html")
         .render(
             title="Commissioning", status=result["status"], answer=END_MEANING[result["status"]], rounds=rounds,
-            waiting=result["waiting_for"], ending=ending(result), gain=gain(result), figures={}, captions={}, made=made,
+            ending=ending(result), gain=gain(result), made=made, moving=moving or {}, steps_now=steps,
+            figures={name: embedded(content) for name, content in (images or {}).items()},
+            captions=CAPTIONS | {"rounds": "Measured response error of each round, against the last round's vehicle."},
         )
     )  # fmt: skip
 
 
-def gain(result: Mapping[str, Any]) -> float | None:
-    """Measured response error of the first round over that of the last; None where one is not determined.
+def gain(result: Mapping[str, Any]) -> str:
+    """What the rounds gained, in a sentence; empty where it does not exceed its uncertainty.
 
-    Both are against the vehicle of the last round, which holds the specimen as it is known best.
+    All errors are against the vehicle of the last round, which holds the specimen as it is known best.
     """
-    judged = [entry.get("against_last_vehicle", entry.get("verification")) for entry in result["rounds"]]
-    errors = [verification["errors"][0]["error"] for verification in judged if verification and verification["errors"]]
-    if len(errors) < 2 or errors[0] is None or not errors[-1]:
-        return None
-    return float(errors[0] / errors[-1])
+    errors = [error for _, error in round_errors(result)]
+    if len(errors) < 2 or errors[0]["interval"][0] <= errors[-1]["interval"][1]:
+        return ""
+    first, last = (with_uncertainty(error["error"], error["standard_uncertainty"]) for error in (errors[0], errors[-1]))
+    factor = errors[0]["interval"][0] / errors[-1]["interval"][1]
+    return f"The measured response error fell from {first} to {last}, at least by a factor of {number(factor, 2)}."
+
+
+def round_errors(result: Mapping[str, Any]) -> list[tuple[int, Mapping[str, Any]]]:
+    """Number of each round whose first error is determined, and that error, against the vehicle of the last round."""
+    judged = [
+        (entry["round"], (entry.get("against_last_vehicle") or entry.get("verification") or {}).get("errors", ()))
+        for entry in result["rounds"]
+    ]
+    return [(name, errors[0]) for name, errors in judged if errors and errors[0]["error"] is not None]
+
+
+def rounds_figure(result: Mapping[str, Any]) -> Figure:
+    """Response error of every round with its 95 % interval, beside what the case allows."""
+    rows = round_errors(result)
+    fig = figure(3.4, 2.6)
+    with styled():
+        ax = fig.subplots()
+        for name, error in rows:
+            low, high = error["interval"]
+            ax.plot([name, name], [low, high], color=MATCHED, linewidth=5, alpha=0.4, solid_capstyle="butt",
+                    label="about 95 %" if name == rows[0][0] else None)  # fmt: skip
+        ax.plot([name for name, _ in rows], [error["error"] for _, error in rows], "o", color=MATCHED, label="measured")
+        allowed = max(error["allowed"] for _, error in rows)
+        ax.axhline(allowed, color=NOISE, linestyle="--", label="allowed")
+        ax.set_xticks([name for name, _ in rows])
+        ax.set_xlim(rows[0][0] - 0.5, rows[-1][0] + 0.5)
+        ax.set_ylim(0, 1.15 * max([allowed, *(error["interval"][1] for _, error in rows)]))
+        ax.set_xlabel("round")
+        ax.set_ylabel("response error")
+        fig.legend(loc="outside upper center", ncols=3)
+    return fig
 
 
 # --- Views of a commissioning.
@@ -468,6 +572,8 @@ NAMED = 8  # quantities in a summary
 
 def excitation_summary(result: Mapping[str, Any]) -> str:
     """What the recording is expected to tell, and what of the limits it uses."""
+    if "period" in result:
+        return proof_summary(result)
     error = result["response_error"]
     hold = ", ".join(
         f"{name} {number(gains['proportional'], 3)} N·m·s/rad and {number(gains['integral'], 3)} N·m/rad"
@@ -492,12 +598,49 @@ def excitation_summary(result: Mapping[str, Any]) -> str:
     return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
 
 
+def proof_summary(result: Mapping[str, Any]) -> str:
+    """How long the proof lasts, and what it will tell."""
+    lines = [
+        f"proof of {number(result['duration'], 3)} s: {result['periods']} periods of {number(result['period'], 3)} s, "
+        f"emulation on, torques {', '.join(result['inputs'])}"
+    ]
+    for error in result["expected"]:
+        at = list(zip(error["errors"], error["standard_uncertainties"], strict=True))
+        near = min(at, key=lambda pair: abs(pair[0] - error["allowed"]))
+        lines.append(
+            f"response error to {error['name']} torques: {number(near[0], 2)} will be known to "
+            f"± {number(COVERAGE_FACTOR * near[1], 2)}, and one above {number(COVERAGE_FACTOR * at[0][1], 2)} is told "
+            f"from none ({number(error['allowed'], 2)} allowed; k = 2)"
+        )
+    for mode in result["modes"]:
+        known = (mode["frequency_uncertainty"], mode["damping_uncertainty"])
+        told = "will not show" if None in known else (
+            f"± {number(COVERAGE_FACTOR * known[0], 2)} Hz, damping ratio ± {number(COVERAGE_FACTOR * known[1], 2)}"
+        )  # fmt: skip
+        lines.append(f"vehicle mode {mode['vehicle_mode']}: {told}")
+    most = max(result["limits_used"], key=result["limits_used"].get)
+    lines.append(f"limits: at most {result['limits_used'][most]:.0%} of one ({most})")
+    lines.append("from the noise of the sensors alone: a bed that is not linear adds to it, and the verdict counts it")
+    return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
+
+
 # --- View
 
 
 @display.plot.register
 def _(plan: ExcitationPlan) -> Figure:
     return excitation(plan)
+
+
+@display.text.register
+def _(proof: Proof) -> str:
+    return proof_summary(proof.to_dict())
+
+
+@display.html.register
+def _(proof: Proof) -> str:
+    lines = proof_summary(proof.to_dict()).splitlines()
+    return environment().from_string("{% for line in lines %}<p>{{ line }}</p>{% endfor %}").render(lines=lines)
 
 
 @display.text.register

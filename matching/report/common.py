@@ -227,15 +227,17 @@ TERMS = {  # of the field of control, for readers from the field of test beds; t
 }
 
 
+_BY_LOWER = {term.lower(): words for term, words in TERMS.items()}
+_TERM = re.compile("|".join(rf"\b{re.escape(term)}\b" for term in TERMS), re.IGNORECASE)
+
+
 def explained(text: str) -> Markup:
     """A text as HTML whose terms say what they mean where they are pointed at."""
-    safe = str(escape(text))
-    pattern = re.compile("|".join(rf"\b{re.escape(term)}\b" for term in TERMS), re.IGNORECASE)
-    return Markup(pattern.sub(lambda term: f'<abbr title="{escape(TERMS[_key(term[0])])}">{term[0]}</abbr>', safe))
-
-
-def _key(word: str) -> str:
-    return next(term for term in TERMS if term.lower() == word.lower())
+    return Markup(
+        _TERM.sub(
+            lambda term: f'<abbr title="{escape(_BY_LOWER[term[0].lower()])}">{term[0]}</abbr>', str(escape(text))
+        )
+    )
 
 
 def embedded(content: bytes) -> str:

@@ -392,9 +392,7 @@ def _with_legends(panels: list[Any]) -> list[Any]:
 
 def _is_drawable(axes: Any) -> bool:
     with_bars = has_bars(axes)
-    drawable = (
-        any(map(_is_curve, axes.lines)) or with_bars or any(isinstance(own, QuadMesh) for own in axes.collections)
-    )
+    drawable = with_bars or _has_fields(axes) or any(map(_is_curve, axes.lines))
     scales = ("linear", "log") if with_bars else SCALES
     return bool(
         axes.get_visible()
@@ -433,7 +431,7 @@ def _panel(axes: Any) -> Any:
         draw_bars(fig, axes)
     else:
         for drawn_axis, axis in ((fig.xaxis, axes.xaxis), (fig.yaxis, axes.yaxis)):
-            if names := _named_ticks(axis, any(isinstance(area, QuadMesh) for area in axes.collections)):
+            if names := _named_ticks(axis, _has_fields(axes)):
                 drawn_axis.ticker, drawn_axis.major_label_overrides = sorted(names), names
     _marks(fig, axes)
     _texts(fig, axes)
@@ -473,8 +471,9 @@ def _drawn_line(fig: Any, line: Any) -> None:
 
 def _texts(fig: Any, axes: Any) -> None:
     """Texts that stand beside a point or a bar, or on a coloured field."""
-    on_fields = any(isinstance(own, QuadMesh) for own in axes.collections)
-    ground: dict[str, Any] = {"background_fill_color": "white", "background_fill_alpha": 0.75} if on_fields else {}
+    ground: dict[str, Any] = {}
+    if _has_fields(axes):
+        ground = {"background_fill_color": "white", "background_fill_alpha": 0.75}
     for text in axes.texts:
         if not isinstance(text, Annotation) or text.xycoords != "data" or not text.get_text().strip():
             continue
@@ -498,6 +497,10 @@ def _area(fig: Any, area: Any) -> None:
         x, y = np.asarray(path.vertices, float)[: 2 * MOST_POINTS].T
         y = placed(area.axes.yaxis, y)
         fig.patch(x, y, color=to_hex(colours[0][:3]), alpha=float(colours[0][3]), line_width=0, name="", **named)
+
+
+def _has_fields(axes: Any) -> bool:
+    return any(isinstance(own, QuadMesh) for own in axes.collections)
 
 
 def _fields(fig: Any, axes: Any, mesh: QuadMesh) -> None:

@@ -559,13 +559,6 @@ def fidelity_rows(fidelity: Mapping[str, Any]) -> dict[str, Any]:
     return {"rows": [*rows, total], "f_max": fidelity["f_max"], "notes": fidelity["notes"]}
 
 
-def fidelity_line(fidelity: Mapping[str, Any]) -> str:
-    """One line for a terminal."""
-    before, after = fidelity["before"], fidelity["after"]
-    parts = ", ".join(f"{name} {percent(after[name])}" for name in COMPARED if after[name] is not None)
-    return f"fidelity R_XiL {percent(before['R_XiL'])} without control, {percent(after['R_XiL'])} matched ({parts})"
-
-
 # --- Frequencies and energy shares of vehicle, rig without control and matched rig, as the paper's Fig. 3 shows them.
 
 MODES_HIGHEST_HZ = 1000.0  # above are poles of lags and of the dead time, which are no modes of the drivetrain
@@ -966,7 +959,7 @@ def answer(result: Mapping[str, Any]) -> str:
 
 
 def key_figures(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Rows of the table under the verdict: what, vehicle, rig alone, matched, and what was asked."""
+    """Rows of the table below the verdict, with the columns of :data:`HEADS`."""
     asked, error = result.get("asked", {}), result["response_error"]
     rows: list[tuple[str, ...]] = [
         (_mode(target), f"{hertz(target['vehicle'])} Hz", f"{hertz(target['rig'])} Hz",
@@ -1081,6 +1074,7 @@ def page(
         "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
         "in_time": in_time_table(result.in_time) if result.in_time.rows else None,
         "requirements": requirement_rows(result.verification) if beds else [],
+        "bed_errors": error_rows(result.verification) if beds else [],
         "structure": loop.structure.name,
         "controller": [
             {"name": f"loop.{name}", "value": loop[name], "unit": known.unit, "meaning": known.meaning}
@@ -1150,10 +1144,9 @@ def in_time_table(truth: TruthInTime) -> dict[str, Any]:
     """Heads and rows for the page: of every sensor the error with measured and with unmeasured torques."""
     rows = []
     for row in truth.rows:
-        pairs = [(row.measured, row.unmeasured)]
         cells = [
             "not stable" if errors is None else percent(errors[name])
-            for name in truth.sensors for pair in pairs for errors in pair
+            for name in truth.sensors for errors in (row.measured, row.unmeasured)
         ]  # fmt: skip
         rows.append({"words": row.words, "cells": cells})
     return {"heads": [spaced(name) for name in truth.sensors], "rows": rows, "seconds": truth.seconds,

@@ -34,7 +34,6 @@ from matching.report.common import (
     csv_table,
     enough_digits,
     figure,
-    image,
     number,
     percent,
     practical,
@@ -193,8 +192,8 @@ CAPTION_OF_RING = "The ring is the case as it is."
 NO_MATCH = "no point is matched: widen the limits, the bounds under [move] or the range of the map"
 
 
-def map_page(result: Map, figure: Figure, made: Provenance | None = None) -> str:
-    """The page as HTML, from a map and its figure."""
+def map_page(result: Map, figure: Figure, image: bytes, made: Provenance | None = None) -> str:
+    """The page as HTML, from a map, its figure and the figure's picture."""
     points = [point for row in result.points for point in row]
     matched = [point for point in points if point.status == "matched" and point.error is not None]
     content = StudyPage(
@@ -212,7 +211,7 @@ def map_page(result: Map, figure: Figure, made: Provenance | None = None) -> str
         captions={"map": f"{MAP_CAPTION} {CAPTION_OF_RING}" if case_lies_on(result) else MAP_CAPTION},
     )
     moving = acting({"map": figure})
-    return study_page(content, PageFigures({"map": image(figure)}, moving, {"map": point_data(result)}), made)
+    return study_page(content, PageFigures({"map": image}, moving, {"map": point_data(result)}), made)
 
 
 def point_data(result: Map) -> str:
@@ -430,7 +429,7 @@ LEAST_SHARE = 0.05  # of a variance, from which a tighter tolerance pays
 LOW, HIGH = 0.05, 0.95
 
 
-def tolerance_page(study: Tolerance, figure: Figure, made: Provenance | None = None) -> str:
+def tolerance_page(study: Tolerance, figure: Figure, image: bytes, made: Provenance | None = None) -> str:
     """The page as HTML, from a study, its figure and the figure's picture."""
     good = study.shares["all"]
     content = StudyPage(
@@ -447,9 +446,7 @@ def tolerance_page(study: Tolerance, figure: Figure, made: Provenance | None = N
         captions={"tolerance": TOLERANCE_CAPTION},
         tables=[PageTable("Spread of every result", [_row(spread) for spread in study.spreads], _HOW_TO_READ)],
     )
-    figures = PageFigures(
-        {"tolerance": image(figure)}, acting({"tolerance": figure}), {"tolerance": histogram_data(study)}
-    )
+    figures = PageFigures({"tolerance": image}, acting({"tolerance": figure}), {"tolerance": histogram_data(study)})
     return study_page(content, figures, made)
 
 

@@ -175,7 +175,8 @@ class Recording:
         median_step = float(np.median(np.diff(self.time)))
         step = 1 / rate if rate else median_step
         time = self.time[0] + np.arange(int((self.time[-1] - self.time[0]) / step * (1 + 1e-12)) + 1) * step
-        if len(time) == len(self.time) and np.allclose(time, self.time, rtol=0, atol=1e-9 * step):
+        even = np.linspace(self.time[0], self.time[-1], len(self.time))  # steps add up to more than rounding
+        if abs(step / median_step - 1) < 1e-9 and np.allclose(even, self.time, rtol=0, atol=1e-6 * step):
             return self
         notes = [f"resampled to {1 / step:g} Hz, linear between samples"]
         if step > 1.01 * median_step:

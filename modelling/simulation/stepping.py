@@ -14,7 +14,7 @@ from modelling.equations.casadi_code import Model
 from modelling.equations.lagrange import STICK_SPEED
 from modelling.errors import InputError
 from modelling.simulation import interpreted
-from modelling.simulation.compiled import run_compiled
+from modelling.simulation.compiled import compiler, run_compiled
 from modelling.simulation.task import IntegrationTask, Trajectories, fewest_steps, make_task
 
 # --- What a simulation returns, and the error it raises.
@@ -356,6 +356,8 @@ VIBRATION_STEP, CONTACT_STEP = 1.6, 0.5  # |λ|·h, ω·h to begin with
 IMPLICIT_COST = 8.0  # explicit steps that take as long as an implicit one: 6 to 10 measured
 FINEST = 64  # times the first steps; what does not converge by then is chaotic, or jumps too often
 FASTEST = 8 * MAX_STEPS_PER_SECOND  # mean steps a second of a refined run: some seconds of processor time a second
+MOST_INTERPRETED = 2e7  # states at the ends of steps without a compiler: some 10 s and 0.5 GB
+INTERPRETED_IMPLICIT_COST = 20.0  # explicit steps that take as long as an implicit one without a compiler
 CALMER = 4  # refinement where a state is not finite
 SAME_MOMENT, SAME_MOMENT_RELATIVE = 2, 0.02  # samples, of the time: so near, two runs end at the same moment
 CALIBRATED_SHARE = 1 / 16  # of the local errors that are left before two runs show what they do: halved steps
@@ -410,9 +412,27 @@ def run(
     readings: bool = True,
     errors: bool = False,
 ) -> Trajectories:
-    """A task by the compiled integrator, or by the virtual machine where there is no compiler or it is not wanted."""
+    """A task by the compiled integrator, or by the virtual machine where there is no compiler or it is not wanted.
+
+    Raises
+    ------
+    SimulationError
+        If the steps are too many for the virtual machine.
+    """
     done = run_compiled(task, states, readings, errors=errors) if compiled is not False else None
-    return done if done is not None else interpreted.run(task, states, readings, errors)
+    if done is not None:
+        return done
+    if task.steps.sum() > _most_interpreted(len(task.model.states) * (1 + task.columns), task.implicit):
+        raise SimulationError(
+            "simulation", f"{task.steps.sum():.3g} steps take too long without a C compiler",
+            "install one (such as gcc), or look for a very small inertia or time constant",
+        )  # fmt: skip
+    return interpreted.run(task, states, readings, errors)
+
+
+def _most_interpreted(states: int, implicit: bool) -> float:
+    """Steps of so many states that are taken without a compiler."""
+    return MOST_INTERPRETED / max(1, states) / (INTERPRETED_IMPLICIT_COST if implicit else 1.0)
 
 
 @dataclass(frozen=True)
@@ -513,6 +533,8 @@ def run_to_tolerance(
     first, local = _fitting_first_run(problem, tolerance, order, rough, compiled)
     stepping, done = first.stepping, first.trajectories
     most = min(FINEST * stepping.count(time), max(FASTEST * float(np.ptp(time)), stepping.count(time)))
+    if compiled is False or compiler() is None:
+        most = min(most, max(_most_interpreted(len(model.states), stepping.implicit), stepping.count(time)))
     error = np.full(max(1, len(model.sensors)), np.inf if local.any() else 0.0)
     allowed = _first_allowed(local, tolerance)
     least = 1 if rough else 2 ** max(1, ceil(log2(_resolving(problem) / stepping.mean_rate(time))))

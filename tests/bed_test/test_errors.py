@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from matching.bed.commission import Commissioning, Round, best_round, end_of
-from matching.bed.verify import Figures, MeasuredResponse, judged
+from matching.bed.measured import MeasuredFunction
+from matching.bed.verify import Figures, judged
 
 
 def figures(error, spread=0.0, predicted=0.005, unknown=0.0, resolution=0.0):
@@ -44,14 +45,16 @@ def test_what_spectral_lines_change_is_taken_off_and_stays_half_unsure():
     """A true error of 0.02 that the lines show as √(0.02² + 0.03²)."""
     found = judged("measured", [figures(math.hypot(0.02, 0.03), resolution=0.03**2)], 0.01, 0.1)
     assert found.value == pytest.approx(0.02)
-    assert found.uncertainty == pytest.approx(math.sqrt(0.02**2 + 0.5 * 0.03**2 / math.sqrt(3)) - 0.02)
+    spread = 0.5 * 0.03**2 / math.sqrt(3)
+    assert found.interval == (0.0, pytest.approx(math.sqrt(0.02**2 + 2 * spread)))
+    assert found.uncertainty == pytest.approx(0.01)  # down to none at all
 
 
 def test_a_function_below_the_noise_is_not_known():
     f = np.geomspace(1, 10, 50)
     ones = np.ones(50, complex)
-    noisy = np.where(f > 5, 0.5, 1e-6)
-    found = Figures.of(ones, noisy, ones, ones, MeasuredResponse(f, ones, noisy, np.full(50, 0.01)))
+    noisy = np.sqrt(np.where(f > 5, 0.5, 1e-6))[:, None]
+    found = Figures.of(MeasuredFunction(f, ones, noisy, np.ones(50)), ones, ones, (1.0, 10.0))
     assert found.unknown == pytest.approx(1 - math.log10(5), abs=0.03)
     assert not found.known
 

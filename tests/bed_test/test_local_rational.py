@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from matching.bed.verify import estimated_response as response
-from matching.bed.verify import measured_mode, spectra
+from matching.bed.measured import estimated_response as response
+from matching.bed.measured import measured_mode, spectra
 
 STEP = 0.005
 FREQUENCIES = np.geomspace(0.5, 20, 40)
@@ -69,7 +69,7 @@ def test_mode_with_its_uncertainty():
     off = []
     for seed in range(12):
         own = response([spectra(*recorded(np.random.default_rng(seed), 12000, noise=5.0), STEP, 30)], fine)
-        mode = measured_mode(own, 1.5, 0.05)
+        mode = measured_mode([own.function(0, 0)], 1.5, 0.05)
         off.append(
             [
                 (mode.frequency - 1.6) / mode.frequency_uncertainty,
@@ -83,4 +83,4 @@ def test_mode_with_its_uncertainty():
 def test_a_mode_that_does_not_show():
     fine = np.geomspace(3.0, 5.0, 60)
     own = response([spectra(*recorded(np.random.default_rng(4), 12000, noise=30.0), STEP, 30)], fine)
-    assert measured_mode(own, 4.0, 0.02) is None
+    assert measured_mode([own.function(0, 0)], 4.0, 0.02) is None

@@ -16,7 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is importe
 import numpy as np
 
 from matching.bed.commission import Circle, CommissionOrder, plan_speed
-from matching.bed.excite import ExcitationOrder, plan_proof
+from matching.bed.excite import ExcitationOrder
+from matching.bed.proof import plan_proof
 from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording, with_faults
 from matching.bed.verify import judge, read_recordings
 from matching.export import exported_controller, tuned_case
@@ -117,7 +118,7 @@ def truth_case(case: Case, drawn: DrawnBed) -> Case:
 
 def measured(known: Case, recording: Path) -> dict[str, float | None]:
     """Response error of a recording against the true vehicle, its standard uncertainty, and R_XiL."""
-    found = judge(known, read_recordings([recording], known))
+    found = judge(known, read_recordings([recording], known), of_this_controller=False)
     error = found.errors[0].to_dict()
     return {"error": error["error"], "standard_uncertainty": error["standard_uncertainty"],
             "R_XiL": found.fidelity[0].total}  # fmt: skip

@@ -4,16 +4,20 @@ import json
 import shutil
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
 from needs import compiles
 from plant.engine import compiler
 from result_schema import check_schema
 from small_bed import CASE, write
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drive_of
+from virtual_bed.reference_circle import HeldSpeed
 
 from matching.bed import commission as circle
-from matching.bed import excite as proof
+from matching.bed.proof import plan_proof
+from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording
 from matching.cli import main
+from matching.export import exported_controller, tuned_case
 from modelling.errors import InputError
 
 pytestmark = [compiles, pytest.mark.skipif(not (find_spec("fmpy") and compiler()), reason="needs FMPy, a C compiler")]
@@ -32,13 +36,6 @@ duration = 2
 dynamometer_torque = 1500
 dynamometer_speed = 120
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def short_runs():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(proof, "SHORTEST_PROOF", 5.0)
-        yield
 
 
 def match_of(folder, limits):
@@ -169,3 +166,80 @@ def test_a_wrong_torque_gain_is_found_and_the_second_round_is_better(tmp_path, m
     monkeypatch.delattr(circle, "plan_excitation")
     assert main(command) == 0
     assert json.loads((out / "commission.json").read_text(encoding="utf-8")) == result
+
+
+def off(columns, name, factor):
+    return {**columns, name: factor * columns[name]}
+
+
+WRONG = {
+    "sign of a sensor": (lambda c: off(c, "side_torque [N*m]", -1), "side_torque: has the wrong sign"),
+    "sign of the motor": (lambda c: off(c, "motor_torque [N*m]", -1), "motor_torque: has the wrong sign"),
+    "unit": (lambda c: off(c, "rotor_speed [rad/s]", 30 / np.pi), "rotor_speed: is probably in 1/min, not in rad/s"),
+    "zeros": (lambda c: off(c, "motor_speed [rad/s]", 0), "motor_speed: reads 0 all the time"),
+    "another bed": (lambda c: {**c, "flange_torque [N*m]": 4 * c["flange_torque [N*m]"],
+                               "side_torque [N*m]": 4 * c["side_torque [N*m]"]}, "no single channel explains it"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_wrong_recording_is_named_and_not_judged(what, proven, matched, tmp_path, capsys):
+    change, words = WRONG[what]
+    path = proven[1] / "1_verify" / "recording.csv"
+    names = path.read_text(encoding="utf-8").splitlines()[0].split(",")
+    table = dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
+    wrong = tmp_path / "wrong.csv"
+    rows = np.stack(list(change(table).values()), axis=1)
+    np.savetxt(wrong, rows, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    assert main(["verify", str(matched), str(wrong), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert words in said.err
+    assert said.out == ""
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_excitation_is_told(proven, matched, tmp_path, capsys):
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    lines = (proven[1] / "1_verify" / "recording.csv").read_text(encoding="utf-8").splitlines()
+    table = np.loadtxt(lines[1:], delimiter=",")
+    table[:, 1:] = table[::-1, 1:]
+    np.savetxt(folder / "1_verify.csv", table, delimiter=",", header=lines[0], comments="", fmt="%.9g")
+    command = ["commission", str(matched), "--bed", str(folder), "--rounds", "1", "--out", str(tmp_path / "out")]
+    assert main(command) == 2
+    assert "is not the torque that was planned" in capsys.readouterr().err
+
+
+class Deaf(FmuBed):
+    """A bed whose dynamometer stays at the torque that it has after a second."""
+
+    seconds, kept = 0.0, 0.0
+
+    def step(self, commands, span):
+        self.seconds += span
+        if self.seconds < 1.0:
+            self.kept = commands[0]
+        super().step(np.array([self.kept, *commands[1:]]), span)
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrapped", "words"),
+    [
+        (FmuBed, HeldSpeed, "does not fit this controller: was emulation on"),
+        (Deaf, lambda controller: controller, "dyno: was not followed by its dynamometer"),
+    ],
+)
+def test_a_run_without_emulation_or_without_a_dynamometer_is_told(
+    kind, wrapped, words, proven, matched, tmp_path, capsys
+):
+    case = tuned_case(matched).tuned
+    law, speed = exported_controller(case).law, circle.plan_speed(case, circle.CommissionOrder())
+    with (
+        kind(bed(matched, 1.0), ["dyno", "motor_torque"], [sensor.name for sensor in case.rig.sensors]) as one,
+        FmuController(proven[1] / "1_export" / "controller.fmu", law) as controller,
+    ):
+        text = proof_recording(one, case, law, wrapped(controller), plan_proof(case, speed), speed)
+    path = tmp_path / "run.csv"
+    path.write_text(text, encoding="utf-8")
+    assert main(["verify", str(matched), str(path), "--out", str(tmp_path / "out")]) == 2
+    assert words in capsys.readouterr().err

@@ -10,8 +10,8 @@ from small_bed import write
 
 from matching.bed import commission as module
 from matching.bed.commission import Circle, CommissionOrder, Stages
-from matching.bed.excite import Proof
 from matching.bed.identify import COVERAGE, LEAST_SHARE, bed_from_recordings, identified_case
+from matching.bed.proof import Proof
 from matching.bed.simulated_bed import (
     SETTLING_SECONDS,
     Waiting,
@@ -234,7 +234,7 @@ def test_a_proof_records_held_torques_as_what_they_do_and_road_torques_as_they_a
     torques = np.array([[0.0, 0.0], [10.0, 3.0], [20.0, -4.0], [20.0, 5.0], [0.0, 0.0]])
     law = SimpleNamespace(known=("road", "motor_torque"), sensors=("flange_torque",), dynamometers=("dyno",))
     bed, controller = StandingBed(), ListeningController()
-    wanted = Proof(("motor_torque", "road"), torques, 1e-3, {}, {})
+    wanted = Proof(("motor_torque", "road"), torques, 1e-3, 1.0, 2, {}, {}, (), {}, ())
     rows = proof_recording(bed, case, law, controller, wanted, 30.0).splitlines()
     recorded = np.array([row.split(",") for row in rows[1:]], float)
     assert rows[0].startswith("time [s],motor_torque [N*m],road [N*m],dyno [N*m],")

@@ -110,9 +110,15 @@ def a_round(number, error):
     return {"round": number, "verification": {"errors": errors}}
 
 
-def test_the_gain_is_the_first_error_over_the_last():
-    assert gain({"rounds": [a_round(1, 0.4), a_round(2, 0.2), a_round(3, 0.1)]}) == pytest.approx(4)
-    assert gain({"rounds": [a_round(1, 0.4)]}) is None
-    assert gain({"rounds": [a_round(1, 0.4), a_round(2, None)]}) is None
-    judged_again = {**a_round(1, 0.4), "against_last_vehicle": {"errors": [{"error": 0.8}]}}
-    assert gain({"rounds": [judged_again, a_round(2, 0.1)]}) == pytest.approx(8)
+def test_a_gain_is_told_where_it_exceeds_its_uncertainty():
+    def judged(number, low, error, high):
+        one = {"error": error, "interval": [low, high], "standard_uncertainty": (high - low) / 4}
+        return {**a_round(number, error), "verification": {"errors": [one]}}
+
+    first, last = judged(1, 0.38, 0.4, 0.42), judged(3, 0.09, 0.1, 0.11)
+    assert "from 0.4 ± 0.02 to 0.1 ± 0.01, at least by a factor of 3.5" in gain({"rounds": [first, last]})
+    assert gain({"rounds": [first]}) == ""
+    assert gain({"rounds": [judged(1, 0.0, 0.067, 0.3), judged(2, 0.0, 0.0026, 0.34)]}) == ""
+    assert gain({"rounds": [first, a_round(2, None)]}) == ""
+    again = {**first, "against_last_vehicle": judged(1, 0.77, 0.8, 0.83)["verification"]}
+    assert "factor of 7" in gain({"rounds": [again, last]})

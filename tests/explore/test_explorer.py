@@ -1,7 +1,9 @@
 """The explorer from Python: served beside the program at an address with a secret, shown in a notebook, ended."""
 
+from pathlib import Path
 from urllib.error import HTTPError, URLError
-from urllib.request import urlopen
+from urllib.parse import urlsplit
+from urllib.request import url2pathname, urlopen
 
 import pytest
 from structure.imports import ROOT
@@ -18,6 +20,9 @@ def test_a_program_goes_on_beside_the_page(tmp_path):
         assert explorer.address.startswith("http://127.0.0.1:")
         with urlopen(explorer.address) as answer:
             assert b"rigmatch" in answer.read()
+            assert answer.headers["Referrer-Policy"] == "no-referrer"
+            assert answer.headers["X-Content-Type-Options"] == "nosniff"
+            assert answer.headers["Content-Security-Policy"].startswith("default-src 'self'; ")
         without_secret = explorer.address.rsplit("/", 2)[0] + "/page"
         with pytest.raises(HTTPError, match="404"):
             urlopen(without_secret)
@@ -26,6 +31,33 @@ def test_a_program_goes_on_beside_the_page(tmp_path):
         explorer.stop()
     with pytest.raises(URLError):
         urlopen(explorer.address)
+
+
+def test_the_command_line_of_the_browser_holds_no_secret():
+    pytest.importorskip("panel")
+    from matching.explore.page import redirect
+
+    with redirect("http://127.0.0.1:1/secret/page") as leads_there:
+        file = Path(url2pathname(urlsplit(leads_there).path))
+        assert "secret" not in leads_there
+        assert 'content="0; url=http://127.0.0.1:1/secret/page"' in file.read_text(encoding="utf-8")
+        assert file.stat().st_mode & 0o077 == 0
+    assert not file.exists()
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+def test_a_second_page_empties_the_first(tmp_path):
+    """Its fields would still show, and save, what the second one has changed."""
+    pytest.importorskip("panel")
+    from matching.explore.files import opened
+    from matching.explore.page import page
+
+    workspace = opened([ROOT / "examples" / "diagnosis" / "model.toml"], tmp_path)
+    first = page(workspace)
+    assert len(first) == 3
+    second = page(workspace)
+    assert len(second) == 3
+    assert "open in another window" in first[-1].object
 
 
 def test_a_wrong_file_is_one_line(tmp_path):

@@ -93,3 +93,11 @@ def test_a_recording_that_is_dropped_is_opened_be_it_text_or_bytes(tmp_path, as_
     tab._dropped(SimpleNamespace(new={"log.csv": as_dropped(text)}))
     assert "log.csv: 50 samples" in tab.message.object
     assert (tmp_path / "recordings" / "log.csv").read_text() == text
+
+
+@pytest.mark.parametrize("name", ["page.html", "run.sh", "drawing.svg", "../model.toml", "log"])
+def test_what_is_dropped_and_is_no_recording_is_not_kept(tmp_path, name):
+    tab = MeasurementTab(opened([ROOT / "examples" / "diagnosis" / "model.toml"], tmp_path))
+    tab._dropped(SimpleNamespace(new={name: "time [s],motor_torque\n0,0\n1,1\n"}))
+    assert "is no recording; known are .csv" in tab.message.object
+    assert not (tmp_path / "recordings").exists()

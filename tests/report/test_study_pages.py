@@ -53,7 +53,8 @@ def a_map(title="<map>"):
 
 def test_a_map_says_what_to_choose_and_gives_every_point():
     found = a_map()
-    html = re.sub("</?abbr[^>]*>", "", map_page.map_page(found, map_figure(found)))
+    drawn = map_figure(found)
+    html = re.sub("</?abbr[^>]*>", "", map_page.map_page(found, drawn, image(drawn)))
     assert "&lt;map&gt;" in html
     assert "<map>" not in html
     assert "2 of 4 matched" in html
@@ -96,7 +97,7 @@ def a_study(stable=0.9):
 def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
     study = a_study()
     figure = plot(study)
-    html = re.sub("</?abbr[^>]*>", "", tolerance_page.tolerance_page(study, figure))
+    html = re.sub("</?abbr[^>]*>", "", tolerance_page.tolerance_page(study, figure, image(figure)))
     assert "90.0 % of 100 drawn beds are stable" in html
     assert "causes 80 % of the variance of modulus margin" in html
     assert "rotor" not in html.split("What to expect")[0].split("What to do now")[1]  # its share is too small
@@ -107,7 +108,7 @@ def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
     rows = tables(html)["tolerance.csv"]
     assert [int(row["draws"]) for row in rows] == [10, 60, 30]
     assert float(rows[0]["to"]) == pytest.approx(0.5)
-    whole = tolerance_page.tolerance_page(a_study(1.0), figure)
+    whole = tolerance_page.tolerance_page(a_study(1.0), figure, image(figure))
     assert "no drawn bed fails" in whole
 
 
@@ -183,7 +184,7 @@ def test_figures_of_a_map_hold_its_points():
         ring = axes.get_lines()[-1].get_xydata().tolist()
         assert ring == [[found.x.here, found.y.here]]
         assert axes.get_xlim() == pytest.approx((0.5e-3, 2.5e-3))
-    assert on_page(map_page.map_page(found, drawn), "map") == (
+    assert on_page(map_page.map_page(found, drawn, image(drawn)), "map") == (
         f"{map_page.MAP_CAPTION} {map_page.CAPTION_OF_RING}",
         True,
     )
@@ -197,7 +198,7 @@ def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():
     assert left.patches[0].get_data().edges.tolist() == study.spreads[0].edges.tolist()
     assert [line.get_xdata()[0] for line in left.get_lines()] == [0.56, 0.5]
     assert [(bar.get_y() + bar.get_height() / 2, bar.get_width()) for bar in right.patches] == [(0, 1), (1, 80)]
-    assert on_page(tolerance_page.tolerance_page(study, drawn), "tolerance") == (
+    assert on_page(tolerance_page.tolerance_page(study, drawn, image(drawn)), "tolerance") == (
         tolerance_page.TOLERANCE_CAPTION,
         True,
     )

@@ -11,8 +11,10 @@ from modelling.simulation import interpreted as virtual
 from modelling.simulation.stepping import (
     FASTEST,
     KINKED_ORDER,
+    MOST_INTERPRETED,
     SMOOTH_ORDER,
     InitialValueProblem,
+    SimulationError,
     Stepping,
     difference,
     divisions,
@@ -100,3 +102,13 @@ def test_steps_a_second_are_limited_and_the_error_that_is_left_is_stated():
     assert 0 < done.stepping.mean_rate(given.time) <= FASTEST
     exact = given.run(Stepping(1.6e8))
     assert 1e-6 < difference(done.trajectories, exact, rough=False).max() < done.error.max() < 0.1
+
+
+def test_steps_without_a_compiler_are_limited_in_one_line():
+    """A minute and gigabytes otherwise; within the limit, the error that is left is stated."""
+    stiff = {"shafts.link.stiffness": 1e11, "shafts.link.damping": 0.0}
+    with pytest.raises(SimulationError, match="take too long without a C compiler; install one"):
+        recorded(seconds=0.5, **stiff).run(Stepping(1e8), compiled=False)
+    done = run_to_tolerance(recorded(seconds=0.005, **stiff), 1e-6, compiled=False)
+    assert done.stepping.count(recorded(seconds=0.005).time) * len(recorded().model.states) <= MOST_INTERPRETED
+    assert done.error.max() > 1e-6

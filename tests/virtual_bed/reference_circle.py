@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from matching.bed.commission import Circle, CommissionOrder, plan_speed
-from matching.bed.excite import plan_proof
+from matching.bed.proof import plan_proof
 from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording
 from matching.bed.verify import judge, read_recordings
 from matching.export import exported_controller, tuned_case
@@ -85,7 +85,7 @@ def _without_emulation(out: Path, path: Path, case: Case) -> dict[str, Any]:
     ):
         text = proof_recording(bed, first, law, HeldSpeed(controller), plan_proof(first, speed), speed)  # type: ignore[arg-type]
     recording.write_text(text, encoding="utf-8")
-    return judge(case, read_recordings([recording], case)).to_dict()
+    return judge(case, read_recordings([recording], case), of_this_controller=False).to_dict()
 
 
 def _figures(judged: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,535 @@
+"""Plans what excites the controlled bed for its proof, and says what the recording will tell before it is made.
+
+Torques of the road act inside the residual vehicle, so only what the dynamometers make of them has limits. Where the
+vehicle hardly answers, they may be many times those of a drive: else nothing is seen beside the noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from matching.bed.excite import (
+    FADE,
+    SLOWEST,
+    ControlledBeds,
+    ExcitationLimits,
+    ExcitedBeds,
+    ExcitedMotion,
+    RecordedBed,
+    SpeedHold,
+    controlled_beds,
+    demanded_limits,
+    fade,
+    recorded_bed,
+)
+from matching.bed.measured import MeasuredFunction, MeasuredMode, measured_mode
+from matching.bed.verify import (
+    UNKNOWN_VARIANCE,
+    Lines,
+    between_lines,
+    log_weights,
+    square_variance,
+    standard_uncertainty,
+)
+from matching.export import exported_controller
+from matching.match.case import Case, target_modes
+from matching.match.responses import ComparedBed
+from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, Settings, has_gone
+from modelling.display import Displayed
+from modelling.errors import InputError
+from modelling.recordings.read import csv_text
+
+
+@dataclass(frozen=True)
+class ProofSettings:
+    """What a proof is planned by; the origin of a number is given where it is not a choice."""
+
+    longest: float = 120.0  # s: what a bed gives to one recording
+    sufficient: float = 1 / 3  # of a tolerance: standard uncertainty that decides
+    least_periods: int = 2  # fewer leave no bin between the lines for the noise
+    below_band: float = 0.7  # of the band's lower end: modes near it are fitted with what lies below
+    above_band: float = 1.2  # of the band's upper end
+    of_half_width: float = 1.0  # distance of a torque's lines over a target mode's half-width: sums over them are exact
+    of_mode: float = 0.05  # the same over its frequency: ten lines in the range that a mode is fitted in
+    of_band: float = 0.2  # the same over the band's lower end
+    distance: float = 0.015  # relative distance of a torque's lines, at least: fewer lines are stronger ones
+    decayed: float = 4.0  # time constants of the slowest target mode before the first period that counts
+    free: float = 0.25  # share of every limit that stays free
+    demanded_share: float = 0.8  # of the manoeuvre's largest torque: peak of a torque that a motor has to give
+    beds: int = 8  # drawn from what is uncertain, that the limits hold on beside the bed as planned
+    phases: int = 30  # draws, of which the flattest wave is taken
+    samples_a_period: float = 8.0  # of the highest frequency, for peaks of motions
+    neighbours: float = 0.05  # relative distance within which a response's largest value counts: notches stay noisy
+    smaller: float = 0.9  # factor on the excitation until no watchdog can take it for a broken shaft
+    nearly_lost: tuple[float, float] = (0.9, 1.5)  # of the thresholds for a torque that is gone: the margin to them
+    errors: tuple[float, ...] = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0)  # of the tolerance: the uncertainty is stated for these
+
+
+PROOF = ProofSettings()
+
+
+@dataclass(frozen=True)
+class ExpectedUncertainty:
+    """What a recording will tell of a response error: standard uncertainties (n,) for errors (n,).
+
+    ``name`` is ``measured`` or ``unmeasured`` torques, ``allowed`` the error that the case allows.
+    """
+
+    name: str
+    allowed: float
+    errors: tuple[float, ...]
+    uncertainties: tuple[float, ...]
+
+    @property
+    def largest(self) -> float:
+        """The largest of them: it says which error is told from none."""
+        return max(self.uncertainties)
+
+    def at(self, error: float) -> float:
+        """The standard uncertainty to expect for an error."""
+        return float(np.interp(error, self.errors, self.uncertainties))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``proof.json`` holds it."""
+        return {
+            "name": self.name, "allowed": self.allowed, "errors": list(self.errors),
+            "standard_uncertainties": list(self.uncertainties),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Proof(Displayed):
+    """What excites the controlled bed.
+
+    Attributes
+    ----------
+    inputs : tuple of str (e)
+        Compared torques.
+    torques : ndarray (t, e)
+        N·m, at steps of ``step`` (s).
+    period, periods : float, int
+        Length of a period (s), and how many follow each other at the end.
+    used : dict
+        Largest share of each limit over the beds that were computed.
+    visible : dict
+        Share of the band (logarithm of frequency) in which each compared function is expected to show above the noise.
+    expected : tuple of ExpectedUncertainty
+        By kind of torque.
+    modes : dict
+        Expected standard uncertainties of frequency (Hz) and damping ratio by target mode; None: it will not show.
+    notes : tuple of str
+        What the limits do not allow, and what would.
+    """
+
+    inputs: tuple[str, ...]
+    torques: np.ndarray = field(repr=False)
+    step: float
+    period: float
+    periods: int
+    used: dict[str, float]
+    visible: dict[str, float]
+    expected: tuple[ExpectedUncertainty, ...]
+    modes: dict[int, MeasuredMode | None]
+    notes: tuple[str, ...]
+
+    @property
+    def duration(self) -> float:
+        """Of the recording, s."""
+        return len(self.torques) * self.step
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``proof.json`` holds it."""
+        return {
+            "inputs": list(self.inputs), "duration": self.duration, "period": self.period, "periods": self.periods,
+            "limits_used": self.used, "visible": self.visible,
+            "expected": [one.to_dict() for one in self.expected],
+            "modes": [
+                {
+                    "vehicle_mode": number,
+                    "frequency_uncertainty": None if mode is None else mode.frequency_uncertainty,
+                    "damping_uncertainty": None if mode is None else mode.damping_uncertainty,
+                }
+                for number, mode in self.modes.items()
+            ],
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+
+def proof_csv(proof: Proof) -> str:
+    """Text of the proof's torques as CSV."""
+    time = np.arange(len(proof.torques)) * proof.step
+    torques = {name: proof.torques[:, j] for j, name in enumerate(proof.inputs)}
+    return csv_text(time, torques, dict.fromkeys(proof.inputs, "N*m"))
+
+
+def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings = PROOF) -> Proof:
+    """Random-phase multisines on every compared torque, together, over the band of a tuned case.
+
+    Each torque has spectral lines of its own, and some lines stay empty: they show what is not linear. Each line is as
+    strong as its part in the error's variance asks for at a given use of the limits; the whole is as strong as the
+    limits leave it, on the bed as planned and on beds drawn from what is uncertain. So many periods are planned that
+    errors and target modes are decided: a standard uncertainty of a third of the tolerance.
+
+    Parameters
+    ----------
+    case : Case
+    speed : float
+        Of the rotors, rad/s, that the deviations start from.
+
+    Raises
+    ------
+    InputError
+        Where the case lacks a limit that the size of the torques is planned by.
+    """
+    bed, exported = recorded_bed(case), exported_controller(case)
+    names = tuple(dict.fromkeys(pair.input for pair in case.compared))
+    demanded = demanded_limits(bed, {})
+    _check(case, bed, names, demanded)
+    times = _Times.of(case, len(names), settings)
+    lines, of_input = _lines(times.period, case.band, len(names), np.random.default_rng((seed, len(names))), settings)
+    box = case.uncertainty
+    values = [box.at(place) for place in np.vstack([np.zeros(len(box.uncertain)), box.draw(settings.beds, seed)])]
+    beds = controlled_beds(bed, values, exported.law, names, lines / times.period)
+    limits = ExcitationLimits(bed, speed, settings.demanded_share / (1 - settings.free) * demanded)
+    steady = ExcitedBeds(bed, values, SpeedHold.of(exported.settings)).steady(speed)
+    limits.check_steady(steady, 1 - settings.free)
+    shaping = _Shaping(
+        case, bed, limits, steady, beds, lines, of_input, times.samples, exported.settings, settings
+    )  # fmt: skip
+    spectra = np.stack([shaping.alone(e, name, seed) for e, name in enumerate(names)], axis=1)
+    spectra *= shaping.largest(spectra, names)
+    motion, demands = shaping.motion(spectra, names)
+    told = _Told(case, bed, beds, lines / times.period, spectra, times, settings)
+    periods, notes = told.periods()
+    wave = shaping.wave(spectra, times.samples)
+    total = times.begin + periods * times.samples
+    rows = np.arange(-times.begin, periods * times.samples + times.edge) % times.samples
+    torques = wave[rows] * fade(total + times.edge, times.step)[:, None]
+    return Proof(
+        names, torques, times.step, times.period, periods, limits.used(steady, motion, demands), told.visible(periods),
+        told.expected(periods), told.modes(periods), notes,
+    )  # fmt: skip
+
+
+def _check(case: Case, bed: RecordedBed, names: tuple[str, ...], demanded: np.ndarray) -> None:
+    k = len(case.loop.dynamometers)
+    for name in names:
+        if name in bed.inputs and demanded[bed.inputs.index(name) - k] == 0:
+            raise InputError(f"manoeuvre.{name}", "is missing", "its largest torque says how large the proof may be")
+        if name not in bed.inputs and "dynamometer_torque" not in case.limits:
+            raise InputError("limits.dynamometer_torque", "is missing", f"it says how large {name} may be in the proof")
+
+
+@dataclass(frozen=True)
+class _Times:
+    """Samples of a period, of what is repeated before the first one that counts, and of the fade at either end."""
+
+    step: float
+    samples: int
+    begin: int
+    edge: int
+    most_periods: int
+    wanted: float  # s, of a period: shorter where the longest recording does not hold two of them
+
+    @property
+    def period(self) -> float:
+        return self.samples * self.step
+
+    @classmethod
+    def of(cls, case: Case, torques: int, settings: ProofSettings) -> _Times:
+        step = case.loop["sample_time"]
+        inside = [mode for _, mode in target_modes(case) if case.band[0] <= mode.frequency <= case.band[1]]
+        widths = [mode.damping_ratio * mode.frequency for mode in inside]
+        distances = [settings.of_band * case.band[0], *(settings.of_mode * mode.frequency for mode in inside)]
+        distance = min([*distances, *(settings.of_half_width * width for width in widths if width > 0)])
+        slowest = min([width for width in widths if width > 0], default=case.band[0])
+        edge = round(FADE / step)
+        begin = edge + round(min(settings.decayed / (2 * np.pi * slowest), settings.longest / 10) / step)
+        wanted = (2 * torques + 1) / (2 * distance)
+        room = settings.longest - (begin + edge) * step
+        samples = int(min(wanted, room / settings.least_periods) / step)
+        return cls(step, samples, begin, edge, int(room / (samples * step) + 1e-9), wanted)
+
+
+def _lines(
+    period: float, band: tuple[float, float], torques: int, rng: np.random.Generator, settings: ProofSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Harmonics (l,) of a period, s, and the torque (l,) that each is for."""
+    at, last = settings.below_band * band[0] * period, settings.above_band * band[1] * period
+    cycle = np.array([*range(torques), *range(torques), -1])  # one of them stays empty
+    slots: list[int] = []
+    while at <= last:
+        slots.append(math.ceil(at))
+        at = slots[-1] + max(1.0, settings.distance * slots[-1] * 2 / len(cycle))
+    owners = np.concatenate([rng.permutation(cycle) for _ in range(-(-len(slots) // len(cycle)))])[: len(slots)]
+    return np.array(slots)[owners >= 0], owners[owners >= 0]
+
+
+# --- How large each line is.
+
+
+@dataclass(frozen=True)
+class _Shaping:
+    """Spectra (l, e) of the excitation, complex amplitudes of cosines at harmonics ``lines`` (l,) of ``count``
+    samples, each for one torque, ``of_input`` (l,)."""
+
+    case: Case
+    bed: RecordedBed
+    limits: ExcitationLimits
+    steady: tuple[np.ndarray, np.ndarray]
+    beds: ControlledBeds
+    lines: np.ndarray
+    of_input: np.ndarray
+    count: int
+    controller: Settings
+    settings: ProofSettings
+
+    def alone(self, e: int, name: str, seed: int) -> np.ndarray:
+        """Spectrum (l,) of one torque that uses the limits alone: least variance of the error for their use.
+
+        The variance of a mean square that is small is Σ(w·n/A²)², n the variance of noise over the squared response;
+        at a given Σ(A·use)² it is least for A³ ∝ w·n/use.
+        """
+        own = np.flatnonzero(self.of_input == e)
+        weights = log_weights(self.lines[own], (self.lines[0], self.lines[-1]))
+        amplitude = np.cbrt(weights * self._noise_to_response(e, own) / self._use(e, name)[own])
+        rng = np.random.default_rng((seed, e))
+        drawn = amplitude * np.exp(2j * np.pi * rng.random((self.settings.phases, len(own))))
+        spectra = np.zeros((self.settings.phases, len(self.lines)), complex)
+        spectra[:, own] = drawn
+        waves = self.wave(spectra.T, self._coarse).T
+        spectrum = spectra[np.argmin(np.abs(waves).max(axis=1))]
+        names = [""] * self.beds.commands.shape[3]
+        names[e] = name
+        whole = np.zeros((len(self.lines), len(names)), complex)
+        whole[:, e] = spectrum
+        return np.asarray(spectrum * self.largest(whole, tuple(names)))
+
+    def largest(self, spectra: np.ndarray, names: tuple[str, ...]) -> float:
+        """Factor that brings the excitation to the limits, and keeps it from what a watchdog takes for a fault."""
+        motion, demands = self.motion(spectra, names)
+        scale = self.limits.largest_scale(self.steady, motion, demands, 1 - self.settings.free)
+        torques = [self.bed.sensors.index(dynamometer.torque_sensor) for dynamometer in self.case.loop.dynamometers]
+        answers = np.einsum("blye,le->bly", self.beds.outputs[:, :, torques], spectra)
+        moved = np.stack([self.wave(spectrum, self.count) for spectrum in answers])  # (b, t, k)
+        still = self.steady[1][:, None, torques]
+        while scale > 0 and _seems_lost(still + scale * moved, self.controller, self.settings):
+            scale *= self.settings.smaller
+        return scale
+
+    def motion(self, spectra: np.ndarray, names: tuple[str, ...]) -> tuple[ExcitedMotion, np.ndarray]:
+        """The beds' periodic motion and the demands (t, u), by the inputs of the recorded bed."""
+        commands, outputs = (
+            np.stack(
+                [self.wave(np.einsum("lye,le->ly", of_bed, spectra), self._coarse) for of_bed in responses], axis=1
+            )
+            for responses in (self.beds.commands, self.beds.outputs)
+        )
+        demands = np.zeros((self._coarse, len(self.bed.inputs)))
+        waves = self.wave(spectra, self._coarse)
+        for e, name in enumerate(names):
+            if name in self.bed.inputs:
+                demands[:, self.bed.inputs.index(name)] = waves[:, e]
+        return ExcitedMotion(commands, outputs), demands
+
+    def wave(self, spectra: np.ndarray, count: int) -> np.ndarray:
+        """One period (t, …) of spectra (l, …), as so many samples."""
+        every = np.zeros((count // 2 + 1, *spectra.shape[1:]), complex)
+        every[self.lines] = spectra * count / 2
+        return np.fft.irfft(every, count, axis=0)
+
+    @property
+    def _coarse(self) -> int:
+        return min(2 * int(self.settings.samples_a_period / 2 * self.lines[-1]), self.count)
+
+    def _noise_to_response(self, e: int, own: np.ndarray) -> np.ndarray:
+        """Variance of noise over squared response at a torque's own lines, over its functions; notches are filled."""
+        name = tuple(dict.fromkeys(pair.input for pair in self.case.compared))[e]
+        sensors = [self.bed.sensors.index(pair.sensor) for pair in self.case.compared if pair.input == name]
+        power = np.abs(self.beds.outputs[0][:, sensors, e]) ** 2
+        near = np.abs(np.log(self.lines[own, None] / self.lines)) < self.settings.neighbours
+        largest = np.where(near[:, :, None], power, 0.0).max(axis=1)
+        variance = np.sum(np.abs(self.beds.noise[0][own][:, sensors]) ** 2, axis=2)
+        return np.asarray(np.sum(variance / largest, axis=1))
+
+    def _use(self, e: int, name: str) -> np.ndarray:
+        """Root sum of squares (l,) of the shares of the limits that a torque of 1 N·m uses, on the bed as planned."""
+        case, bed = self.case, self.bed
+        outputs, total = np.abs(self.beds.outputs[0][:, :, e]) ** 2, np.zeros(len(self.lines))
+        if "dynamometer_torque" in case.limits:
+            total += (np.abs(self.beds.commands[0][:, :, e]) ** 2).sum(axis=1) / case.limits["dynamometer_torque"] ** 2
+        rotors = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in case.loop.dynamometers]
+        total += outputs[:, rotors].sum(axis=1) / ((1 - SLOWEST) * self.limits.speed) ** 2
+        limited = [f"shafts.{shaft}.{what}" for what in ("torque", "twist") for shaft in bed.shafts]
+        for row, limit in enumerate(limited, len(bed.sensors)):
+            if limit in case.limits:
+                total += outputs[:, row] / case.limits[limit] ** 2
+        if name in bed.inputs:
+            total += 1 / self.limits.demanded[bed.inputs.index(name) - len(case.loop.dynamometers)] ** 2
+        return np.sqrt(total)
+
+
+def _seems_lost(torques: np.ndarray, controller: Settings, settings: ProofSettings) -> bool:
+    """Whether flange torques (b, t, k) come near what the controller takes for a broken shaft."""
+    if (controller.lost_torque >= NO_LIMIT).all():
+        return False
+    below, above = settings.nearly_lost
+    count = torques.shape[1] - KEPT_SAMPLES
+    recent = np.stack([torques[:, KEPT_SAMPLES - i : KEPT_SAMPLES - i + count] for i in range(KEPT_SAMPLES + 1)])
+    return bool(has_gone(recent, below * controller.lost_torque, above * GONE).any())
+
+
+# --- What a recording of it will tell.
+
+
+class _Told:
+    """Uncertainties that noise leaves after a number of periods, by the formulas that judge the recording."""
+
+    def __init__(
+        self,
+        case: Case,
+        bed: RecordedBed,
+        beds: ControlledBeds,
+        frequencies: np.ndarray,
+        spectra: np.ndarray,
+        times: _Times,
+        settings: ProofSettings,
+    ):
+        self._case, self._times, self._settings = case, times, settings
+        names = list(dict.fromkeys(pair.input for pair in case.compared))
+        compared = ComparedBed(case)
+        answers = compared.at(frequencies)
+        drawn = slice(1, None) if len(beds.outputs) > 1 else slice(None)  # the planned bed comes first
+        self._drawn: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}  # of every bed: error (f,), noise (f, n)
+        self._sources: dict[str, str] = {}
+        self._functions: dict[str, MeasuredFunction] = {}
+        self._kinds: dict[str, list[str]] = {}
+        for h, (source, sensor) in enumerate(compared.pairs):
+            e, y = names.index(source), bed.sensors.index(sensor)
+            own = np.abs(spectra[:, e]) > 0
+            # a cosine of amplitude A is A·√t/2 in a spectrum over √t of t samples, where noise has its variance
+            line = np.abs(spectra[own, e]) * math.sqrt(times.samples) / 2
+            name = f"{source} → {sensor}"
+            outputs = beds.outputs[drawn][:, own, y, e]
+            self._sources[name] = source
+            self._drawn[name] = [
+                (np.log(output / answers.vehicle[own, h]), noise / (line * output)[:, None])
+                for output, noise in zip(outputs, beds.noise[drawn][:, own, y], strict=True)
+            ]
+            self._functions[name] = MeasuredFunction(
+                frequencies[own],
+                answers.matched[own, h],
+                beds.noise[0][own, y] / line[:, None],
+                np.ones(int(own.sum())),
+            )
+            self._kinds.setdefault("measured" if compared.measured[h] else "unmeasured", []).append(name)
+
+    def periods(self) -> tuple[int, tuple[str, ...]]:
+        """As many as the answers need, and what to say where the longest recording does not hold them."""
+        settings, most = self._settings, self._times.most_periods
+        enough = next((n for n in range(settings.least_periods, most + 1) if not self._open(n)), None)
+        notes = []
+        if enough is None:
+            name, over = max(self._open(most).items(), key=lambda one: one[1])
+            seconds = (self._times.begin + self._times.edge) * self._times.step + most * over**2 * self._times.period
+            way = "its mode does not show" if math.isinf(over) else (
+                f"{seconds:.0f} s would do, or limits {over:.2g} times as large, or sensors with a noise "
+                f"{1 / over:.2g} times as large"
+            )  # fmt: skip
+            notes.append(
+                f"{name} stays {over:.2g} times as uncertain as decides it in the {settings.longest:g} s that are "
+                f"planned at most: {way}"
+            )
+        if self._times.period < 0.99 * self._times.wanted:
+            notes.append(
+                f"the lines of a torque are {self._times.wanted / self._times.period:.2g} times as far apart as the "
+                f"target modes ask for: {settings.least_periods} periods of {self._times.wanted:.0f} s would resolve "
+                "them"
+            )
+        return enough or max(most, settings.least_periods), tuple(notes)
+
+    def _open(self, periods: int) -> dict[str, float]:
+        """What is not decided, with its uncertainty over the one that would decide."""
+        part, found = self._settings.sufficient, {}
+        for one in self.expected(periods):
+            found[f"the response error to {one.name} torques"] = one.largest / (part * one.allowed)
+        for target in self._case.targets:
+            mode = self.modes(periods).get(target.mode)
+            if target.mode not in self.modes(periods):
+                continue
+            allowed = (target.frequency_tolerance * (mode.frequency if mode else 1.0), target.damping_tolerance)
+            ratios = [math.inf] if mode is None else [
+                mode.frequency_uncertainty / (part * allowed[0]), mode.damping_uncertainty / (part * allowed[1])
+            ]  # fmt: skip
+            found[f"target mode {target.mode}"] = max(ratios)
+        return {name: over for name, over in found.items() if over > 1}
+
+    def expected(self, periods: int) -> tuple[ExpectedUncertainty, ...]:
+        """By kind of torque."""
+        allowed = {"measured": self._case.tolerance, "unmeasured": self._case.unmeasured_tolerance}
+        found = []
+        for kind, names in self._kinds.items():
+            errors = tuple(part * allowed[kind] for part in self._settings.errors)
+            uncertainties = []
+            for error in errors:
+                variance = self._square_variance(names, periods, error) / len(names) ** 2
+                uncertainties.append(standard_uncertainty(error**2, math.sqrt(variance)))
+            found.append(ExpectedUncertainty(kind, allowed[kind], errors, tuple(uncertainties)))
+        return tuple(found)
+
+    def _square_variance(self, names: Sequence[str], periods: int, error: float) -> float:
+        """Of the sum of functions' mean squares, on beds that are off as drawn ones are, more or less: mean over
+        these."""
+        total = 0.0
+        for source in dict.fromkeys(self._sources[name] for name in names):
+            own = [name for name in names if self._sources[name] == source]
+            beds = zip(*(self._drawn[name] for name in own), strict=True)
+            found = [
+                square_variance([self._lines_of(name, of_bed, periods, error)
+                                 for name, of_bed in zip(own, bed, strict=True)])
+                for bed in beds
+            ]  # fmt: skip
+            total += float(np.mean(found))
+        return total
+
+    def _lines_of(self, name: str, of_bed: tuple[np.ndarray, np.ndarray], periods: int, error: float) -> Lines:
+        """A function of a bed after so many periods, its error scaled to ``error``."""
+        off, noise = of_bed
+        frequencies = self._functions[name].frequencies
+        inside = (frequencies >= self._case.band[0]) & (frequencies <= self._case.band[1])
+        off, noise = off[inside], noise[inside] / math.sqrt(periods)
+        shown = np.sum(np.abs(noise) ** 2, axis=1) < UNKNOWN_VARIANCE
+        share = np.where(shown, log_weights(frequencies[inside], self._case.band), 0.0)
+        share /= max(share.sum(), 1e-300)
+        size = math.sqrt(max(float(share @ np.abs(off) ** 2), 1e-300))
+        scaled = error / size * off
+        if not shown.any():
+            return Lines(share, scaled, noise, np.ones(len(share)), math.inf)
+        between = between_lines(frequencies[inside][shown], np.abs(scaled[shown]) ** 2, self._case.band)
+        return Lines(share, scaled, noise, np.ones(len(share)), between)
+
+    def visible(self, periods: int) -> dict[str, float]:
+        """Share of the band where each compared function shows."""
+        shares = {}
+        for name, whole in self._functions.items():
+            function = whole.within(*self._case.band)
+            shown = function.variances / periods < UNKNOWN_VARIANCE * np.abs(function.values) ** 2
+            shares[name] = float(log_weights(function.frequencies, self._case.band) @ shown)
+        return shares
+
+    def modes(self, periods: int) -> dict[int, MeasuredMode | None]:
+        """Target modes of the band as the prediction shows them, with their uncertainties."""
+        functions = [
+            MeasuredFunction(one.frequencies, one.values, one.noise / math.sqrt(periods), one.shared)
+            for one in self._functions.values()
+        ]
+        return {
+            target.mode: measured_mode(functions, mode.frequency, mode.damping_ratio)
+            for target, (_, mode) in zip(self._case.targets, target_modes(self._case), strict=True)
+            if self._case.band[0] <= mode.frequency <= self._case.band[1]
+        }
