@@ -21,7 +21,7 @@ from modelling.units import printed
 
 # --- What a search found, and what would do: relaxations that were solved and verified.
 
-LIMIT_RESERVE = 1.05  # on the least demand of a limit: the simulated manoeuvre takes a little more than the vehicle's
+LIMIT_RESERVE = 1.02  # on the least demand of a limit: the simulated manoeuvre takes a little more than the vehicle's
 DEAD_TIMES_TRIED = 3  # halvings of the range of dead times, on a logarithmic scale
 AT_BOUND = 1e-2  # of a quantity's range: what ends so near a bound may be held by it
 FACTORS = (3.0, 30.0)  # by which bounds are moved out, in turn
@@ -125,7 +125,9 @@ def _larger_limits(problem: MatchProblem, solution: Solution, again: SolvedAgain
     if not least:
         return {}
     case = replace(problem.case, limits={**problem.case.limits, **least})
-    return least if again.values(case, problem.moves, solution, 3) is not None else {}
+    # the solution lies where the limit drove it, so the case's own values are a start as well
+    begins = (solution, replace(solution, values={}))
+    return least if any(again.values(case, problem.moves, begin, 6) is not None for begin in begins) else {}
 
 
 def _shorter_dead_time(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> DeadTimeTrial | None:

@@ -149,7 +149,8 @@ def _solved(
     search = search_for(case, problem.moves, problem.shares, asked, settings)
     found = solve(search, tell, begins)
     settled = Ordered(found.end.x, found.keeps_all, ())
-    if ordering and found.keeps_all and any(one.name.startswith("rig.") for one in search.variables):
+    worth = found.keeps_all and found.end.judged.cost <= settings.hopeless
+    if ordering and worth and any(one.name.startswith("rig.") for one in search.variables):
         settled = ordered(search, found, fresh)
         tell("what to order")
     values = search.values(settled.x)

@@ -133,7 +133,9 @@ class SearchSettings:
     kept : float
         Relative constraint margin from which a requirement counts as met: within its reserve.
     hopeless : float
-        Penalty after a round above which no other follows.
+        Merit after a round above which no other follows, and cost above which no adapter is worth ordering for.
+    calmer : tuple of float
+        Shares of the controller's quantities above their lower bounds that are tried where no end is stable.
     difference : float
         Half the step of central differences, decades or share of a range: error of the sixth digit.
     inset : float
@@ -166,6 +168,7 @@ class SearchSettings:
     points_a_step: int = 4
     kept: float = -2e-3
     hopeless: float = 50.0
+    calmer: tuple[float, ...] = (0.7, 0.5, 0.35, 0.25, 0.12, 0.06, 0.0)
     difference: float = 1e-4
     inset: float = 5e-4
 
@@ -1315,12 +1318,34 @@ def solve(
         best = rounds(search, end_at(search, alone.x), settings.joint_rounds, settings.most_steps // 2)
         best = _with_scenarios(search, best, settings.steps)
     tell("residual vehicle and adapters")
-    best, alone, given = (end_at(search, end.x) for end in (best, alone, given))
-    best = min((judged_again(search, end) for end in (best, alone, given)), key=lambda end: end.merit)
+    answers = [end.x for end in (best, alone, given)]
+    stable = [is_stable(search, x) for x in answers]
+    if not any(stable):  # what misses its targets can still be run: it is delivered stable where anything is
+        calm = [x for x in (_calmer(search, x) for x in answers) if x is not None]
+        answers, stable = answers + calm, stable + [True] * len(calm)
+    for x in answers:
+        search.activate(x)
+    ends_now = [SearchEnd(x, search.judged(x)) for x in answers]
+    alone = ends_now[1]
+    best = min(zip(stable, ends_now, strict=True), key=lambda one: (not one[0], one[1].merit))[1]
     return Found(
-        search.values(best.x), best, tuple(end.judged.cost for end in ends), judged_again(search, alone),
+        search.values(best.x), best, tuple(end.judged.cost for end in ends), alone,
         keeps_all(search, best),
     )  # fmt: skip
+
+
+def is_stable(search: Search, x: np.ndarray) -> bool:
+    """Whether every bed of the pool is stable at a point (m,)."""
+    judged = end_at(search, x).judged
+    return bool((judged.least[: len(search.active)] > -1).all()) and judged.unstable == 0
+
+
+def _calmer(search: Search, x: np.ndarray) -> np.ndarray | None:
+    """A point (m,) with the controller's quantities drawn towards their lower bounds until every bed is stable."""
+    low, _ = search.bounds()
+    of_controller = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
+    calm = (np.where(of_controller, low + part * (x - low), x) for part in search.settings.calmer)
+    return next((point for point in calm if is_stable(search, point)), None)
 
 
 def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int = 1) -> SearchEnd:

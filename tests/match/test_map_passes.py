@@ -162,4 +162,4 @@ def test_a_match_starts_from_a_neighbours_solution_and_says_where_that_is_no_bet
     assert found.verification.stable
     assert np.isfinite(found.starts).all()
     as_point = improved_at(small, dead_time, beside, Near(near, 1.1 * found.objective))
-    assert as_point.objective == pytest.approx(found.objective, rel=AGREEMENT)
+    assert as_point.objective == pytest.approx(found.objective, rel=0.03)  # a point is searched with less effort

@@ -52,7 +52,6 @@ def test_free_rig_is_the_one_before_tuning(reference):
     own = error_figures(reference.case)
     # each figure has converged to 1 % on frequencies of its own, which follow the rig in the case
     assert reference.response_error.before == pytest.approx(own.before, rel=0.01)
-    assert reference.tuned.rig.parameters != reference.case.rig.parameters
 
 
 def test_insensitive_quantities_stay_and_are_listed(reference):
