@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from matching.diagnosis.causes import ExtendedModel, extended_system, simulated_motion
 from matching.diagnosis.data import FitData, prepare_data, with_smooth_inputs
@@ -312,6 +313,7 @@ def _with_smooth_inputs(system: System, data: FitData) -> FitData:
 EXPLAINED_HOLDOUT_RATIO = 1.25  # error on held-out data, in times the noise, up to which causes count as explaining all
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def diagnose(
     system: System,
     recordings: Sequence[Recording],

@@ -6,6 +6,8 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from threadpoolctl import threadpool_limits
+
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
 from matching.match.case import LEAST_SHARE_TO_MOVE, Case, Move, apply, change_weight, scaled
 from matching.match.in_time import truth_of
@@ -47,6 +49,7 @@ NOTHING_MOVED = "matched at the values the case began with: nothing had to move 
 
 
 # more than six parameters: what the options of the command say, and a process beside this one
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def match(
     case: Case, seed: int = 0, starts: int | None = None, progress: Progress | None = None, *, beds: int | None = None,
     aside: SideProcesses | None = None, ordering: bool = True, begins: Sequence[Mapping[str, float]] = (),
