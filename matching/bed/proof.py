@@ -56,7 +56,7 @@ class ProofSettings:
     above_band: float = 1.2  # of the band's upper end
     of_half_width: float = 1.0  # distance of a torque's lines over a target mode's half-width: sums over them are exact
     of_mode: float = 0.05  # the same over its frequency: ten lines in the range that a mode is fitted in
-    of_band: float = 0.2  # the same over the band's lower end
+    of_band: float = 0.125  # the same over the band's lower end
     distance: float = 0.015  # relative distance of a torque's lines, at least: fewer lines are stronger ones
     decayed: float = 4.0  # time constants of the slowest target mode before the first period that counts
     free: float = 0.25  # share of every limit that stays free

@@ -115,8 +115,8 @@ def test_a_shorter_recording_is_not_promised_more_than_it_tells(quiet_case, proo
     sensors = tuple(replace(sensor, uncertainty=2.0) for sensor in quiet_case.rig.sensors)
     noisy = replace(quiet_case, rig=replace(quiet_case.rig, sensors=sensors))
     found = plan_proof(noisy, SPEED, settings=FEW)
-    assert found.duration > proof.duration
-    assert found.duration <= PROOF.longest
+    assert proof.duration <= found.duration <= PROOF.longest
     assert quiet.largest <= quiet.allowed / 3
-    assert found.notes
+    assert found.expected[0].largest > 3 * quiet.largest
+    assert not proof.notes
     assert "would do, or limits" in found.notes[0] or "does not show" in found.notes[0]
