@@ -11,7 +11,7 @@ import scipy
 from matching.match.case import TORQUE_OVER_SPEED, Case, ExceededLimit, Move, apply, scaled
 from matching.match.problem import MatchProblem, differing_components, target_results
 from matching.match.result import ResponseError, TargetResult
-from matching.match.search import SearchSettings, end_at, rounds, search_for
+from matching.match.search import SearchSettings, end_at, rounds, search_for, solve
 from matching.match.verify import Verification, Violation, verify
 from modelling.bed.controllers import ModelBased
 from modelling.errors import InputError
@@ -97,6 +97,13 @@ class SolvedAgain:
         except InputError:
             return None
 
+    def whole(self, case: Case, moves: Sequence[Move]) -> bool:
+        """Whether the whole search meets every target and limit of the changed case, begun at its own values."""
+        settings = replace(self.settings, starts=SearchSettings().starts)
+        asked = replace(self.problem.demands, limits=case.limits)
+        search = search_for(case, moves, self.problem.shares, asked, settings)
+        return self.meets_all(apply(case, search.values(solve(search).end.x)))
+
     def meets_all(self, tuned: Case) -> bool:
         """Whether a tuned case meets every target and limit, verified."""
         checked = verify(tuned, self.problem.case.rig, deviations=False)
@@ -125,9 +132,7 @@ def _larger_limits(problem: MatchProblem, solution: Solution, again: SolvedAgain
     if not least:
         return {}
     case = replace(problem.case, limits={**problem.case.limits, **least})
-    # the solution lies where the limit drove it, so the case's own values are a start as well
-    begins = (solution, replace(solution, values={}))
-    return least if any(again.values(case, problem.moves, begin, 6) is not None for begin in begins) else {}
+    return least if again.whole(case, problem.moves) else {}  # the solution lies where the limit drove it: no start
 
 
 def _shorter_dead_time(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> DeadTimeTrial | None:

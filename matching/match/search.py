@@ -61,10 +61,11 @@ from matching.match.loop import (
     resolvent,
     responses_of,
     return_difference,
+    sampled_beds,
     side_by_side,
     without_resting,
 )
-from matching.match.loop_modes import eigenvalue_of, neutral_motions
+from matching.match.loop_modes import eigenvalue_of, inside_unit_circle, neutral_motions
 from modelling.bed.observer import (
     Ahead,
     ObserverModel,
@@ -396,12 +397,13 @@ class Search:
 
     # beds
 
-    def _of_rig(self, x: np.ndarray) -> dict[str, float]:
+    def moved_on_rig(self, x: np.ndarray) -> dict[str, float]:
+        """Values of what moves on the rig, SI, at a point (m,)."""
         return {name: value for name, value in self.values(x).items() if name.startswith(RIG)}
 
     def hardware(self, x: np.ndarray) -> Hardware:
         """The beds at a point (m,)."""
-        values = self._of_rig(x)
+        values = self.moved_on_rig(x)
         key = tuple(values.values())
         if key not in self._hardware:
             if len(self._hardware) > KEPT:
@@ -437,7 +439,7 @@ class Search:
 
     def rooms_at(self, x: np.ndarray, positions: np.ndarray, left: float = 1.0) -> np.ndarray:
         """What is left (b,) of the damping that beds at positions (b, p) need, as a share of it."""
-        beds = beds_at(apply(self.case, self._of_rig(x)), positions, left)
+        beds = beds_at(apply(self.case, self.moved_on_rig(x)), positions, left)
         return self._damping_room(closed_poles(beds, self.controller(x)), beds)
 
     def add(self, positions: np.ndarray, share: float = 1.0, left: float = 1.0) -> tuple[int, ...]:
@@ -1335,9 +1337,10 @@ def solve(
 
 
 def is_stable(search: Search, x: np.ndarray) -> bool:
-    """Whether every bed of the pool is stable at a point (m,)."""
-    judged = end_at(search, x).judged
-    return bool((judged.least[: len(search.active)] > -1).all()) and judged.unstable == 0
+    """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
+    case, controller = apply(search.case, search.moved_on_rig(x)), search.controller(x)
+    sets = (sampled_beds(case, [{}]), beds_at(case, search.positions))
+    return all(inside_unit_circle(z, search.neutral) for beds in sets for z in closed_poles(beds, controller))
 
 
 def _calmer(search: Search, x: np.ndarray) -> np.ndarray | None:

@@ -39,7 +39,9 @@ def ends(process, group: bool) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize("group", [True, False], ids=["Ctrl-C", "one process"])
-@pytest.mark.parametrize(("case", "step"), [("observer", "controller"), ("case", "residual vehicle")], ids=["search", "verification"])
+@pytest.mark.parametrize(
+    ("case", "step"), [("observer", "controller"), ("case", "residual vehicle")], ids=["search", "verification"]
+)
 def test_a_match_ends(tmp_path, case, step, group):
     """While the search runs, and while fresh beds are judged."""
     words = ["match", str(ROOT / "examples" / "road_to_rig" / f"{case}.toml"), "--out", str(tmp_path / "out")]
