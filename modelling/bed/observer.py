@@ -18,7 +18,7 @@ from modelling.bed.bed import (
     bed_model,
     delayed_bed,
 )
-from modelling.bed.vehicle import FeedForward, ResidualVehicle
+from modelling.bed.vehicle import ResidualVehicle
 from modelling.errors import InputError
 from modelling.modal.modes import damped_modes
 from modelling.system import System
@@ -394,26 +394,6 @@ def runs_ahead(model: ObserverModel) -> Ahead:
         np.hstack([F, (1 - NOW) * G]),
         NOW * G,
     )
-
-
-def regulator(model: ObserverModel, command_weight: float = FREE_COMMAND_WEIGHT, change: float = 0.0) -> FeedForward:
-    """What the controller makes of bed and residual vehicle when it knows all: state [x; commands of the last step].
-
-    Raises
-    ------
-    InputError
-        If the design's Riccati equation has no stabilising solution.
-    """
-    feedback = feedback_on_all(model, command_weight, change).F
-    A, B = _arriving(model)
-    bed, k, w = model.bed, len(model.dynamometers), len(model.known)
-    W = np.vstack([bed.torques[:, model.estimated :], np.zeros((k, w))])
-    C = np.zeros((len(model.readings.rows), len(A)))
-    C[:, : model.states] = model.readings.rows
-    D = np.zeros((len(C), w))
-    return FeedForward(
-        A, B, W, C, D, feedback, np.zeros((k, w)), bed.delay, model.sample_time, model.known, model.readings.sensors
-    )  # fmt: skip
 
 
 def _arriving(model: ObserverModel) -> tuple[np.ndarray, np.ndarray]:

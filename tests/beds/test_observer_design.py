@@ -13,7 +13,6 @@ from modelling.bed.observer import (
     STATE_WEIGHT,
     design,
     observer_model,
-    regulator,
 )
 
 STAY = 1 - FORGETTING_PER_SAMPLE
@@ -56,11 +55,6 @@ def test_the_gain_solves_the_whole_problem_with_commands_on_their_way_and_torque
     of_torques = pytest.approx(free[:, o:], abs=1e-4 * np.abs(free[:, o:]).max())
     assert of_torques == controller.G / NOW
     assert of_torques == controller.F[:, o + m :] / (1 - NOW)
-
-
-def test_what_the_regulator_reads_is_what_the_sensors_read_of_rig_and_lags(model):
-    state = np.random.default_rng(2).normal(size=len(regulator(model).A))
-    np.testing.assert_allclose(regulator(model).C @ state, model.readings.rows @ state[: model.states])
 
 
 def test_the_correction_is_where_the_filters_recursion_ends_residual_vehicle_included(model, controller, small_case):
@@ -140,11 +134,3 @@ def test_a_bed_that_is_the_model_leaves_nothing_to_correct(small_case, model, co
         bed[: model.states] += torque * (NOW * known[0] + (1 - NOW) * last)
         last = known[0]
     assert abs(sent[0]) > 1.0
-
-
-def test_what_runs_ahead_has_the_poles_of_the_regulator_with_free_commands(model, controller):
-    o = controller.observed
-    ahead = np.linalg.eigvals(controller.space.A[o:, o:])
-    alone = regulator(model).poles
-    for pole in np.exp(alone[np.abs(alone) < 2000] * model.sample_time):
-        assert np.abs(ahead - pole).min() < 1e-6

@@ -50,6 +50,24 @@ def test_a_damaged_entry_is_made_anew(cache, damage):
 
 
 @compiles
+def test_an_entry_that_cannot_be_loaded_is_made_anew(cache, monkeypatch):
+    """Its checksum is right, as where another system with the same compiler wrote it."""
+    load, path, failed = c_library.ctypes.CDLL, made(), []
+
+    def fails_once(name):
+        if not failed:
+            failed.append(name)
+            raise OSError("wrong ELF class")
+        return load(name)
+
+    monkeypatch.setattr(c_library.ctypes, "CDLL", fails_once)
+    library = c_library.library_of(SOURCE, "-O1", ["answer"])
+    library.answer.restype = c_library.ctypes.c_double
+    assert library.answer() == 42.0
+    assert failed == [str(path)]
+
+
+@compiles
 def test_a_whole_entry_is_neither_compiled_nor_written_again(cache):
     path = made()
     before = path.stat()
