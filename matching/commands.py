@@ -292,6 +292,7 @@ SMALLEST_TOLERANCE = 1e-9  # share of a reading's range; below, rounding decides
 def run_simulate(arguments: Arguments) -> dict[str, Any]:
     """Simulate and write files; the result object holds what was run, and the misfit by sensor."""
     from matching.report.common import image, simulation_figure
+    from modelling.linear.steady_motion import is_linear
     from modelling.recordings.read import csv_text
     from modelling.writing import write_all
 
@@ -318,16 +319,17 @@ def run_simulate(arguments: Arguments) -> dict[str, Any]:
         "tolerance": tolerance,
         "integration_error": done.integration_error,
         "misfit": misfit,
-        "notes": [*recording.notes, *_inaccurate(done.integration_error, tolerance)],
+        "notes": [*recording.notes, *_inaccurate(done.integration_error, tolerance, is_linear(system))],
         "files": sorted(files),
     }
 
 
-def _inaccurate(errors: dict[str, float], tolerance: float) -> list[str]:
+def _inaccurate(errors: dict[str, float], tolerance: float, linear: bool) -> list[str]:
     """A note on every reading whose estimated error is beyond the tolerance."""
+    chaotic = "" if linear else ", or a motion that is chaotic"
     return [
         f"{name}: the steps leave an estimated error of {error:.2g} of its range: they do not resolve its fastest "
-        "vibration, or a motion that is chaotic"
+        f"vibration{chaotic}"
         for name, error in errors.items()
         if error > tolerance
     ]

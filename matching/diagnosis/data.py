@@ -207,7 +207,9 @@ FEWEST_EQUAL = 8  # equal values one after another before a channel counts as st
 COARSE_SHARE = 0.5  # of values equal to the one before: the resolution is coarse or the motion slow, nothing is stuck
 
 
-def remove_stuck_values(values: np.ndarray, time: np.ndarray, name: str) -> tuple[np.ndarray, list[str]]:
+def remove_stuck_values(
+    values: np.ndarray, time: np.ndarray, name: str, standing: np.ndarray | None = None
+) -> tuple[np.ndarray, list[str]]:
     """A channel with NaN where it is stuck, and a note on each of these times.
 
     Parameters
@@ -216,6 +218,8 @@ def remove_stuck_values(values: np.ndarray, time: np.ndarray, name: str) -> tupl
         Of the channel, and in s.
     name : str
         The sensor, for the notes.
+    standing : ndarray (t,) of bool, optional
+        Where the drive stands still by its other sensors: there a sensor that shows one value is sound.
     """
     cleaned, notes = values.copy(), []
     measured = values[np.isfinite(values)]
@@ -227,6 +231,8 @@ def remove_stuck_values(values: np.ndarray, time: np.ndarray, name: str) -> tupl
     shortest = min(LONGEST_CONSTANT, 0.1 * float(np.ptp(time)))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         if last - first >= FEWEST_EQUAL and time[last] - time[first] >= shortest:
+            if standing is not None and standing[first + 1 : last].all():
+                continue
             where = "at the end of its range" if values[first] in (low, high) else "stuck"
             notes.append(f"{name} is {where} from {time[first]:g} to {time[last]:g} s; left out")
             cleaned[first : last + 1] = np.nan
@@ -262,14 +268,28 @@ def _segments(system: System, recording: Recording, number: int) -> tuple[list[S
         raise InputError(recording.source, "has no sensor of the model", f"the model has {names}")
     notes: list[str] = []
     readings = np.full((len(recording.time), len(system.sensors)), np.nan)
+    still = _still(system, recording)
     for j, sensor in enumerate(system.sensors):
         if sensor.name in recording.channels:
-            readings[:, j], remarks = remove_stuck_values(recording[sensor.name], recording.time, sensor.name)
+            others = [at for name, at in still.items() if name != sensor.name]
+            standing = np.all(others, axis=0) if others else None
+            readings[:, j], remarks = remove_stuck_values(recording[sensor.name], recording.time, sensor.name, standing)
             notes += remarks
     inputs = np.ascontiguousarray(recording.inputs(system))
     parts, remarks = segments_between_gaps(recording.time, recording.source)
     segments = [Segment(recording.time[p], inputs[p], readings[p], recording.source, number) for p in parts]
     return segments, notes + remarks
+
+
+def _still(system: System, recording: Recording) -> dict[str, np.ndarray]:
+    """Where (t,) each recorded speed is 0 and each recorded angle keeps its value."""
+    still = {}
+    for sensor in system.sensors:
+        if sensor.name in recording.channels and sensor.measures in ("speed", "angle"):
+            values = recording[sensor.name]
+            same = np.diff(values, prepend=values[:1]) == 0
+            still[sensor.name] = same if sensor.measures == "angle" else values == 0
+    return still
 
 
 def _noise(system: System, segments: Sequence[Segment]) -> tuple[np.ndarray, list[str]]:

@@ -37,6 +37,19 @@ def test_stuck_channel_is_left_out_and_told() -> None:
     assert any("speed is stuck from 0.5 to 0.899 s" in note for note in notes)
 
 
+def test_a_drive_that_stands_still_is_no_stuck_sensor() -> None:
+    """Speed 0 while the angle stays where it is; where the angle moves on, the speed hangs."""
+    time, speed = np.arange(2000) * 1e-3, noisy(2000)
+    speed[500:900] = speed[1300:1700] = 0.0
+    angle = np.cumsum(speed) * 1e-3
+    angle[1300:1700] += 1e-3 * np.arange(400)
+    both = Recording(time, {"motor": np.zeros(2000), "speed": speed, "angle": angle}, source="r.csv")
+    data, notes = prepare_data(system(), [both])
+    (stuck,) = [note for note in notes if "stuck" in note]
+    assert "speed is stuck from 1.3 to 1.699 s" in stuck
+    assert data.readings_by_sensor.tolist() == [1600, 2000]
+
+
 def test_saturated_channel_is_told_as_such() -> None:
     time, speed = np.arange(2000) * 1e-3, noisy(2000)
     speed[700:900] = speed.max() + 0.1
