@@ -3,6 +3,7 @@
 import json
 import shutil
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -235,7 +236,7 @@ def test_a_run_without_emulation_or_without_a_dynamometer_is_told(
     case = tuned_case(matched).tuned
     law, speed = exported_controller(case).law, circle.plan_speed(case, circle.CommissionOrder())
     with (
-        kind(bed(matched, 1.0), ["dyno", "motor_torque"], [sensor.name for sensor in case.rig.sensors]) as one,
+        kind(Path(proven[0][3]), ["dyno", "motor_torque"], [sensor.name for sensor in case.rig.sensors]) as one,
         FmuController(proven[1] / "1_export" / "controller.fmu", law) as controller,
     ):
         text = proof_recording(one, case, law, wrapped(controller), plan_proof(case, speed), speed)
