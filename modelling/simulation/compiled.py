@@ -477,13 +477,23 @@ def library_of(source: str, optimisation: str, names: Iterable[str]) -> ctypes.C
     """
     for _ in range(2):
         target = shared(source, lambda: source, optimisation)
+        if target is None:
+            return None
         try:
-            library = None if target is None else ctypes.CDLL(str(target))
-        except OSError:  # a damaged file, or a folder mounted noexec
-            Path(str(target)).unlink(missing_ok=True)
+            library = ctypes.CDLL(str(target))
+        except OSError:
+            if _mounted_noexec(target):  # compiling again would not help
+                return None
+            target.unlink(missing_ok=True)
             continue
         return library if all(hasattr(library, name) for name in names) else None
     return None
+
+
+def _mounted_noexec(path: Path) -> bool:
+    """Whether nothing may be run from where a file lies; only some systems tell."""
+    flag = getattr(os, "ST_NOEXEC", 0)
+    return bool(flag and os.statvfs(path).f_flag & flag)
 
 
 # --- The compiled integrator, called through ctypes.
