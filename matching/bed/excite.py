@@ -1,8 +1,4 @@
-"""Plans what excites the controlled bed for its proof: every compared torque, as much as the sensors' noise asks for.
-
-Torques of the road act inside the residual vehicle, so only what the dynamometers make of them has limits. Where the
-vehicle hardly answers, they may be many times those of a drive: else nothing is seen beside the noise.
-"""
+"""Plans the recording of the bed without emulation that tells most of what the match depends on, within its limits."""
 
 from __future__ import annotations
 
@@ -631,8 +627,12 @@ class ExcitationPlan(Displayed):
 
 def excitation_csv(plan: ExcitationPlan) -> str:
     """Text of ``excitation.csv``: demanded torques beside the speed hold's, linear between samples."""
-    columns = {name: plan.torques[:, j] for j, name in enumerate(plan.inputs)}
-    return csv_text(plan.time, columns, dict.fromkeys(plan.inputs, "N*m"))
+    return torques_csv(plan.time, plan.inputs, plan.torques)
+
+
+def torques_csv(time: np.ndarray, inputs: Sequence[str], torques: np.ndarray) -> str:
+    """Text of torques (t, u), N·m, at times (t,), s, as CSV."""
+    return csv_text(time, dict(zip(inputs, torques.T, strict=True)), dict.fromkeys(inputs, "N*m"))
 
 
 # --- How much the response error of the controlled bed depends on each quantity that is not known exactly.

@@ -54,11 +54,11 @@ def joined(functions: Sequence[MeasuredFunction]) -> MeasuredFunction:
 
 # --- Periodic excitation: each torque has spectral lines of its own, which repeat exactly.
 #
-# Over P periods only every P-th bin of a spectrum holds the answer; those between hold noise and what is left of the
-# start, which is smooth and taken off by a local polynomial (Pintelon, Barbé, Vandersteen and Schoukens, Mechanical
-# Systems and Signal Processing 25 (2011) 2683). A response is then the quotient at a line: no window, no model of the
-# resonance. Lines that nothing excites show what a bed that is not linear adds; it counts as noise (Pintelon and
-# Schoukens, System Identification, 2012, section 4.3).
+# In the spectrum of P periods the answer stands at every P-th frequency. The frequencies between hold noise and the
+# transient that the start leaves; the transient is smooth in frequency, so a local polynomial takes it off (Pintelon,
+# Barbé, Vandersteen and Schoukens, Mechanical Systems and Signal Processing 25 (2011) 2683). A response is then the
+# quotient at a line: no window, no model of the resonance. Lines that nothing excites show what a bed that is not
+# linear adds; it counts as noise (Pintelon and Schoukens, System Identification, 2012, section 4.3).
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def _between(frequencies: np.ndarray, known: np.ndarray, values: np.ndarray) -> 
 # response; each has its own transient.
 
 DEGREE = 2  # of response, transient and denominator over one window
-FREEDOM = 1.5  # lines in a window over unknowns, at least: what is left over measures the noise
+FREEDOM = 1.5  # least ratio of a window's spectral lines to its unknowns: the residual then tells the noise
 SINGULAR = 1e-9  # of the largest singular value of a scaled window: below it an input does not excite
 
 

@@ -233,7 +233,8 @@ class _Fit:
     def _distances(self, factors: Mapping[str, float]) -> np.ndarray:
         """Largest median distance (y,) over the groups of lines, where channels are multiplied by factors.
 
-        Lines count where what the inputs add does not cancel: there a little of the bed decides. NaN: there are none.
+        Frequencies at which the contributions of the inputs nearly cancel are left out: there a small error of the
+        model changes everything. NaN: none are left.
         """
         driven, seen = (
             np.stack([self.lines.values[name] * factors.get(name, 1.0) for name in names], axis=1)

@@ -26,6 +26,7 @@ from matching.bed.excite import (
     demanded_limits,
     fade,
     recorded_bed,
+    torques_csv,
 )
 from matching.bed.measured import MeasuredFunction, MeasuredMode, measured_mode
 from matching.bed.verify import (
@@ -42,7 +43,6 @@ from matching.match.responses import ComparedBed
 from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, Settings, has_gone
 from modelling.display import Displayed
 from modelling.errors import InputError
-from modelling.recordings.read import csv_text
 
 
 @dataclass(frozen=True)
@@ -162,9 +162,7 @@ class Proof(Displayed):
 
 def proof_csv(proof: Proof) -> str:
     """Text of the proof's torques as CSV."""
-    time = np.arange(len(proof.torques)) * proof.step
-    torques = {name: proof.torques[:, j] for j, name in enumerate(proof.inputs)}
-    return csv_text(time, torques, dict.fromkeys(proof.inputs, "N*m"))
+    return torques_csv(np.arange(len(proof.torques)) * proof.step, proof.inputs, proof.torques)
 
 
 def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings = PROOF) -> Proof:
@@ -401,6 +399,11 @@ class _Told:
         settings: ProofSettings,
     ):
         self._case, self._times, self._settings = case, times, settings
+        self._targets = [
+            (target, mode)
+            for target, (_, mode) in zip(case.targets, target_modes(case), strict=True)
+            if case.band[0] <= mode.frequency <= case.band[1]
+        ]
         names = list(dict.fromkeys(pair.input for pair in case.compared))
         compared = ComparedBed(case)
         answers = compared.at(frequencies)
@@ -458,10 +461,9 @@ class _Told:
         part, found = self._settings.sufficient, {}
         for one in self.expected(periods):
             found[f"the response error to {one.name} torques"] = one.largest / (part * one.allowed)
-        for target in self._case.targets:
-            mode = self.modes(periods).get(target.mode)
-            if target.mode not in self.modes(periods):
-                continue
+        shown = self.modes(periods)
+        for target, _ in self._targets:
+            mode = shown[target.mode]
             allowed = (target.frequency_tolerance * (mode.frequency if mode else 1.0), target.damping_tolerance)
             ratios = [math.inf] if mode is None else [
                 mode.frequency_uncertainty / (part * allowed[0]), mode.damping_uncertainty / (part * allowed[1])
@@ -529,7 +531,5 @@ class _Told:
             for one in self._functions.values()
         ]
         return {
-            target.mode: measured_mode(functions, mode.frequency, mode.damping_ratio)
-            for target, (_, mode) in zip(self._case.targets, target_modes(self._case), strict=True)
-            if self._case.band[0] <= mode.frequency <= self._case.band[1]
+            target.mode: measured_mode(functions, mode.frequency, mode.damping_ratio) for target, mode in self._targets
         }

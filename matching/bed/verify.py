@@ -31,7 +31,7 @@ from matching.bed.measured import (
 from matching.bed.plausible import check_recording
 from matching.match.case import Box, Case, of_system, target_modes
 from matching.match.loop import bed_set, controller_of, frequency_response, responses, vehicle_response
-from matching.match.responses import ComparedBed
+from matching.match.responses import ComparedBed, Responses
 from modelling.display import Displayed
 from modelling.errors import InputError, listed
 from modelling.fidelity.measures import WEIGHTS, Fidelity, SignalPair, fidelity_distribution, fidelity_of_signals
@@ -462,6 +462,10 @@ class BedRecordings:
     sensors: tuple[str, ...]
     notes: tuple[str, ...]
 
+    def active(self, recording: Recording) -> list[str]:
+        """Torques that change in one recording."""
+        return [name for name in self.inputs if _moves(recording, name)]
+
     def signals(self, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
         """Torques (t, u) and readings (t, y) of one recording."""
         rest = np.zeros(len(recording.time))
@@ -499,7 +503,7 @@ def read_recordings(
             "record them, or name them in a channel file",
         )
     notes += [f"{name} is not in every recording and not judged" for name in wanted if name not in sensors]
-    inputs = tuple(name for name in torques if any(moves(recording, name) for recording in read))
+    inputs = tuple(name for name in torques if any(_moves(recording, name) for recording in read))
     if not inputs:
         raise InputError(
             read[0].source,
@@ -514,8 +518,7 @@ def read_recordings(
     return BedRecordings(tuple(read), inputs, sensors, tuple(notes))
 
 
-def moves(recording: Recording, name: str) -> bool:
-    """Whether a torque of a recording changes."""
+def _moves(recording: Recording, name: str) -> bool:
     if name not in recording.channels:
         return False
     torque = recording[name]
@@ -689,7 +692,7 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
     """
     if of_this_controller:
         for recording in recorded.recordings:
-            check_recording(case, recording, [name for name in recorded.inputs if moves(recording, name)])
+            check_recording(case, recording, recorded.active(recording))
     shown = _shown(case, recorded)
     units = {part.name: part.unit for part in case.rig.sensors}
     allowed = {"measured": case.tolerance, "unmeasured": case.unmeasured_tolerance}
@@ -754,6 +757,14 @@ class _Shown:
     functions: tuple[_Function, ...]
     bed: ComparedBed
 
+    def at(self, grids: Sequence[np.ndarray]) -> list[Responses]:
+        """Answers of vehicle and prediction at frequencies (f,), Hz, of several functions; like grids are one."""
+        answers: dict[bytes, Responses] = {}
+        for grid in grids:
+            if grid.tobytes() not in answers:
+                answers[grid.tobytes()] = self.bed.at(grid)
+        return [answers[grid.tobytes()] for grid in grids]
+
 
 def _shown(case: Case, recorded: BedRecordings) -> _Shown:
     bed = ComparedBed(case)
@@ -801,7 +812,7 @@ def _periodic(recorded: BedRecordings, band: tuple[float, float]) -> list[list[M
     for recording in recorded.recordings:
         torques, readings = recorded.signals(recording)
         step = float(np.mean(np.diff(recording.time)))
-        active = [j for j, name in enumerate(recorded.inputs) if moves(recording, name)]
+        active = [recorded.inputs.index(name) for name in recorded.active(recording)]
         repeated = repetition(torques[:, active], round(1 / (band[0] * step)))
         found = repeated and periodic_responses(torques[:, active], readings, step, repeated, BEYOND_BAND * band[1])
         if not found:
@@ -877,13 +888,13 @@ def _modes(case: Case, shown: _Shown) -> list[ModeJudgement]:
         reach = FITTED_BAND_RATIO
         fine = np.geomspace(mode.frequency / reach, mode.frequency * reach, FIT_POINTS)
         bed = [function.around(fine).within(fine[0], fine[-1]) for function in shown.functions]
+        answers = shown.at([function.frequencies for function in bed])
         computed = []
         for what in ("vehicle", "matched"):
-            values = [
-                getattr(shown.bed.at(function.frequencies), what)[:, own.number]
-                for function, own in zip(bed, shown.functions, strict=True)
+            same = [
+                replace(function, values=getattr(answer, what)[:, own.number])
+                for function, answer, own in zip(bed, answers, shown.functions, strict=True)
             ]
-            same = [replace(function, values=found) for function, found in zip(bed, values, strict=True)]
             computed.append(measured_mode(same, mode.frequency, mode.damping_ratio))
         vehicle, predicted = computed
         if vehicle is None:

@@ -314,6 +314,12 @@ def _row(error: Mapping[str, Any]) -> dict[str, Any]:
 # --- Views of a bed's verification.
 
 
+def _paragraphs(text: str) -> str:
+    """A paragraph a line."""
+    template = environment().from_string("{% for line in lines %}<p>{{ line }}</p>{% endfor %}")
+    return template.render(lines=text.splitlines())
+
+
 @display.plot.register
 def _(verification: BedVerification) -> Figure:
     return responses(verification)
@@ -326,8 +332,7 @@ def _(verification: BedVerification) -> str:
 
 @display.html.register
 def _(verification: BedVerification) -> str:
-    lines = verification_summary(verification.to_dict()).splitlines()
-    return environment().from_string("{% for line in lines %}<p>{{ line }}</p>{% endfor %}").render(lines=lines)
+    return _paragraphs(verification_summary(verification.to_dict()))
 
 
 # --- A commissioning in words.
@@ -516,8 +521,7 @@ def _(result: Commissioning) -> str:
 
 @display.html.register
 def _(result: Commissioning) -> str:
-    lines = commissioning_summary(result.to_dict()).splitlines()
-    return environment().from_string("{% for line in lines %}<p>{{ line }}</p>{% endfor %}").render(lines=lines)
+    return _paragraphs(commissioning_summary(result.to_dict()))
 
 
 # --- Figures of a planned excitation: torques over time, and what is known before and after.
@@ -639,8 +643,7 @@ def _(proof: Proof) -> str:
 
 @display.html.register
 def _(proof: Proof) -> str:
-    lines = proof_summary(proof.to_dict()).splitlines()
-    return environment().from_string("{% for line in lines %}<p>{{ line }}</p>{% endfor %}").render(lines=lines)
+    return _paragraphs(proof_summary(proof.to_dict()))
 
 
 @display.text.register
@@ -650,5 +653,4 @@ def _(plan: ExcitationPlan) -> str:
 
 @display.html.register
 def _(plan: ExcitationPlan) -> str:
-    lines = excitation_summary(plan.to_dict()).splitlines()
-    return environment().from_string("{% for line in lines %}<p>{{ line }}</p>{% endfor %}").render(lines=lines)
+    return _paragraphs(excitation_summary(plan.to_dict()))
