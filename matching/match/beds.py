@@ -239,12 +239,6 @@ def damping_left(share: float) -> float:
     return float(np.sqrt(share))
 
 
-def beds_at(case: Case, positions: np.ndarray, left: float = 1.0) -> SampledBeds:
-    """Beds at positions (b, p) of the case's box, with ``left`` of the stiffness and damping of their cut shafts."""
-    values = [with_reduced_stiffness(case, case.uncertainty.at(position), left) for position in positions]
-    return sampled_beds(case, values)
-
-
 # --- The worst beds of a box: descent by the gradients of dampings, ascent of the error, from planned and drawn beds.
 #
 # The least damped mode may be one of the residual vehicle that no bed moves, and another one fall below it in a corner

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.match.beds import SHARES, Judge
+from matching.match.beds import SHARES, Judge, with_reduced_stiffness
 from matching.match.case import apply, requirements, target_modes
 from matching.match.case_file import load_case
 from matching.match.loop import controller_on, linear_bed, resolvent
@@ -91,7 +91,7 @@ def test_the_search_sees_the_damping_that_the_judge_sees_with_opened_shafts_too(
     case = apply(search.case, search.values(x))
     bed = linear_bed(case)
     judge = Judge(case, controller_on(bed), neutral_motions(bed), search.required)
-    values = [search._bed(case, number) for number in range(count, count + len(SHARES))]
+    values = [with_reduced_stiffness(case, {}, left) for left in SHARES]
     ratios = judge.dampings_of(values)[:, 0]
     for left, ratio in zip(SHARES, ratios, strict=True):
         room = search.rooms_at(x, np.zeros((1, search.positions.shape[1])), left)[0]
