@@ -203,9 +203,12 @@ class Variable:
 
 
 def variables_of(case: Case, moves: Sequence[Move], shares: Mapping[str, float]) -> tuple[Variable, ...]:
-    """The weights of an observer, then what may move; ``shares`` are those of the target modes' energy by name."""
+    """The weights of an observer, unless it is fixed, then what may move.
+
+    ``shares`` are those of the target modes' energy by name.
+    """
     made = []
-    if case.loop.structure.is_observer:
+    if case.loop.tunes_observer:
         for name, known in case.loop.structure.quantities.items():
             move = Move(
                 f"{CONTROLLER}{name}", (f"{CONTROLLER}{name}",), case.loop[name], known.lower, known.upper, known.unit,
@@ -214,7 +217,7 @@ def variables_of(case: Case, moves: Sequence[Move], shares: Mapping[str, float])
             made.append(Variable(move, float(np.log10(known.upper / known.lower)), 0.0))
     for move in moves:
         if move.name.startswith(CONTROLLER):
-            if not case.loop.structure.is_observer:
+            if not case.loop.tunes_observer:
                 made.append(Variable(move, 1.0, 0.0))
         else:
             made.append(Variable(move, 1.0, change_weight(shares.get(move.name, 1.0))))
@@ -684,7 +687,7 @@ class Search:
         """Of the controller's matrices [A B; C D] by some variables; of an observer's weights they are exact."""
         weights = [
             name.removeprefix(CONTROLLER) for name in (self.names[i] for i in numbers)
-            if self.case.loop.structure.is_observer and name.startswith(CONTROLLER)
+            if self.case.loop.tunes_observer and name.startswith(CONTROLLER)
         ]  # fmt: skip
         slopes = self.controllers.weight_slopes(self.values(x), weights) if weights else []
         for i in numbers[len(weights) :]:
@@ -1344,12 +1347,12 @@ def solve(
     and from the case's own gains where no end keeps every requirement. No answer is worse than the case as given.
     With ``begins``, values by name (SI), it begins at these instead.
     """
-    settings, of_observer_ = search.settings, search.case.loop.structure.is_observer
+    settings, of_observer_ = search.settings, search.case.loop.tunes_observer
     given = end_at(search, search.begin())
     of_controller = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     everything = np.ones(len(search.variables), bool)
     search.free = of_controller if of_observer_ else everything
-    ends = _from_starts(search, [search.begin(values) for values in begins])
+    ends, gains = _from_starts(search, [search.begin(values) for values in begins])
     tell("controller")
     if of_observer_ and settings.scenarios and ends[0].judged.cost <= 1:
         ends[0] = with_opened(search, ends[0])  # beyond their tolerance the errors limit the match anyway
@@ -1360,6 +1363,7 @@ def solve(
         best = rounds(search, end_at(search, alone.x), settings.joint_rounds, settings.most_steps // 2)
         best = _with_scenarios(search, best, settings.steps)
     tell("residual vehicle and adapters")
+    alone = gains or alone
     answers = [end.x for end in (best, alone, given)]
     stable = [is_stable(search, x) for x in answers]
     if not any(stable):  # what misses its targets can still be run: it is delivered stable where anything is
@@ -1400,13 +1404,13 @@ def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int
     return best
 
 
-def _from_starts(search: Search, given: list[np.ndarray]) -> list[SearchEnd]:
-    """Where the starts ended, the best one first."""
+def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEnd], SearchEnd | None]:
+    """Where the starts ended, the best one first, and the best end of a feedback law's gains alone."""
     settings, starts, ends = search.settings, given or _starts(search), []
-    of_observer_ = search.case.loop.structure.is_observer
-    most_rounds, most_steps = settings.rounds, settings.most_steps // 4
+    of_observer_ = search.case.loop.tunes_observer
+    most_rounds, most_steps, gains = settings.rounds, settings.most_steps // 4, None
     if not of_observer_:
-        starts, most_rounds = _with_gains(search, starts), settings.joint_rounds
+        (starts, gains), most_rounds = _with_gains(search, starts), settings.joint_rounds
     begins = _ranked([_anew(search, start) for start in starts]) if of_observer_ else [_anew(search, x) for x in starts]
     search.active = (0,)
     for begin in begins[: settings.starts]:
@@ -1415,18 +1419,18 @@ def _from_starts(search: Search, given: list[np.ndarray]) -> list[SearchEnd]:
             break
     if settings.blind and all(misses(search, end) for end in ends):
         ends.append(rounds(search, end_at(search, _spread(search, 1)[0]), most_rounds, most_steps))
-    return sorted((judged_again(search, end) for end in ends), key=lambda end: end.merit)
+    return sorted((judged_again(search, end) for end in ends), key=lambda end: end.merit), gains
 
 
-def _with_gains(search: Search, starts: list[np.ndarray]) -> list[np.ndarray]:
-    """Points (m,) to go on from with everything free: the best one with the gains of a feedback law tuned alone.
+def _with_gains(search: Search, starts: list[np.ndarray]) -> tuple[list[np.ndarray], SearchEnd | None]:
+    """Points (m,) to go on from with everything free, and the best end with the gains of a feedback law tuned alone.
 
-    Where that keeps not every requirement, the first start as it is, too.
+    The points are that end and, where it keeps not every requirement, the first start as it is.
     """
     settings = search.settings
     gains = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     if not gains.any():
-        return starts[:1]
+        return starts[:1], None
     free, search.free = search.free, gains
     low, high = search.bounds()
     parts = scipy.stats.qmc.Sobol(int(gains.sum()), seed=0).random(SPREAD_GAINS if settings.blind else 0)
@@ -1438,7 +1442,7 @@ def _with_gains(search: Search, starts: list[np.ndarray]) -> list[np.ndarray]:
         ends.append(rounds(search, begin, settings.joint_rounds, settings.most_steps // 4))
     search.free = free
     best = min(ends, key=lambda end: end.merit)
-    return [best.x] if keeps_all(search, best) else [best.x, starts[0]]
+    return ([best.x] if keeps_all(search, best) else [best.x, starts[0]]), best
 
 
 def _starts(search: Search) -> list[np.ndarray]:
@@ -1446,7 +1450,7 @@ def _starts(search: Search) -> list[np.ndarray]:
     low, high = search.bounds()
     loop = search.case.loop
     begin = np.clip(search.begin(), low, high)
-    if loop.structure.is_observer:
+    if search.case.loop.tunes_observer:
         further = [
             {f"{CONTROLLER}{name}": value for name, value in values.items()} for values in loop.structure.further_starts
         ]
