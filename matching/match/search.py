@@ -138,7 +138,7 @@ class SearchSettings:
     hopeless : float
         Merit after a round above which no other follows, and cost above which no adapter is worth ordering for.
     calmer : tuple of float
-        Shares of the controller's quantities above their lower bounds that are tried where no end is stable.
+        Shares of the controller's quantities above their lower bounds that are tried where the end is not stable.
     difference : float
         Half the step of central differences, decades or share of a range: error of the sixth digit.
     inset : float
@@ -171,7 +171,7 @@ class SearchSettings:
     points_a_step: int = 4
     kept: float = -2e-3
     hopeless: float = 50.0
-    calmer: tuple[float, ...] = (0.7, 0.5, 0.35, 0.25, 0.12, 0.06, 0.0)
+    calmer: tuple[float, ...] = (1.0, 0.9, 0.7, 0.5, 0.35, 0.25, 0.12, 0.06, 0.0)
     difference: float = 1e-4
     inset: float = 5e-4
 
@@ -1366,8 +1366,8 @@ def solve(
     alone = gains or alone
     answers = [end.x for end in (best, alone, given)]
     stable = [is_stable(search, x) for x in answers]
-    if not any(stable):  # what misses its targets can still be run: it is delivered stable where anything is
-        calm = [x for x in (_calmer(search, x) for x in answers) if x is not None]
+    if not stable[0]:  # what misses its targets can still be run: it is delivered stable where anything is
+        calm = [x for x in (_calmer(search, x) for x in (*answers, *(end.x for end in ends))) if x is not None]
         answers, stable = answers + calm, stable + [True] * len(calm)
     for x in answers:
         search.activate(x)

@@ -27,6 +27,7 @@ FRESH = 2000  # beds that judge the rows which docs/validation.md shows
 COMPARED = 400  # beds that judge a comparison; none of them was seen by search or order
 OTHER_SEED = 1000  # of these beds
 PARTS = ("loop.", "residual_vehicle.", "rig.")
+ROWS = PARTS[:1], PARTS, PARTS[:2], PARTS[::2], PARTS[1:2], PARTS[2:], PARTS[1:]  # what may move in each row
 
 
 def reference(dead_time: float) -> Case:
@@ -90,17 +91,16 @@ def moved(one: Solved) -> Iterator[str]:
         yield f"    stayed: {', '.join(sorted(stayed))}"
 
 
-def contributions(dead_times: Sequence[float]) -> None:
-    """What controller, residual vehicle and adapters contribute at dead times in ms."""
+def contributions(dead_times: Sequence[float], rows: Sequence[Sequence[str]] = ROWS) -> None:
+    """What controller, residual vehicle and adapters contribute at dead times in ms, alone and together."""
     for milliseconds in dead_times:
-        case = reference(1e-3 * milliseconds)
-        for parts in (PARTS[:1], PARTS, PARTS[:2], PARTS[::2], PARTS[1:2], PARTS[2:], PARTS[1:]):
-            one = solved(case, parts)
+        for parts in rows:
+            one = solved(reference(1e-3 * milliseconds), parts)
             count = FRESH if parts in (PARTS, PARTS[:1]) else COMPARED
-            name = f"{milliseconds:g} ms, {' '.join(part.rstrip('.') for part in parts)}"
             if parts == PARTS[1:2]:
                 given = end_at(one.search, one.search.begin())
                 print(row(f"{milliseconds:g} ms, nothing", Fresh(COMPARED, 0).delivered(one.search, given)), flush=True)
+            name = f"{milliseconds:g} ms, {' '.join(part.rstrip('.') for part in parts)}"
             print(row(name, Fresh(count, 0).delivered(one.search, one.found.end)), flush=True)
             for text in moved(one):
                 print(text, flush=True)
