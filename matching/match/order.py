@@ -173,7 +173,7 @@ def contributions(
     given = fresh.delivered(search, end_at(search, search.begin()))
     rows = {"nothing": given}
     if any(of_controller):
-        rows["controller alone"] = fresh.delivered(search, found.controller_alone)
+        rows["controller alone"] = fresh.delivered(search, found.gains_alone or found.controller_alone)
     return tuple(_contribution(moved, one) for moved, one in (rows | dict(further)).items())
 
 

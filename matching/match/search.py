@@ -1325,7 +1325,8 @@ GENTLE = 0.02  # the same: a loop that does little is stable where a bed without
 class Found:
     """What a search found: values by name (SI), the point, and how it is judged; ``starts`` are the starts' costs.
 
-    ``controller_alone`` is the end where only the controller moved.
+    ``controller_alone`` is the end where only the weights of an observer moved, of a feedback law where everything did;
+    ``gains_alone`` the best end of a feedback law's gains alone.
     """
 
     values: dict[str, float]
@@ -1333,6 +1334,7 @@ class Found:
     starts: tuple[float, ...]
     controller_alone: SearchEnd
     keeps_all: bool
+    gains_alone: SearchEnd | None = None
 
 
 def solve(
@@ -1363,7 +1365,6 @@ def solve(
         best = rounds(search, end_at(search, alone.x), settings.joint_rounds, settings.most_steps // 2)
         best = _with_scenarios(search, best, settings.steps)
     tell("residual vehicle and adapters")
-    alone = gains or alone
     answers = [end.x for end in (best, alone, given)]
     stable = [is_stable(search, x) for x in answers]
     if not stable[0]:  # what misses its targets can still be run: it is delivered stable where anything is
@@ -1376,7 +1377,7 @@ def solve(
     best = min(zip(stable, ends_now, strict=True), key=lambda one: (not one[0], one[1].merit))[1]
     return Found(
         search.values(best.x), best, tuple(end.judged.cost for end in ends), alone,
-        keeps_all(search, best),
+        keeps_all(search, best), gains,
     )  # fmt: skip
 
 
