@@ -16,7 +16,6 @@ from modelling.simulation.task import (
     ALPHA,
     GAMMA,
     GAMMA_SUM,
-    STAGES,
     A,
     C,
     Functions,
@@ -122,36 +121,49 @@ def _at_samples(function: ca.Function, samples: int, common: int) -> ca.Function
     return function.map("at_samples", "serial", samples, [common], [])
 
 
-@functools.lru_cache(maxsize=128)
-def _steps(made: Functions) -> ca.Function:
-    """(x, drive, c) → the states after each of ``CHUNK`` steps; explicit: the rates before, implicit: the errors.
+def _explicit_step(made: Functions) -> ca.Function:
+    """(x, drive, c) → x after a step of classical Runge-Kutta, and the rate before it.
 
-    A column of ``drive`` is the step h, the inputs at each stage and, for implicit steps, their slopes.
+    ``drive`` is the step h and the inputs at its begin, middle and end.
     """
     x, n, k = (made.field.size1_in(i) for i in range(3))
-    width = 1 + n * (len(EXPLICIT_STAGES) if made.jacobian is None else STAGES)
-    new = ca.SX.sym if made.jacobian is None else ca.MX.sym
-    X, drive, c = new("X", x), new("drive", width), new("c", k)
-    h, u = drive[0], [drive[first : first + n] for first in range(1, width, n or width)] or [drive[:0]] * STAGES
-    if made.jacobian is None:
-        k1 = made.field(X, u[0], c)
-        k2 = made.field(X + h / 2 * k1, u[1], c)
-        k3 = made.field(X + h / 2 * k2, u[1], c)
-        k4 = made.field(X + h * k3, u[2], c)
-        results = ca.cse([ca.densify(X + h / 6 * (k1 + 2 * (k2 + k3) + k4)), ca.densify(k1)])
-    else:
-        by_state, by_input = made.jacobian(X, u[0], c)
-        # by QR, which takes a matrix that is singular or not finite: a motion that runs away is told by `failed`
-        inverse = ca.inv(ca.MX.eye(x) / (GAMMA * h) - by_state, "lapackqr")
-        forced, U = h * (by_input @ u[-1]), ca.MX(x, 0)
-        for i, at in enumerate([*u[:-1], u[-2]]):
-            earlier = U @ ca.DM(np.array([A[i, :i], C[i, :i]]).T)
-            rate = made.field(X + earlier[:, 0], at, c) + earlier[:, 1] / h + GAMMA_SUM[i] * forced
-            U = ca.horzcat(U, inverse @ rate)
-        results = [X + earlier[:, 0] + U[:, -1], U[:, -1]]
-    steps = ca.Function("step", [X, drive, c], results).mapaccum("steps", CHUNK, 1)
-    first, driven, same = ca.MX.sym("X", x), ca.MX.sym("drive", width, CHUNK), ca.MX.sym("c", k)
-    return ca.Function("chunk", [first, driven, same], steps(first, driven, ca.repmat(same, 1, CHUNK)))
+    X, drive, c = ca.SX.sym("X", x), ca.SX.sym("drive", 1 + 3 * n), ca.SX.sym("c", k)
+    h, begin, middle, end = ca.vertsplit(drive, [0, 1, 1 + n, 1 + 2 * n, 1 + 3 * n])
+    k1 = made.field(X, begin, c)
+    k2 = made.field(X + h / 2 * k1, middle, c)
+    k3 = made.field(X + h / 2 * k2, middle, c)
+    k4 = made.field(X + h * k3, end, c)
+    after = X + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+    return ca.Function("step", [X, drive, c], ca.cse([ca.densify(after), ca.densify(k1)]))
+
+
+def _implicit_step(made: Functions) -> ca.Function:
+    """(x, drive, c) → x after a Rosenbrock step, and its embedded error.
+
+    ``drive`` is the step h, the inputs at five stages (the sixth is at the time of the fifth), and their slopes.
+    """
+    x, n, k = (made.field.size1_in(i) for i in range(3))
+    X, drive, c = ca.MX.sym("X", x), ca.MX.sym("drive", 1 + 6 * n), ca.MX.sym("c", k)
+    h, *u, slopes = ca.vertsplit(drive, [0, *(1 + n * i for i in range(7))])
+    by_state, by_input = made.jacobian(X, u[0], c)  # type: ignore[misc]
+    # by QR, which takes a matrix that is singular or not finite: a motion that runs away is told by `failed`
+    inverse = ca.inv(ca.MX.eye(x) / (GAMMA * h) - by_state, "lapackqr")
+    forced, stages = h * (by_input @ slopes), ca.MX(x, 0)
+    for i, at in enumerate([*u, u[-1]]):
+        Y = X + stages @ ca.DM(A[i, :i])
+        rate = made.field(Y, at, c) + stages @ ca.DM(C[i, :i]) / h + GAMMA_SUM[i] * forced  # type: ignore[arg-type]
+        stages = ca.horzcat(stages, inverse @ rate)
+    return ca.Function("step", [X, drive, c], [Y + stages[:, -1], stages[:, -1]])
+
+
+@functools.lru_cache(maxsize=128)
+def _steps(made: Functions) -> ca.Function:
+    """(x, drive, c) → what ``CHUNK`` steps one after the other give; ``drive`` by columns."""
+    step = _explicit_step(made) if made.jacobian is None else _implicit_step(made)
+    first, drive, c = (ca.MX.sym(name, step.size1_in(i)) for i, name in enumerate(["X", "drive", "c"]))
+    drive = ca.MX.sym("drive", drive.shape[0], CHUNK)
+    after = step.mapaccum("steps", CHUNK, 1)(first, drive, ca.repmat(c, 1, CHUNK))
+    return ca.Function("chunk", [first, drive, c], [*after])
 
 
 def _nodes(row: _Row, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
