@@ -16,7 +16,6 @@ from matching.match.loop import (
     SampledController,
     bed_set,
     closed_poles,
-    damping,
     damping_ratios,
     damping_weights,
     errors,
@@ -186,28 +185,6 @@ def modulus_margin(case: Case, controller: SampledController, margin_from: float
         ends = [(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]) for i in lowest]
         grid = np.unique(np.concatenate([np.geomspace(a, b, POINTS_A_MINIMUM) for a, b in ends]))
     return found
-
-
-@dataclass(frozen=True)
-class BedFigures:
-    """Of b beds, each (b,): largest pole, least damping ratio, response errors to measured, unmeasured torques."""
-
-    largest_pole: np.ndarray
-    damping_ratio: np.ndarray
-    measured: np.ndarray
-    unmeasured: np.ndarray
-
-    def stable(self, neutral: float = 1e-9) -> np.ndarray:
-        """Which beds (b,) are stable; a rigid motion that nothing slows stands at 1."""
-        return self.largest_pole < 1 + neutral
-
-
-def bed_figures(beds: BedSet, controller: SampledController, known: Sequence[str]) -> BedFigures:
-    """Figures of every bed of a set."""
-    acting = frequency_response(controller, beds.frequencies)
-    size, ratio = damping(closed_poles(beds.sampled, controller), controller.sample_time)
-    measured, unmeasured = (np.sqrt(errors(beds, acting, those).mean(axis=1)) for those in (known, ()))
-    return BedFigures(size, ratio, measured, unmeasured)
 
 
 # --- Beds whose cut shafts have less stiffness and damping: what a lash between its flanks lets a bed appear to be.

@@ -429,6 +429,11 @@ class Demands:
         return factors
 
 
+def rig_values(case: Case) -> dict[str, float]:
+    """Every quantity of the rig, SI, by its name in a case."""
+    return {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
+
+
 def demands(case: Case, points: int = 400) -> Demands:
     """Simulate the vehicle's manoeuvre and find what it asks behind every cut.
 

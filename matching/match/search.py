@@ -33,6 +33,7 @@ from matching.match.case import (
     apply,
     change_weight,
     requirements,
+    rig_values,
     scaled,
     target_modes,
     unscaled,
@@ -441,13 +442,9 @@ class Search:
 
     # beds
 
-    def moved_on_rig(self, x: np.ndarray) -> dict[str, float]:
-        """Values of what moves on the rig, SI, at a point (m,)."""
-        return {name: value for name, value in self.values(x).items() if name.startswith(RIG)}
-
     def hardware(self, x: np.ndarray) -> Hardware:
         """The beds at a point (m,)."""
-        values = self.moved_on_rig(x)
+        values = {name: value for name, value in self.values(x).items() if name.startswith(RIG)}
         key = tuple(values.values())
         if key not in self._hardware:
             if len(self._hardware) > KEPT:
@@ -599,15 +596,12 @@ class Search:
         return [
             1 + self._damping_room(at.poles, at.active) - self._shares(),
             np.zeros(0) if own is None else np.array([own / self.required.damping_ratio - 1 + settings.reserve]),
-            1 - (1 + settings.reserve) * self.demands.shares(self._rig_values(at.hardware.case)),
+            1 - (1 + settings.reserve) * self.demands.shares(rig_values(at.hardware.case)),
             np.ones(len(noise)) if allowed is None else 1 - (1 + settings.reserve) * noise / allowed,
             1 - (1 + settings.reserve) * at.curves.closed[rolled_off] / self.required.rolled_off,
             at.curves.margin[margin] / (self.required.modulus_margin * (1 + settings.reserve)) - 1,
             self._of_targets(at)[0],
         ]
-
-    def _rig_values(self, case: Case) -> dict[str, float]:
-        return {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
 
     def _least_own(self, at: Point) -> tuple[float | None, int]:
         """Least damping ratio of what runs on known torques alone, and the number of that pole."""
@@ -794,7 +788,7 @@ def _damping_rows(search: Search, at: Point, change: np.ndarray) -> list[np.ndar
     if own is not None:
         z = at.own_poles[[number]]
         of_own = _ratio_change(z, own_changes(controller, z, change), step) / search.required.damping_ratio
-    shares = search.demands.shares(search._rig_values(at.hardware.case))
+    shares = search.demands.shares(rig_values(at.hardware.case))
     return [rows, of_own, np.zeros((len(shares), len(change)))]
 
 
