@@ -224,9 +224,7 @@ def read_moves(
         if name not in places:
             raise unknown(name, list(places), place)
         if loop.fixed and name.startswith("loop."):
-            raise InputError(
-                place, "belongs to the controller, which is fixed", "take it out, or fixed = true of [loop]"
-            )
+            raise InputError(place, "belongs to a fixed controller", "take it out, or fixed = true of [loop]")
         start, unit, together = places[name]
         if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= _KEYS:
             raise InputError(
