@@ -1,0 +1,181 @@
+"""Causes of one kind and size at several channels, as one: a filter, a clock or a supply that these share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Protocol
+
+import numpy as np
+
+from matching.diagnosis.causes import Cause, compilable
+from matching.diagnosis.screening import fit_extended
+from matching.diagnosis.selection import FIT_ERRORS, Hypothesis
+from modelling.effects import EFFECTS
+from modelling.effects.effect import members, shared_place
+from modelling.effects.sensors_and_actuators import LATE_SIGN, ClockOffset, DeadTime, SensorDelay, recorded_late
+
+
+class RefitBudget(Protocol):
+    """How many refits may still be made."""
+
+    def take(self) -> bool:
+        """Take one refit; whether there was one."""
+
+
+# Groups by the measured quantity compete from the start. A logger may have some channels of a quantity and lack others,
+# and inputs beside sensors; its delay is then found channel by channel, by the kind that each channel has for it.
+
+ALIKE = 1.5  # ratio of two sizes from which they are not tried as one
+SPILLED = 0.2  # of what the ends of data add to χ²: what a fit may add elsewhere to lessen that
+SPREAD = 0.5  # of the offset between two loggers: channels of one that differ by more are not of one
+
+
+@dataclass(frozen=True)
+class _SharedCause:
+    """A cause that stands for several: its place, and first values of its parameters."""
+
+    kind: str
+    at: str
+    sizes: dict[str, float]
+
+
+def with_shared_causes(hypothesis: Hypothesis, budget: RefitBudget) -> Hypothesis:
+    """A hypothesis whose causes of one kind at several channels are one, where that is as likely with fewer sizes; so
+    too where channels are recorded late by the same time, whatever the kinds that say so."""
+    late = tuple(cause for cause in hypothesis.causes if cause.kind in LATE_SIGN)
+    for causes in dict.fromkeys((*combinations(hypothesis.causes, 2), *combinations(late, len(late)))):
+        shared = _shared(hypothesis, causes)
+        if shared is None or not budget.take():
+            continue
+        joined = _joined(hypothesis, causes, shared)
+        if joined is not None and _as_likely(joined, hypothesis, shared):
+            return with_shared_causes(_without_idle_inputs(joined, shared, budget), budget)
+    return hypothesis
+
+
+def _without_idle_inputs(joined: Hypothesis, shared: _SharedCause, budget: RefitBudget) -> Hypothesis:
+    """A hypothesis whose clock has only those inputs that speak for it.
+
+    Which logger an input belongs to that hardly acts cannot be seen; as one more late channel it would be invented.
+    """
+    for place in members(shared.at):
+        few = [other for other in members(shared.at) if other != place]
+        if shared.kind != ClockOffset.kind or not few or not place.startswith("inputs.") or not budget.take():
+            continue
+        fewer = _of_channels(few, shared.sizes["offset"])
+        cause = next(cause for cause in joined.causes if (cause.kind, cause.at) == (shared.kind, shared.at))
+        without = _joined(joined, [cause], fewer)
+        if without is not None and without.chi_square <= joined.chi_square + _of_sizes(joined, 1):
+            return _without_idle_inputs(without, fewer, budget)
+    return joined
+
+
+def _shared(hypothesis: Hypothesis, causes: Sequence[Cause]) -> _SharedCause | None:
+    """What causes may be together; None where they are not alike."""
+    if len(causes) < 2:
+        return None
+    first = causes[0]
+    tables = {place.split(".")[0] for cause in causes for place in members(cause.at)}
+    if len(tables) > 1 or any(cause.kind != first.kind for cause in causes):
+        return _one_clock(hypothesis, causes) if all(cause.kind in LATE_SIGN for cause in causes) else None
+    if not EFFECTS[first.kind].shareable or any(cause.keys != first.keys for cause in causes):
+        return None
+    values = hypothesis.fit.values
+    sizes = np.array([[values[cause.names()[key]] for key in cause.keys] for cause in causes])
+    if not all(_alike(column) for column in sizes.T):
+        return None
+    place = shared_place(place for cause in causes for place in members(cause.at))
+    return _SharedCause(first.kind, place, dict(zip(first.keys, sizes.mean(axis=0).tolist(), strict=True)))
+
+
+def _one_clock(hypothesis: Hypothesis, causes: Sequence[Cause]) -> _SharedCause | None:
+    """The clock of the logger with fewer channels, where the times of all channels are those of two loggers.
+
+    Only differences of times show in a recording: a logger that is late is another one that is early.
+    """
+    system = hypothesis.model.base
+    parts = [*(("inputs", part.name) for part in system.inputs), *(("sensors", part.name) for part in system.sensors)]
+    offsets = {".".join(part): 0.0 for part in parts}
+    for cause in causes:
+        (name,) = cause.names().values()
+        for place in members(cause.at):
+            offsets[place] += recorded_late(cause.kind, hypothesis.fit.values[name])
+    middle = (max(offsets.values()) + min(offsets.values())) / 2
+    late = [place for place in offsets if offsets[place] > middle]
+    early = [place for place in offsets if offsets[place] <= middle]
+    few, rest = (late, early) if len(late) <= len(early) else (early, late)
+    reference = float(np.mean([offsets[place] for place in rest]))
+    differences = np.array([offsets[place] - reference for place in few])
+    spread = np.ptp([offsets[place] for place in rest])
+    if not few or not _alike(differences) or spread > SPREAD * np.abs(differences).min():
+        return None
+    return _of_channels(few, float(differences.mean()))
+
+
+def _of_channels(few: Sequence[str], offset: float) -> _SharedCause:
+    """How channels that are ``offset`` s late are named: sensors that read late, inputs that act late, else a clock."""
+    tables = {place.split(".")[0] for place in few}
+    if offset > 0 and tables == {"sensors"}:
+        return _SharedCause(SensorDelay.kind, shared_place(few), {"delay": offset})
+    if offset < 0 and tables == {"inputs"}:
+        return _SharedCause(DeadTime.kind, shared_place(few), {"delay": -offset})
+    return _SharedCause(ClockOffset.kind, shared_place(few), {"offset": offset})
+
+
+def _alike(sizes: np.ndarray) -> bool:
+    """Whether sizes (c,) have one sign and are near each other."""
+    magnitudes = np.abs(sizes)
+    return bool((np.sign(sizes) == np.sign(sizes[0])).all() and magnitudes.max() <= ALIKE * magnitudes.min())
+
+
+def _joined(hypothesis: Hypothesis, causes: Sequence[Cause], shared: _SharedCause) -> Hypothesis | None:
+    """The hypothesis with one cause in the place of several, fitted; None where there is none."""
+    fit, model = hypothesis.fit, hypothesis.at_fit()
+    removed = {name for cause in causes for name in cause.names().values()}
+    kept = set(model.bounds) - removed
+    model = replace(
+        model, causes=tuple(cause for cause in model.causes if cause not in causes),
+        bounds={name: model.bounds[name] for name in kept}, values={name: model.values[name] for name in kept},
+    )  # fmt: skip
+    model = model.with_cause(shared.kind, shared.at, shared.sizes, fit.problem.data.sampling_interval)
+    if not compilable([model]):
+        return None
+    try:
+        return Hypothesis(model, fit_extended(model, fit), hypothesis.screened)
+    except FIT_ERRORS:
+        return None
+
+
+def _as_likely(joined: Hypothesis, hypothesis: Hypothesis, shared: _SharedCause) -> bool:
+    """Whether the causes are as likely as one; of times, away from both ends of the data.
+
+    What was before the first sample and comes after the last is unknown: as much of the data is off by it, at the one
+    end if a channel is late and at the other if the others are early. A fit spreads some of that over the rest.
+    """
+    saved = _saved(hypothesis, joined)
+    if shared.kind not in LATE_SIGN:
+        return joined.chi_square < hypothesis.chi_square + saved
+    longest = max(abs(size) for size in shared.sizes.values())
+    inner = _inner_square(joined, longest) - _inner_square(hypothesis, longest)
+    ends = _inner_square(joined, 0.0) - _inner_square(hypothesis, 0.0) - inner
+    return inner < saved + SPILLED * max(ends, 0.0)
+
+
+def _inner_square(hypothesis: Hypothesis, margin: float) -> float:
+    """Sum of squares of the errors, in times the noise, further than ``margin`` s from the ends of the data."""
+    square = 0.0
+    for segment, errors in zip(hypothesis.fit.problem.data.segments, hypothesis.fit.errors, strict=True):
+        time = segment.time
+        square += float(np.nansum(errors[(time > time[0] + margin) & (time < time[-1] - margin)] ** 2))
+    return square
+
+
+def _saved(hypothesis: Hypothesis, joined: Hypothesis) -> float:
+    """What the sizes that are saved would cost in χ² (Schwarz 1978), no model being better than what it leaves."""
+    return _of_sizes(hypothesis, len(hypothesis.fit.v) - len(joined.fit.v))
+
+
+def _of_sizes(hypothesis: Hypothesis, count: int) -> float:
+    return count * float(np.log(hypothesis.fit.problem.data.readings_count)) * hypothesis.chi_square_per_reading
