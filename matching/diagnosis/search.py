@@ -39,6 +39,7 @@ from modelling.effects import EFFECTS
 from modelling.resources import time_is_over
 from modelling.system import System
 
+SIDE_BY_SIDE = 4  # models that are compiled at once
 Progress = Callable[[str], None]  # is given the name of each step
 
 
@@ -173,9 +174,12 @@ class _Search:
         It ends when one leaves hardly anything and no other promises nearly as much.
         """
         out: list[Hypothesis] = []
-        for group in groups[:most]:
+        for number, group in enumerate(groups[:most]):
             if out and self._explained(parent, out) and group[0].reduction < self._promise(out):
                 break
+            if number % SIDE_BY_SIDE == 0:
+                models = [self._with(parent, each[0]) for each in groups[number : min(number + SIDE_BY_SIDE, most)]]
+                compilable(models)
             hypothesis = self._refit(parent, group, out)
             if hypothesis is not None:
                 out.append(hypothesis)
@@ -207,8 +211,7 @@ class _Search:
         return self.settings.promising * max(hypothesis.screened for hypothesis in fitted)
 
     def _refit(self, parent: Hypothesis, group: Group, others: list[Hypothesis]) -> Hypothesis | None:
-        start = replace(parent.model, bounds=parent.fit.problem.bounds, values=parent.fit.values, starts=())
-        models = compilable([self._with(start, parent, each) for each in self._starts(group)])
+        models = compilable([self._with(parent, each) for each in self._starts(group)])
         if not models or not self.budget.take():
             return None
         self.progress(f"{group[0].kind} at {group[0].at}")
@@ -221,9 +224,13 @@ class _Search:
             return None
         return Hypothesis(model, fit, group[0].reduction)
 
-    def _with(self, start: ExtendedModel, parent: Hypothesis, candidate: ScreenedCandidate) -> ExtendedModel:
-        step = parent.fit.problem.data.sampling_interval
-        return start.with_cause(candidate.kind, candidate.at, candidate.parameters, step)
+    def _with(self, parent: Hypothesis, *candidates: ScreenedCandidate) -> ExtendedModel:
+        """The model of a hypothesis with further causes, to begin where its fit ended."""
+        data = parent.fit.problem.data
+        model = replace(parent.model, bounds=parent.fit.problem.bounds, values=parent.fit.values, starts=())
+        for candidate in candidates:
+            model = model.with_cause(candidate.kind, candidate.at, candidate.parameters, data.sampling_interval)
+        return model
 
     def _starts(self, group: Group) -> list[ScreenedCandidate]:
         """From where a candidate is fitted: its best guesses, and of a free play wider ones, too. Within the true gap
@@ -273,9 +280,8 @@ class _Search:
         self.progress("pairs of causes")
         screening, groups = self.screened(best)
         out: list[Hypothesis] = []
-        start = replace(best.model, bounds=best.fit.problem.bounds, values=best.fit.values, starts=())
         for pair in screened_pairs(screening, [group[0] for group in groups], self.settings)[: self.settings.pairs]:
-            model = self._with(self._with(start, best, pair.first), best, pair.second)
+            model = self._with(best, pair.first, pair.second)
             if not compilable([model]) or not self.budget.take():
                 continue
             try:

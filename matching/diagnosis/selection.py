@@ -136,6 +136,14 @@ def with_balanced_sensors(hypothesis: Hypothesis) -> Hypothesis:
     return hypothesis if lost else replace(hypothesis, fit=balanced)
 
 
+def by_noise(hypothesis: Hypothesis) -> Hypothesis:
+    """A hypothesis fitted with sensors weighted by their noise."""
+    fit = hypothesis.fit
+    if fit.problem.weighting is None:
+        return hypothesis
+    return replace(hypothesis, fit=solve(replace(fit.problem, weighting=None), fit.v))
+
+
 def pooled_error(fit: Fit) -> float:
     """Root mean square over the sensors of the error of fitted data over the sensor's range."""
     segments = fit.problem.data.segments

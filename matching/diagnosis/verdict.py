@@ -193,7 +193,8 @@ def fitted_scores(hypotheses: Sequence[Hypothesis], inflation: float) -> np.ndar
 def _weighted_as(best: Hypothesis, other: Hypothesis) -> Hypothesis:
     """A hypothesis with its sensors weighted as those of the best."""
     weighting = best.fit.problem.weighting
-    return other if weighting is None else replace(other, fit=reweighted(other.fit, weighting))
+    same = other.fit.problem.weighting is weighting
+    return other if same else replace(other, fit=reweighted(other.fit, weighting))
 
 
 def evidence_shares(scores: np.ndarray) -> np.ndarray:
