@@ -63,8 +63,9 @@ from matching.diagnosis.selection import (
     Hypothesis,
     UnseenData,
     at_noise,
-    by_noise,
     equivalent_fits,
+    largest_error,
+    scatters_only,
     widened,
 )
 from matching.diagnosis.settings import DiagnosisSettings
@@ -103,16 +104,24 @@ def identify_causes(
 ) -> IdentifiedCauses:
     """The causes that a base fit lacks, and for each its rivals, itself included.
 
-    Weights by noise are right for a model that is perfect. Where the base model leaves more than a noise that is stated
-    too small, each of several sensors is weighted by what the model leaves of it. With one sensor there is nothing to
-    weigh: the error of its free simulation is what counts.
+    Weights by noise are right for a model that can be perfect. Where the best one is far from the noise, causes are
+    searched for again with each sensor weighted by what the base model leaves of it, and taken if they meet unseen data
+    better. With one sensor there is nothing to weigh: the error of its free simulation is what counts.
     """
     several = (base.problem.data.readings_by_sensor > 0).sum() > 1
-    model = ExtendedModel(system, (), dict(base.problem.bounds), base.values)
-    if several and Hypothesis(model, base).largest_error > settings.left_by_model:
-        progress("sensors weighted by what the model leaves")
-        base = _balanced(system, base)
-    return _identify(system, base, holdout, settings, progress)
+    identified: IdentifiedCauses | None = None
+    if not several or largest_error(base) < settings.far_from_noise:
+        identified = _identify(system, base, holdout, settings, progress)
+        best = identified.state.best
+        near = scatters_only(best) or largest_error(best.fit) < settings.left_by_model
+        if not several or near or time_is_over(settings.search_share):
+            return identified
+    progress("sensors weighted by what the model leaves")
+    balanced = _identify(system, _balanced(system, base), holdout, settings, progress)
+    if identified is None:
+        return balanced
+    unseen = UnseenData(holdout, settings)
+    return balanced if unseen.pooled(balanced.state.best) < unseen.pooled(identified.state.best) else identified
 
 
 def _identify(
@@ -154,8 +163,6 @@ def _search_and_rate(
     unseen = UnseenData(holdout, settings)
     state = search_causes(system, base, unseen, settings, progress)
     progress("final fit")
-    if state.best.largest_error < settings.left_by_model:
-        state.best = by_noise(state.best)
     state.best = simplified(final_fit(state.best))
     if state.best.causes and not unseen.accepts(state.best, state.base):
         state.best, state.rivals = state.base, []

@@ -90,11 +90,6 @@ class Hypothesis:
         return max(1.0, self.chi_square / max(self.fit.problem.data.readings_count, 1))
 
     @property
-    def largest_error(self) -> float:
-        """Root mean square error of the sensor with the largest one, in times its noise."""
-        return float(np.sqrt(np.nanmax(self.mean_squares, initial=0.0)))
-
-    @property
     def misfit(self) -> float:
         """Root mean square of all errors in times the noise."""
         count = self.fit.problem.data.readings_by_sensor
@@ -136,12 +131,10 @@ def with_balanced_sensors(hypothesis: Hypothesis) -> Hypothesis:
     return hypothesis if lost else replace(hypothesis, fit=balanced)
 
 
-def by_noise(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis fitted with sensors weighted by their noise."""
-    fit = hypothesis.fit
-    if fit.problem.weighting is None:
-        return hypothesis
-    return replace(hypothesis, fit=solve(replace(fit.problem, weighting=None), fit.v))
+def largest_error(fit: Fit) -> float:
+    """Root mean square error of the sensor with the largest one, in times its noise."""
+    squares = np.sum([np.sum(part**2, axis=0) for part in fit.errors], axis=0)
+    return float(np.sqrt(squares / np.maximum(fit.problem.data.readings_by_sensor, 1)).max(initial=0.0))
 
 
 def pooled_error(fit: Fit) -> float:

@@ -48,6 +48,9 @@ class DiagnosisSettings:
     left_by_model : float
         Times the noise that the best hypothesis leaves in one of several sensors, from which the model is taken as
         imperfect and sensors are weighted by what it leaves: more than a noise that is stated too small.
+    far_from_noise : float
+        Times the noise that the base model leaves in a sensor, from which a search by noise weights is not begun:
+        an encoder that is said to be precise would decide everything. Trial.
     window : int
         Readings of all sensors in which causes are searched for: 37 s at 1 kHz and four sensors. Their size is fitted
         to all data.
@@ -74,4 +77,5 @@ class DiagnosisSettings:
     refits: int = 60
     search_share: float = 0.7
     left_by_model: float = 3.0
+    far_from_noise: float = 100.0
     window: int = 150_000
