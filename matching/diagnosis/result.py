@@ -348,7 +348,7 @@ def kept_table(final: Hypothesis, curves: Sequence[DiscrepancyCurve], unseen: Un
         except FIT_ERRORS:
             continue
         before, after = unseen.error(final), unseen.error(extended)
-        if before is not None and after is not None and unseen.accepts(extended, final):
+        if before is not None and after is not None and unseen.keeps(extended, final):
             return KeptTable(effect, curve.over, extended.fit.values, before.pooled, after.pooled)
     return None
 

@@ -138,7 +138,7 @@ class _Search:
         """The whole search."""
         state = self.state
         while len(state.best.causes) < self.settings.most_causes and not scatters_only(state.best):
-            fitted = self.refitted(state.best, self.groups(state.best), self.settings.candidates)
+            fitted = self.refitted(state.best, self.promising(state.best))
             if not state.best.causes:
                 state.with_one_cause = fitted
             accepted = self.first_accepted(fitted) or self.first_accepted(self.pairs())
@@ -146,9 +146,21 @@ class _Search:
                 break
             if len(accepted.causes) == 1:
                 state.rivals = [[accepted, *(other for other in fitted if other.places != accepted.places)]]
-            state.best = with_shared_causes(with_balanced_sensors(accepted), self.budget)
+            state.best = with_shared_causes(with_balanced_sensors(accepted), self.unseen, self.budget)
         self.settle()
         return state
+
+    def promising(self, hypothesis: Hypothesis) -> list[Group]:
+        """The candidates of a round: the most promising, and of further kinds the most promising place. To first order,
+        where sensors are weighted with a memory, what lets an angle drift away promises little."""
+        groups = self.groups(hypothesis)
+        best = groups[: self.settings.candidates]
+        seen = {group[0].kind for group in best}
+        further: dict[str, Group] = {}
+        for group in groups[self.settings.candidates :]:
+            if group[0].kind not in seen:
+                further.setdefault(group[0].kind, group)
+        return [*best, *list(further.values())[: self.settings.kinds]]
 
     def groups(self, hypothesis: Hypothesis) -> list[Group]:
         """Candidates for what a hypothesis leaves, the most promising first."""
@@ -168,24 +180,31 @@ class _Search:
 
     # --- Refits
 
-    def refitted(self, parent: Hypothesis, groups: list[Group], most: int) -> list[Hypothesis]:
+    def refitted(self, parent: Hypothesis, groups: list[Group]) -> list[Hypothesis]:
         """Candidates added to a hypothesis one by one, everything uncertain free; best first.
 
         It ends when one leaves hardly anything and no other promises nearly as much.
         """
         out: list[Hypothesis] = []
-        for number, group in enumerate(groups[:most]):
+        for number, group in enumerate(groups):
             if out and self._explained(parent, out) and group[0].reduction < self._promise(out):
                 break
             if number % SIDE_BY_SIDE == 0:
-                models = [self._with(parent, each[0]) for each in groups[number : min(number + SIDE_BY_SIDE, most)]]
+                models = [self._with(parent, each[0]) for each in groups[number : number + SIDE_BY_SIDE]]
                 compilable(models)
             hypothesis = self._refit(parent, group, out)
             if hypothesis is not None:
                 out.append(hypothesis)
         out = self._sharpened(out)
         if out and not at_noise(out[0]):
-            out = self._sharpened([self._over_windows(parent, hypothesis) for hypothesis in out])
+            explained = parent.fit.cost - out[0].fit.cost
+            again = [
+                self._over_windows(parent, each)
+                if each is out[0] or each.screened > self.settings.promising * explained
+                else each
+                for each in out
+            ]
+            out = self._sharpened(again)
         return distinct(out)
 
     def _over_windows(self, parent: Hypothesis, hypothesis: Hypothesis) -> Hypothesis:
@@ -261,13 +280,22 @@ class _Search:
         """The first of hypotheses, best first, that explains more than chance, is possible, and meets unseen data
         better beyond chance."""
         for hypothesis in fitted[: self.settings.judged]:
-            if not worthwhile(self.state.best, hypothesis, self.state.noise_threshold):
+            if not self._worthwhile(hypothesis):
                 return None
             if hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit):
                 continue
             if self.unseen.accepts(hypothesis, self.state.best):
                 return hypothesis
         return None
+
+    def _worthwhile(self, child: Hypothesis) -> bool:
+        """Whether further causes explain more of the fitted data than noise would, more than their parameters cost, and
+        more than a slight part of the misfit."""
+        parent = self.state.best
+        least = max(self.state.noise_threshold, _price(child) - _price(parent)) * child.chi_square_per_reading
+        return parent.chi_square - child.chi_square > least and (
+            share_explained(parent, child) >= self.settings.least_share
+        )
 
     # --- Pairs
 
@@ -320,9 +348,9 @@ class _Search:
         if rest is None:
             rivals.append([best])
             return None
-        if not self.unseen.accepts(best, rest):
+        if not self.unseen.keeps(best, rest):
             return rest
-        fitted = self.refitted(rest, self.groups(rest), self.settings.exchanged)
+        fitted = self.refitted(rest, self.groups(rest)[: self.settings.exchanged])
         others = [hypothesis for hypothesis in fitted if hypothesis.places != best.places]
         likelier = bool(others) and others[0].cost < best.cost and not others[0].model.not_taken(others[0].fit)
         if likelier and self.unseen.pooled(others[0]) < self.unseen.pooled(best):
@@ -364,6 +392,15 @@ def _simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedMode
             yield rest.with_cause(kind, at, simpler.parameters, fit.problem.data.sampling_interval)
 
 
+def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:
+    """Whether a hypothesis has the candidate, or another dry friction at its place."""
+    sticks = EFFECTS[candidate.kind].sticks
+    return any(
+        candidate.at == at and (candidate.kind == kind or (sticks and EFFECTS[kind].sticks))
+        for kind, at in hypothesis.places
+    )
+
+
 def without(hypothesis: Hypothesis, index: int) -> Hypothesis | None:
     """All causes of a hypothesis but one, fitted; None where they do not simulate without it."""
     model = hypothesis.model.without_cause(index, hypothesis.fit)
@@ -387,12 +424,6 @@ def distinct(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     for hypothesis in hypotheses:
         out.setdefault(frozenset(hypothesis.places), hypothesis)
     return list(out.values())
-
-
-def worthwhile(parent: Hypothesis, child: Hypothesis, noise_threshold: float) -> bool:
-    """Whether further causes explain more of the fitted data than noise would and their parameters cost."""
-    least = max(noise_threshold, _price(child) - _price(parent))
-    return child.chi_square < parent.chi_square - least * child.chi_square_per_reading
 
 
 def _price(hypothesis: Hypothesis) -> float:

@@ -268,6 +268,9 @@ def widened(estimates: Mapping[str, Estimate], fits: list[Fit]) -> dict[str, Est
 FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError, ValueError)  # of a fit that does not simulate or converge
 
 
+AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
+
+
 @dataclass(frozen=True)
 class UnseenError:
     """Errors of one hypothesis on unseen data.
@@ -319,14 +322,27 @@ class UnseenData:
         Of every sensor the difference of the mean squares counts, over the larger of both: a sensor says as much as
         another whatever it measures, and one that is at its noise says nothing. Chance is that of the blocks of the
         data: a paired bootstrap draws them again and again, and all but a share ``chance`` of the draws have to find
-        the child better. In units of the sensors' ranges, too, the pooled error may not rise beyond chance.
+        the child better.
         """
+        gain, _ = self._drawn(child, parent)
+        return bool(np.mean(gain <= 0) < self.settings.chance)
+
+    def keeps(self, child: Hypothesis, parent: Hypothesis) -> bool:
+        """Whether a hypothesis to which nothing will be added is accepted over another, and the error of no sensor, nor
+        of all in units of their ranges, rises beyond chance and more than slightly. Before the end the right cause may
+        let an angle drift away, beside another that is still missing."""
+        gain, rises = self._drawn(child, parent)
+        chance, slight = self.settings.chance, self.settings.slight_rise
+        worse = (np.mean(rises <= 0, axis=0) < chance) & (rises.mean(axis=0) > slight)
+        return bool(np.mean(gain <= 0) < chance and not worse.any())
+
+    def _drawn(self, child: Hypothesis, parent: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
+        """Gains and rises in draws of the blocks; certain ones where only one of both simulates the data."""
         after, before = self.error(child), self.error(parent)
         if after is None or before is None or after.blocks.shape != before.blocks.shape:
-            return after is not None and before is None
-        gain, rise = drawn_gains(after, before, self.settings.draws)
-        chance = self.settings.chance
-        return bool(np.mean(gain <= 0) < chance and np.mean(rise <= 0) > chance)
+            better = 1.0 if after is not None and before is None else -1.0
+            return np.full(1, better), np.full((1, 1), -better)
+        return drawn_gains(after, before, self.settings.draws)
 
     def _simulated(self, hypothesis: Hypothesis) -> UnseenError | None:
         try:
@@ -346,15 +362,30 @@ class UnseenData:
 
 
 def drawn_gains(after: UnseenError, before: UnseenError, draws: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gains (d,) of one hypothesis over another in draws of the blocks of unseen data: in shares of the larger mean
-    square of each sensor, and (rises, negative gains) in squares of shares of the sensors' ranges."""
+    """What one hypothesis gains over another in draws of the blocks of unseen data.
+
+    Returns
+    -------
+    gain : ndarray (d,)
+        Differences of the mean squares, each over the larger of both and the noise at least, summed over the sensors.
+    rises : ndarray (d, y + 1)
+        Of each sensor, as a share of the larger mean square, 0 where it is at its noise; last that of all sensors in
+        units of their ranges.
+    """
     count = len(after.blocks)
     chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
     known = np.isfinite(after.blocks) & np.isfinite(before.blocks)
     new, old = (chosen @ np.where(known, error.blocks, 0.0) for error in (after, before))
     number = np.maximum(chosen @ known, 1.0)
-    larger = np.maximum(new, old)
-    gain = np.where(larger > 0, (old - new) / np.where(larger > 0, larger, 1.0), 0.0).sum(axis=1)
+    new, old = (np.maximum(error / number, 1.0) for error in (new, old))
+    rises = _share(new - old, np.maximum(new, old))
     square = np.where(np.isfinite(after.ranges) & (after.ranges > 0), after.ranges, np.inf) ** 2
-    rise = ((new - old) / number / square).sum(axis=1)
-    return gain, rise
+    pooled_new, pooled_old = ((error / square).sum(axis=1) for error in (new, old))
+    pooled = _share(pooled_new - pooled_old, np.maximum(pooled_new, pooled_old))
+    above = np.where(new > AT_NOISE, rises, 0.0)
+    return -rises.sum(axis=1), np.concatenate([above, pooled[:, None]], axis=1)
+
+
+def _share(difference: np.ndarray, of: np.ndarray) -> np.ndarray:
+    """Differences as shares; 0 of nothing."""
+    return np.where(of > 0, difference / np.where(of > 0, of, 1.0), 0.0)

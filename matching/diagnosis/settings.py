@@ -15,12 +15,17 @@ class DiagnosisSettings:
         Causes that are named at most. A third one is rarely right (campaigns).
     chance : float
         Probability with which a cause that changes nothing is accepted; one-sided, of the block bootstrap.
+    slight_rise : float
+        Of a sensor's mean square on unseen data, up to which a rise does not matter: 2 % of its error.
     blocks : int
         Parts into which unseen data are cut for the bootstrap: longer than an oscillation, and enough to draw from.
     draws : int
         Of the bootstrap: the standard error of a probability of 1 % is then 0.2 %.
-    candidates, exchanged, pairs : int
-        Candidates that are refitted in a round, in the place of each of several causes, and pairs of them. Trial.
+    candidates, kinds : int
+        Most promising candidates that are refitted in a round, and further kinds, each at its most promising place.
+        Trial.
+    exchanged, pairs : int
+        Candidates that are refitted in the place of each of several causes, and pairs that are. Trial.
     paired : int
         Best candidates of which pairs are screened.
     pair_gain : float
@@ -29,6 +34,9 @@ class DiagnosisSettings:
         Guesses of a candidate that are tried as the start of its fit. Trial.
     wider_gaps : tuple of float
         Times the guessed, or fitted, free play, from which a fit begins, too. Trial.
+    least_share : float
+        Of the misfit beyond noise that a cause has to explain: the vocabulary lacks the cause of what is left, and a
+        kind that takes a tenth of it stands for it only. Trial.
     judged : int
         Hypotheses of a round that are compared on unseen data, best first, before the search gives up.
     explains_almost_all, promising : float
@@ -58,15 +66,18 @@ class DiagnosisSettings:
 
     most_causes: int = 3
     chance: float = 0.01
+    slight_rise: float = 0.04
     blocks: int = 16
     draws: int = 2000
-    candidates: int = 8
+    candidates: int = 7
+    kinds: int = 5
     exchanged: int = 4
     pairs: int = 2
     paired: int = 10
     pair_gain: float = 1.2
     starts: int = 3
     wider_gaps: tuple[float, ...] = (1.6, 4.0)
+    least_share: float = 0.15
     judged: int = 6
     explains_almost_all: float = 0.9
     promising: float = 0.4

@@ -11,7 +11,7 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause, compilable
 from matching.diagnosis.screening import fit_extended
-from matching.diagnosis.selection import FIT_ERRORS, Hypothesis
+from matching.diagnosis.selection import FIT_ERRORS, Hypothesis, UnseenData
 from modelling.effects import EFFECTS
 from modelling.effects.effect import members, shared_place
 from modelling.effects.sensors_and_actuators import LATE_SIGN, ClockOffset, DeadTime, SensorDelay, recorded_late
@@ -28,7 +28,6 @@ class RefitBudget(Protocol):
 # and inputs beside sensors; its delay is then found channel by channel, by the kind that each channel has for it.
 
 ALIKE = 1.5  # ratio of two sizes from which they are not tried as one
-SPILLED = 0.2  # of what the ends of data add to χ²: what a fit may add elsewhere to lessen that
 SPREAD = 0.5  # of the offset between two loggers: channels of one that differ by more are not of one
 
 
@@ -41,21 +40,23 @@ class _SharedCause:
     sizes: dict[str, float]
 
 
-def with_shared_causes(hypothesis: Hypothesis, budget: RefitBudget) -> Hypothesis:
-    """A hypothesis whose causes of one kind at several channels are one, where that is as likely with fewer sizes; so
-    too where channels are recorded late by the same time, whatever the kinds that say so."""
+def with_shared_causes(hypothesis: Hypothesis, unseen: UnseenData, budget: RefitBudget) -> Hypothesis:
+    """A hypothesis whose causes of one kind at several channels are one, unless several sizes meet unseen data better
+    beyond chance; so too where channels are recorded late by the same time, whatever the kinds that say so."""
     late = tuple(cause for cause in hypothesis.causes if cause.kind in LATE_SIGN)
     for causes in dict.fromkeys((*combinations(hypothesis.causes, 2), *combinations(late, len(late)))):
         shared = _shared(hypothesis, causes)
         if shared is None or not budget.take():
             continue
         joined = _joined(hypothesis, causes, shared)
-        if joined is not None and _as_likely(joined, hypothesis, shared):
-            return with_shared_causes(_without_idle_inputs(joined, shared, budget), budget)
+        if joined is not None and not unseen.accepts(hypothesis, joined):
+            return with_shared_causes(_without_idle_inputs(joined, shared, unseen, budget), unseen, budget)
     return hypothesis
 
 
-def _without_idle_inputs(joined: Hypothesis, shared: _SharedCause, budget: RefitBudget) -> Hypothesis:
+def _without_idle_inputs(
+    joined: Hypothesis, shared: _SharedCause, unseen: UnseenData, budget: RefitBudget
+) -> Hypothesis:
     """A hypothesis whose clock has only those inputs that speak for it.
 
     Which logger an input belongs to that hardly acts cannot be seen; as one more late channel it would be invented.
@@ -67,8 +68,8 @@ def _without_idle_inputs(joined: Hypothesis, shared: _SharedCause, budget: Refit
         fewer = _of_channels(few, shared.sizes["offset"])
         cause = next(cause for cause in joined.causes if (cause.kind, cause.at) == (shared.kind, shared.at))
         without = _joined(joined, [cause], fewer)
-        if without is not None and without.chi_square <= joined.chi_square + _of_sizes(joined, 1):
-            return _without_idle_inputs(without, fewer, budget)
+        if without is not None and not unseen.accepts(joined, without):
+            return _without_idle_inputs(without, fewer, unseen, budget)
     return joined
 
 
@@ -146,36 +147,3 @@ def _joined(hypothesis: Hypothesis, causes: Sequence[Cause], shared: _SharedCaus
         return Hypothesis(model, fit_extended(model, fit), hypothesis.screened)
     except FIT_ERRORS:
         return None
-
-
-def _as_likely(joined: Hypothesis, hypothesis: Hypothesis, shared: _SharedCause) -> bool:
-    """Whether the causes are as likely as one; of times, away from both ends of the data.
-
-    What was before the first sample and comes after the last is unknown: as much of the data is off by it, at the one
-    end if a channel is late and at the other if the others are early. A fit spreads some of that over the rest.
-    """
-    saved = _saved(hypothesis, joined)
-    if shared.kind not in LATE_SIGN:
-        return joined.chi_square < hypothesis.chi_square + saved
-    longest = max(abs(size) for size in shared.sizes.values())
-    inner = _inner_square(joined, longest) - _inner_square(hypothesis, longest)
-    ends = _inner_square(joined, 0.0) - _inner_square(hypothesis, 0.0) - inner
-    return inner < saved + SPILLED * max(ends, 0.0)
-
-
-def _inner_square(hypothesis: Hypothesis, margin: float) -> float:
-    """Sum of squares of the errors, in times the noise, further than ``margin`` s from the ends of the data."""
-    square = 0.0
-    for segment, errors in zip(hypothesis.fit.problem.data.segments, hypothesis.fit.errors, strict=True):
-        time = segment.time
-        square += float(np.nansum(errors[(time > time[0] + margin) & (time < time[-1] - margin)] ** 2))
-    return square
-
-
-def _saved(hypothesis: Hypothesis, joined: Hypothesis) -> float:
-    """What the sizes that are saved would cost in χ² (Schwarz 1978), no model being better than what it leaves."""
-    return _of_sizes(hypothesis, len(hypothesis.fit.v) - len(joined.fit.v))
-
-
-def _of_sizes(hypothesis: Hypothesis, count: int) -> float:
-    return count * float(np.log(hypothesis.fit.problem.data.readings_count)) * hypothesis.chi_square_per_reading

@@ -50,17 +50,24 @@ def test_errors_are_mean_squares_by_block_and_pooled_over_the_ranges(unseen):
 
 
 @pytest.mark.parametrize(
-    ("after", "accepted"),
+    ("after", "accepted", "kept"),
     [
-        ((5.0, 3.0), True),  # one falls, the other stays
-        ((5.0, 3.3), True),  # a fall by three quarters against a rise by a sixth
-        ((5.0, 7.0), False),  # over its range the second rises by more than the first falls
-        ((11.0, 3.0), False),
-        ((10.0, 3.0), False),  # nothing changes
+        ((5.0, 3.0), True, True),  # one falls, the other stays
+        ((5.0, 3.05), True, True),  # 3 % in the mean square does not matter
+        ((5.0, 3.3), True, False),  # a fall by three quarters against a rise by a sixth: not at the end
+        ((5.0, 7.0), False, False),
+        ((11.0, 3.0), False, False),
+        ((10.0, 3.0), False, False),  # nothing changes
     ],
 )
-def test_what_is_accepted_falls_in_all_sensors_together(unseen, after, accepted):
-    assert unseen.of.accepts(hypothesis(*after), hypothesis(10.0, 3.0)) is accepted
+def test_what_is_accepted_falls_in_all_and_what_is_kept_rises_in_none(unseen, after, accepted, kept):
+    child, parent = hypothesis(*after), hypothesis(10.0, 3.0)
+    assert unseen.of.accepts(child, parent) is accepted
+    assert unseen.of.keeps(child, parent) is kept
+
+
+def test_a_sensor_at_its_noise_is_not_worse(unseen):
+    assert unseen.of.keeps(hypothesis(5.0, 1.04), hypothesis(10.0, 0.5))
 
 
 @pytest.mark.parametrize(("spread", "accepted"), [(0.5, True), (8.0, False)])
