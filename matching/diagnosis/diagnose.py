@@ -117,6 +117,8 @@ def identify_causes(
         if not several or near or time_is_over(settings.search_share):
             return identified
     progress("sensors weighted by what the model leaves")
+    if identified is not None:
+        settings = replace(settings, far_from_noise=settings.left_by_model)
     balanced = _identify(system, _balanced(system, base), holdout, settings, progress)
     if identified is None:
         return balanced

@@ -15,7 +15,7 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel, compilable, recorded_range
 from matching.diagnosis.data import FEWEST_SAMPLES, FitData, Segment
-from matching.diagnosis.fit import MOST_STEPS_A_SAMPLE, Fit, FitOptions, with_sharper_friction
+from matching.diagnosis.fit import FINAL_STEPS, MOST_STEPS_A_SAMPLE, Fit, FitOptions, with_sharper_friction
 from matching.diagnosis.screening import (
     NoiseDraws,
     ScreenedCandidate,
@@ -39,6 +39,7 @@ from modelling.effects import EFFECTS
 from modelling.resources import time_is_over
 from modelling.system import System
 
+FAR_FROM_NOISE = 10.0  # times the noise, root mean square: of no friction that turns too smoothly alone (trial)
 SIDE_BY_SIDE = 4  # models that are compiled at once
 Progress = Callable[[str], None]  # is given the name of each step
 
@@ -146,8 +147,12 @@ class _Search:
                 break
             if len(accepted.causes) == 1:
                 state.rivals = [[accepted, *(other for other in fitted if other.places != accepted.places)]]
-            state.best = with_shared_causes(with_balanced_sensors(accepted), self.unseen, self.budget)
+            weighted = with_balanced_sensors(accepted, self.settings.far_from_noise)
+            state.best = with_shared_causes(weighted, self.unseen, self.budget)
         self.settle()
+        shared = with_shared_causes(state.best, self.unseen, self.budget)
+        if shared is not state.best:  # an exchange has made causes alike
+            state.best, state.rivals = shared, [[shared] for _ in shared.causes]
         return state
 
     def promising(self, hypothesis: Hypothesis) -> list[Group]:
@@ -354,7 +359,7 @@ class _Search:
         others = [hypothesis for hypothesis in fitted if hypothesis.places != best.places]
         likelier = bool(others) and others[0].cost < best.cost and not others[0].model.not_taken(others[0].fit)
         if likelier and self.unseen.pooled(others[0]) < self.unseen.pooled(best):
-            return with_balanced_sensors(others[0])
+            return with_balanced_sensors(others[0], self.settings.far_from_noise)
         rivals.append(distinct(sorted([best, *others], key=lambda hypothesis: hypothesis.cost)))
         return None
 
@@ -412,10 +417,13 @@ def without(hypothesis: Hypothesis, index: int) -> Hypothesis | None:
 
 def with_sharpest_friction(hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis that is not at the noise with its friction as sharp as ever pays: no further cause is to be searched
-    for what smooth friction leaves."""
+    for what smooth friction leaves. Far from the noise that is little beside the error of the model."""
     if at_noise(hypothesis):
         return hypothesis
-    return replace(hypothesis, fit=with_sharper_friction(hypothesis.fit, MOST_STEPS_A_SAMPLE))
+    sharper = replace(hypothesis, fit=with_sharper_friction(hypothesis.fit, FINAL_STEPS))
+    if at_noise(sharper) or sharper.misfit > FAR_FROM_NOISE:
+        return sharper
+    return replace(sharper, fit=with_sharper_friction(sharper.fit, MOST_STEPS_A_SAMPLE))
 
 
 def distinct(hypotheses: list[Hypothesis]) -> list[Hypothesis]:

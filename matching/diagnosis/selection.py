@@ -118,16 +118,20 @@ class Hypothesis:
         return [whiteness([part[:, j] for part in parts]) for j in range(len(self.fit.problem.data.noise))]
 
 
-def with_balanced_sensors(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis with its sensors weighted by what it leaves of them; itself where noise alone weights them.
+def with_balanced_sensors(hypothesis: Hypothesis, far_from_noise: float) -> Hypothesis:
+    """A hypothesis with its sensors weighted by what it leaves of them, or by their noise where it leaves less than
+    ``far_from_noise`` times that; itself where noise weights them already.
 
     Where what is left is slow, its memory takes the place of parameters that hold the slow part: the next fit lets it
     grow, and so on. A fit that loses its way so is not taken.
     """
-    if hypothesis.fit.problem.weighting is None:
+    fit = hypothesis.fit
+    if fit.problem.weighting is None:
         return hypothesis
-    balanced = iteratively_reweighted(hypothesis.fit)
-    lost = pooled_error(balanced) > MOST_LOST * pooled_error(hypothesis.fit)
+    if largest_error(fit) < far_from_noise:
+        return replace(hypothesis, fit=solve(replace(fit.problem, weighting=None), fit.v))
+    balanced = iteratively_reweighted(fit)
+    lost = pooled_error(balanced) > MOST_LOST * pooled_error(fit)
     return hypothesis if lost else replace(hypothesis, fit=balanced)
 
 
@@ -268,6 +272,7 @@ def widened(estimates: Mapping[str, Estimate], fits: list[Fit]) -> dict[str, Est
 FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError, ValueError)  # of a fit that does not simulate or converge
 
 
+DIVERGED = 1e12  # times the noise: a simulation that runs away
 AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
 
 
@@ -354,6 +359,8 @@ class UnseenData:
         data = hypothesis.fit.problem.data
         readings = np.concatenate([segment.readings for segment in self.holdout.data.segments])
         total = np.concatenate(residuals)
+        if np.nanmax(np.abs(total), initial=0.0) > DIVERGED:
+            return None
         blocks = np.array([mean_square(part) for part in np.array_split(total, min(self.settings.blocks, len(total)))])
         shares = shares_of_ranges(total, readings, data.noise)
         with np.errstate(divide="ignore", invalid="ignore"):

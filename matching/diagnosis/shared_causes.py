@@ -15,6 +15,7 @@ from matching.diagnosis.selection import FIT_ERRORS, Hypothesis, UnseenData
 from modelling.effects import EFFECTS
 from modelling.effects.effect import members, shared_place
 from modelling.effects.sensors_and_actuators import LATE_SIGN, ClockOffset, DeadTime, SensorDelay, recorded_late
+from modelling.system import System
 
 
 class RefitBudget(Protocol):
@@ -41,15 +42,16 @@ class _SharedCause:
 
 
 def with_shared_causes(hypothesis: Hypothesis, unseen: UnseenData, budget: RefitBudget) -> Hypothesis:
-    """A hypothesis whose causes of one kind at several channels are one, unless several sizes meet unseen data better
-    beyond chance; so too where channels are recorded late by the same time, whatever the kinds that say so."""
+    """A hypothesis whose causes of one kind at several channels are one, unless several sizes are likelier and meet
+    unseen data better beyond chance; so too where channels are recorded late by the same time, whatever the kinds that
+    say so."""
     late = tuple(cause for cause in hypothesis.causes if cause.kind in LATE_SIGN)
     for causes in dict.fromkeys((*combinations(hypothesis.causes, 2), *combinations(late, len(late)))):
         shared = _shared(hypothesis, causes)
         if shared is None or not budget.take():
             continue
         joined = _joined(hypothesis, causes, shared)
-        if joined is not None and not unseen.accepts(hypothesis, joined):
+        if joined is not None and (joined.cost < hypothesis.cost or not unseen.accepts(hypothesis, joined)):
             return with_shared_causes(_without_idle_inputs(joined, shared, unseen, budget), unseen, budget)
     return hypothesis
 
@@ -65,10 +67,10 @@ def _without_idle_inputs(
         few = [other for other in members(shared.at) if other != place]
         if shared.kind != ClockOffset.kind or not few or not place.startswith("inputs.") or not budget.take():
             continue
-        fewer = _of_channels(few, shared.sizes["offset"])
+        fewer = _of_channels(joined.model.base, few, shared.sizes["offset"])
         cause = next(cause for cause in joined.causes if (cause.kind, cause.at) == (shared.kind, shared.at))
         without = _joined(joined, [cause], fewer)
-        if without is not None and not unseen.accepts(joined, without):
+        if without is not None and (without.cost < joined.cost or not unseen.accepts(joined, without)):
             return _without_idle_inputs(without, fewer, unseen, budget)
     return joined
 
@@ -87,8 +89,12 @@ def _shared(hypothesis: Hypothesis, causes: Sequence[Cause]) -> _SharedCause | N
     sizes = np.array([[values[cause.names()[key]] for key in cause.keys] for cause in causes])
     if not all(_alike(column) for column in sizes.T):
         return None
-    place = shared_place(place for cause in causes for place in members(cause.at))
-    return _SharedCause(first.kind, place, dict(zip(first.keys, sizes.mean(axis=0).tolist(), strict=True)))
+    places = [place for cause in causes for place in members(cause.at)]
+    if first.kind == SensorDelay.kind:
+        return _of_channels(hypothesis.model.base, places, float(sizes.mean()))
+    return _SharedCause(
+        first.kind, shared_place(places), dict(zip(first.keys, sizes.mean(axis=0).tolist(), strict=True))
+    )
 
 
 def _one_clock(hypothesis: Hypothesis, causes: Sequence[Cause]) -> _SharedCause | None:
@@ -112,13 +118,14 @@ def _one_clock(hypothesis: Hypothesis, causes: Sequence[Cause]) -> _SharedCause 
     spread = np.ptp([offsets[place] for place in rest])
     if not few or not _alike(differences) or spread > SPREAD * np.abs(differences).min():
         return None
-    return _of_channels(few, float(differences.mean()))
+    return _of_channels(system, few, float(differences.mean()))
 
 
-def _of_channels(few: Sequence[str], offset: float) -> _SharedCause:
-    """How channels that are ``offset`` s late are named: sensors that read late, inputs that act late, else a clock."""
+def _of_channels(system: System, few: Sequence[str], offset: float) -> _SharedCause:
+    """How channels that are ``offset`` s late are named: sensors that read late, inputs that act late, else a clock, as
+    where all sensors are late."""
     tables = {place.split(".")[0] for place in few}
-    if offset > 0 and tables == {"sensors"}:
+    if offset > 0 and tables == {"sensors"} and len(few) < len(system.sensors):
         return _SharedCause(SensorDelay.kind, shared_place(few), {"delay": offset})
     if offset < 0 and tables == {"inputs"}:
         return _SharedCause(DeadTime.kind, shared_place(few), {"delay": -offset})

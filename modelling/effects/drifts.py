@@ -16,7 +16,6 @@ from modelling.effects.effect import (
     InputPath,
     Kind,
     Parameter,
-    RecordedRange,
     SensorPath,
     State,
     Symbols,
@@ -28,7 +27,6 @@ PARAMETERS = {"change": Parameter("1", lower=-1.0), "time_constant": Parameter("
 STATE = State("1", "share of the change of {place} that has happened", from_zero=True)
 FIRST_SHARE = 1.0  # time constant of the screening, of the longest recording: nearly a straight line
 NEARBY_SHARES = (0.3,)  # the same of a further guess, which bends
-SLOWEST = 10.0  # time constant, of the longest recording
 FASTEST = 0.1  # of a guess: what has changed sooner is a value that is wrong throughout, which has kinds of its own
 
 
@@ -46,12 +44,6 @@ def done_after(seconds: float, time_constant: float) -> float:
 def drift_bounds(guess: float) -> tuple[float, float]:
     """Bounds of a time constant, s, in a fit that starts from a guess."""
     return FASTEST * guess, math.inf
-
-
-def drift_in_recording(recorded: RecordedRange) -> tuple[float, float]:
-    """Bounds of a time constant, s, by a recording: over a tenth of a slower one the change is a straight line, whose
-    size and time constant cannot be told apart."""
-    return -math.inf, SLOWEST * recorded.duration
 
 
 def first_guesses(motion: FittedMotion, at: str, signal: np.ndarray, *, bent: bool = False) -> Iterator[Guess]:
@@ -102,9 +94,6 @@ class GainDrift(Kind):
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return drift_bounds(guess) if key == "time_constant" else super().fit_bounds(key, guess, step)
 
-    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
-        return drift_in_recording(recorded) if key == "time_constant" else super().recorded_bounds(key, at, recorded)
-
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
         yield from first_guesses(motion, at, motion.signal(at), bent=True)
 
@@ -148,9 +137,6 @@ class ParameterDrift(Kind):
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return drift_bounds(guess) if key == "time_constant" else super().fit_bounds(key, guess, step)
-
-    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
-        return drift_in_recording(recorded) if key == "time_constant" else super().recorded_bounds(key, at, recorded)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
         place, signal = _torque(motion, at)
