@@ -73,6 +73,7 @@ from matching.diagnosis.statistics import Estimate, at_least, discretisation_shi
 from matching.diagnosis.verdict import (
     JudgedCause,
     RatedCause,
+    cause_parameters,
     final_fit,
     final_fit_on,
     fitted_candidates,
@@ -80,6 +81,7 @@ from matching.diagnosis.verdict import (
     rate_rivals,
     recording_to_tell_rivals,
     refitted_candidates,
+    told_from_nothing,
 )
 from matching.diagnosis.windows import window_uncertainties
 from modelling.recordings.recording import Recording
@@ -166,6 +168,7 @@ def _search_and_rate(
     state = search_causes(system, base, unseen, settings, progress)
     progress("final fit")
     state.best = simplified(final_fit(state.best))
+    _leave_out(state, unseen)
     if state.best.causes and not unseen.keeps(state.best, state.base):
         state.best, state.rivals = state.base, []
     if not state.best.causes:
@@ -175,6 +178,21 @@ def _search_and_rate(
         progress("rivals")
         rated.append(rate_rivals(state, index, holdout))
     return IdentifiedCauses(state, rated, fitted_candidates(state, holdout))
+
+
+def _leave_out(state: SearchState, unseen: UnseenData) -> None:
+    """Leave out each cause of several, the last first, without which the final fit meets unseen data as well, or whose
+    torque is not told from nothing."""
+    for index in reversed(range(len(state.best.causes))):
+        rest = without(state.best, index) if len(state.best.causes) > 1 else None
+        if rest is None:
+            continue
+        best = state.best
+        parameters = cause_parameters(best.model.base, best.causes[index], _estimates(best, [best.fit]))
+        nothing = best.model.negligible(best.fit, index) or not told_from_nothing(parameters)
+        if nothing or not unseen.keeps(best, rest):
+            state.best = final_fit(rest)
+            del state.rivals[index : index + 1]
 
 
 # --- Inputs between their samples: straight, as recordings have them, or smooth, where that is what the readings say.

@@ -447,7 +447,7 @@ def named_causes(
         alike = _all_alike(system, final, judgement)
         same = [name for name in alike if name not in weighed]
         certain = confidence(rating.share, explained, part) / (1 + len(same))
-        parameters = _parameters(system, cause, estimates)
+        parameters = cause_parameters(system, cause, estimates)
         if not told_from_nothing(parameters):
             certain = min(certain, UNEXPLAINED_SHARE)
         alternatives = [Alternative(kind, at, certain) for kind, at in same]
@@ -522,7 +522,8 @@ def _rated_rivals(judged: JudgedCause) -> list[RatedCause]:
     return [rating for rating in judged.rated if (rating.kind, rating.at) != (judged.cause.kind, judged.cause.at)]
 
 
-def _parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate]) -> dict[str, CauseParameter]:
+def cause_parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate]) -> dict[str, CauseParameter]:
+    """The parameters of a cause, SI, from the estimates of all fitted ones by name."""
     kind, names = EFFECTS[cause.kind], cause.names()
     values = kind.canonical({key: estimates[name].value for key, name in names.items()})
     return {
