@@ -290,6 +290,8 @@ def diagnose(
     residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
     verdict, rest = _verdict(final, judge, after), remaining_errors(final)
+    if verdict == "unexplained" and not final.causes and at_noise(final):
+        notes.append("the fitted data are reproduced to their noise, held-out data are not: something happens in those")
     explained = verdict == "explained"
     unseen = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
     curves = discrepancy_curves(final) if rest else []

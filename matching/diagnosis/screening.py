@@ -26,7 +26,6 @@ from matching.diagnosis.fit import (
     Fit,
     FitOptions,
     FitProblem,
-    chi_square,
     simulate_readings,
     solve,
     steps_and_stick_speed,
@@ -177,13 +176,6 @@ def fit_extended(
     v = problem.pack(model.values, list(model.starts) or start_states(problem, parent, p))
     v = np.clip(v, problem.lower, problem.upper)
     return solve(problem, v, known_jacobian(problem, parent, v), options)
-
-
-def extended_start(model: ExtendedModel, parent: Fit) -> float:
-    """χ² of an extended model where its fit would begin; infinite where it does not simulate."""
-    problem, p = extended_problem(model, parent)
-    v = problem.pack(model.values, list(model.starts) or start_states(problem, parent, p))
-    return chi_square(problem.residuals(np.clip(v, problem.lower, problem.upper)[None])[0])
 
 
 def extended_problem(

@@ -7,7 +7,7 @@ together. At the end each cause is left out and exchanged in turn.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -20,7 +20,6 @@ from matching.diagnosis.screening import (
     NoiseDraws,
     ScreenedCandidate,
     Screening,
-    extended_start,
     fit_extended,
 )
 from matching.diagnosis.selection import (
@@ -90,14 +89,11 @@ class RefitBudget:
         return self.left >= 0
 
 
-Group = list[ScreenedCandidate]  # the guesses of one candidate (kind, place, parameters), best first
-
-
-def by_candidate(screened: Sequence[ScreenedCandidate]) -> list[Group]:
-    """Guesses by kind, place and set of parameters; the most promising candidate first."""
-    out: dict[tuple, Group] = {}
+def best_by_candidate(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
+    """The best guess of every kind, place and set of parameters, best first."""
+    out: dict[tuple, ScreenedCandidate] = {}
     for candidate in sorted(screened, key=lambda candidate: -candidate.reduction):
-        out.setdefault((candidate.kind, candidate.at, tuple(candidate.parameters)), []).append(candidate)
+        out.setdefault((candidate.kind, candidate.at, tuple(candidate.parameters)), candidate)
     return list(out.values())
 
 
@@ -130,10 +126,10 @@ class _Search:
         model = ExtendedModel(system, (), dict(base_fit.problem.bounds), base_fit.values, recorded=recorded)
         base = Hypothesis(model, base_fit)
         draws = screening.draws = NoiseDraws(screening.mask.ravel(), screening.free)
-        groups = by_candidate(list(screening.candidates()))
+        candidates = best_by_candidate(screening.candidates())
         screening.draws = None
-        self.known: dict[tuple[Cause, ...], tuple[Screening, list[Group]]] = {(): (screening, groups)}
-        self.state = SearchState(base, base, screening, [group[0] for group in groups], draws.threshold())
+        self.known: dict[tuple[Cause, ...], tuple[Screening, list[ScreenedCandidate]]] = {(): (screening, candidates)}
+        self.state = SearchState(base, base, screening, candidates, draws.threshold())
 
     def run(self) -> SearchState:
         """The whole search."""
@@ -155,49 +151,43 @@ class _Search:
             state.best, state.rivals = shared, [[shared] for _ in shared.causes]
         return state
 
-    def promising(self, hypothesis: Hypothesis) -> list[Group]:
+    def promising(self, hypothesis: Hypothesis) -> list[ScreenedCandidate]:
         """The candidates of a round: the most promising, and of further kinds the most promising place. To first order,
         where sensors are weighted with a memory, what lets an angle drift away promises little."""
-        groups = self.groups(hypothesis)
-        best = groups[: self.settings.candidates]
-        seen = {group[0].kind for group in best}
-        further: dict[str, Group] = {}
-        for group in groups[self.settings.candidates :]:
-            if group[0].kind not in seen:
-                further.setdefault(group[0].kind, group)
+        _, candidates = self.screened(hypothesis)
+        best = candidates[: self.settings.candidates]
+        seen = {candidate.kind for candidate in best}
+        further: dict[str, ScreenedCandidate] = {}
+        for candidate in candidates[self.settings.candidates :]:
+            if candidate.kind not in seen:
+                further.setdefault(candidate.kind, candidate)
         return [*best, *list(further.values())[: self.settings.kinds]]
 
-    def groups(self, hypothesis: Hypothesis) -> list[Group]:
-        """Candidates for what a hypothesis leaves, the most promising first."""
-        return self.screened(hypothesis)[1]
-
-    def screened(self, hypothesis: Hypothesis) -> tuple[Screening, list[Group]]:
-        """The screening of a hypothesis, and its candidates beyond what noise would promise."""
+    def screened(self, hypothesis: Hypothesis) -> tuple[Screening, list[ScreenedCandidate]]:
+        """The screening of a hypothesis, and its candidates beyond what noise would promise, best first."""
         if hypothesis.causes not in self.known:
             screening = Screening(hypothesis.fit)
-            groups = by_candidate(list(screening.candidates(hypothesis.model.system())))
-            self.known[hypothesis.causes] = screening, groups
-        screening, groups = self.known[hypothesis.causes]
+            found = best_by_candidate(screening.candidates(hypothesis.model.system()))
+            self.known[hypothesis.causes] = screening, found
+        screening, candidates = self.known[hypothesis.causes]
         least = self.state.noise_threshold
-        return screening, [
-            group for group in groups if group[0].reduction > least and group[0].kind_and_place not in hypothesis.places
-        ]
+        return screening, [each for each in candidates if each.reduction > least and not _taken(hypothesis, each)]
 
     # --- Refits
 
-    def refitted(self, parent: Hypothesis, groups: list[Group]) -> list[Hypothesis]:
+    def refitted(self, parent: Hypothesis, candidates: list[ScreenedCandidate]) -> list[Hypothesis]:
         """Candidates added to a hypothesis one by one, everything uncertain free; best first.
 
         It ends when one leaves hardly anything and no other promises nearly as much.
         """
         out: list[Hypothesis] = []
-        for number, group in enumerate(groups):
-            if out and self._explained(parent, out) and group[0].reduction < self._promise(out):
+        for number, candidate in enumerate(candidates):
+            if out and self._explained(parent, out) and candidate.reduction < self._promise(out):
                 break
             if number % SIDE_BY_SIDE == 0:
-                models = [self._with(parent, each[0]) for each in groups[number : number + SIDE_BY_SIDE]]
+                models = [self._with(parent, each) for each in candidates[number : number + SIDE_BY_SIDE]]
                 compilable(models)
-            hypothesis = self._refit(parent, group, out)
+            hypothesis = self._refit(parent, candidate, out)
             if hypothesis is not None:
                 out.append(hypothesis)
         out = self._sharpened(out)
@@ -234,19 +224,18 @@ class _Search:
     def _promise(self, fitted: list[Hypothesis]) -> float:
         return self.settings.promising * max(hypothesis.screened for hypothesis in fitted)
 
-    def _refit(self, parent: Hypothesis, group: Group, others: list[Hypothesis]) -> Hypothesis | None:
-        models = compilable([self._with(parent, each) for each in self._starts(group)])
+    def _refit(self, parent: Hypothesis, candidate: ScreenedCandidate, others: list[Hypothesis]) -> Hypothesis | None:
+        models = compilable([self._with(parent, candidate)])
         if not models or not self.budget.take():
             return None
-        self.progress(f"{group[0].kind} at {group[0].at}")
+        self.progress(f"{candidate.kind} at {candidate.at}")
         rival = min((hypothesis.fit.cost for hypothesis in others), default=0.0)
         noise = min((hypothesis.fit.cost for hypothesis in others if at_noise(hypothesis)), default=0.0)
         try:
-            model = min(models, key=lambda model: extended_start(model, parent.fit)) if len(models) > 1 else models[0]
-            fit = fit_extended(model, parent.fit, FitOptions(exact=False, rival_cost=rival, noise_cost=noise))
+            fit = fit_extended(models[0], parent.fit, FitOptions(exact=False, rival_cost=rival, noise_cost=noise))
         except FIT_ERRORS:
             return None
-        return Hypothesis(model, fit, group[0].reduction)
+        return Hypothesis(models[0], fit, candidate.reduction)
 
     def _with(self, parent: Hypothesis, *candidates: ScreenedCandidate) -> ExtendedModel:
         """The model of a hypothesis with further causes, to begin where its fit ended."""
@@ -255,19 +244,6 @@ class _Search:
         for candidate in candidates:
             model = model.with_cause(candidate.kind, candidate.at, candidate.parameters, data.sampling_interval)
         return model
-
-    def _starts(self, group: Group) -> list[ScreenedCandidate]:
-        """From where a candidate is fitted: its best guesses, and of a free play wider ones, too. Within the true gap
-        no torque is measured that a narrower one lacks, so a fit begun there does not widen it."""
-        best = group[: self.settings.starts]
-        key = EFFECTS[group[0].kind].free_play
-        if not key:
-            return best
-        wider = [
-            replace(group[0], parameters=group[0].parameters | {key: factor * group[0].parameters[key]})
-            for factor in self.settings.wider_gaps
-        ]
-        return [*best, *wider]
 
     def _sharpened(self, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
         """Hypotheses, best first, those near the best with dry friction as sharp as it takes to compare them."""
@@ -311,9 +287,9 @@ class _Search:
         if len(best.causes) + 2 > self.settings.most_causes:
             return []
         self.progress("pairs of causes")
-        screening, groups = self.screened(best)
+        screening, candidates = self.screened(best)
         out: list[Hypothesis] = []
-        for pair in screened_pairs(screening, [group[0] for group in groups], self.settings)[: self.settings.pairs]:
+        for pair in screened_pairs(screening, candidates, self.settings)[: self.settings.pairs]:
             model = self._with(best, pair.first, pair.second)
             if not compilable([model]) or not self.budget.take():
                 continue
@@ -355,7 +331,7 @@ class _Search:
             return None
         if not self.unseen.keeps(best, rest):
             return rest
-        fitted = self.refitted(rest, self.groups(rest)[: self.settings.exchanged])
+        fitted = self.refitted(rest, self.screened(rest)[1][: self.settings.exchanged])
         others = [hypothesis for hypothesis in fitted if hypothesis.places != best.places]
         likelier = bool(others) and others[0].cost < best.cost and not others[0].model.not_taken(others[0].fit)
         if likelier and self.unseen.pooled(others[0]) < self.unseen.pooled(best):

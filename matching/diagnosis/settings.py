@@ -30,10 +30,8 @@ class DiagnosisSettings:
         Best candidates of which pairs are screened.
     pair_gain : float
         Decrease of χ² that a pair promises over that of the best candidate alone, from which it is looked at. Trial.
-    starts : int
-        Guesses of a candidate that are tried as the start of its fit. Trial.
     wider_gaps : tuple of float
-        Times the guessed, or fitted, free play, from which a fit begins, too. Trial.
+        Times the fitted free play, from which a fit over short windows begins again. Trial.
     least_share : float
         Of the misfit beyond noise that a cause has to explain: the vocabulary lacks the cause of what is left, and a
         kind that takes a tenth of it stands for it only. Trial.
@@ -75,7 +73,6 @@ class DiagnosisSettings:
     pairs: int = 2
     paired: int = 10
     pair_gain: float = 1.2
-    starts: int = 3
     wider_gaps: tuple[float, ...] = (1.6, 4.0)
     least_share: float = 0.15
     judged: int = 6
