@@ -84,7 +84,7 @@ def fault_of(cc: str) -> str:
 def works(cc: str) -> bool:
     """Whether a compiler compiles; if not, a :class:`CompilerWarning` says so, once a process."""
     if fault := fault_of(cc):
-        line = f"the C compiler {cc} does not work ({fault}): simulations run without it, which takes ten times as long"
+        line = f"the C compiler {cc} does not work ({fault}): simulations run without it, some forty times slower"
         warnings.warn(line, CompilerWarning, stacklevel=3)
     return not fault
 
