@@ -60,6 +60,8 @@ BAD = {
     "dead time true": (("loop", "dead_time"), True, "loop.dead_time"),
     "knows no list": (("loop", "knows"), "motor_torque", "loop.knows: is no list of names"),
     "knows a stranger": (("loop", "knows"), ["motor_torqe"], "motor_torque"),
+    "fixed neither true nor false": (("loop", "fixed"), 1, "loop.fixed: is neither true nor false"),
+    "fixed and moved": (("loop", "fixed"), True, "belongs to a fixed controller"),
     "no targets": (("targets",), [], "the case has none"),
     "target no number": (("targets", 0, "mode"), "shuffle", "is no mode number"),
     "target mode 0": (("targets", 0, "mode"), 0, "is no mode number"),
