@@ -108,24 +108,18 @@ def identify_causes(
 
     Weights by noise are right for a model that can be perfect. Where the best one is far from the noise, causes are
     searched for again with each sensor weighted by what the base model leaves of it, and taken if they meet unseen data
-    better. With one sensor there is nothing to weigh: the error of its free simulation is what counts.
+    better.
     """
-    several = (base.problem.data.readings_by_sensor > 0).sum() > 1
-    identified: IdentifiedCauses | None = None
-    if not several or largest_error(base) < settings.far_from_noise:
-        identified = _identify(system, base, holdout, settings, progress)
-        best = identified.state.best
-        near = scatters_only(best) or largest_error(best.fit) < settings.left_by_model
-        if not several or near or time_is_over(settings.search_share):
-            return identified
+    identified = _identify(system, base, holdout, settings, progress)
+    best = identified.state.best
+    if scatters_only(best) or largest_error(best.fit) < settings.left_by_model or time_is_over(settings.search_share):
+        return identified
     progress("sensors weighted by what the model leaves")
-    if identified is not None:
+    if largest_error(base) < settings.far_from_noise:
         settings = replace(settings, far_from_noise=settings.left_by_model)
     balanced = _identify(system, _balanced(system, base), holdout, settings, progress)
-    if identified is None:
-        return balanced
     unseen = UnseenData(holdout, settings)
-    return balanced if unseen.pooled(balanced.state.best) < unseen.pooled(identified.state.best) else identified
+    return balanced if unseen.pooled(balanced.state.best) < unseen.pooled(best) else identified
 
 
 def _identify(

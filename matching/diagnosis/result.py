@@ -775,7 +775,7 @@ def influences(fit: Fit) -> np.ndarray:
     weights = fit.jacobian @ covariance(fit)[:, :count]
     weights *= fit.residual[:, None]
     sensors = len(fit.problem.data.noise)
-    return weights.reshape(-1, sensors, count).sum(axis=1)
+    return weights.reshape(len(weights) // sensors, sensors, count).sum(axis=1)
 
 
 def correlated_uncertainties(fit: Fit) -> dict[str, float]:

@@ -27,6 +27,7 @@ from matching.diagnosis.selection import (
     Hypothesis,
     UnseenData,
     at_noise,
+    largest_error,
     scatters_only,
     share_explained,
     with_balanced_sensors,
@@ -134,7 +135,7 @@ class _Search:
     def run(self) -> SearchState:
         """The whole search."""
         state = self.state
-        while len(state.best.causes) < self.settings.most_causes and not scatters_only(state.best):
+        while len(state.best.causes) < self.settings.most_causes and not self._over(state.best):
             fitted = self.refitted(state.best, self.promising(state.best))
             if not state.best.causes:
                 state.with_one_cause = fitted
@@ -150,6 +151,12 @@ class _Search:
         if shared is not state.best:  # an exchange has made causes alike
             state.best, state.rivals = shared, [[shared] for _ in shared.causes]
         return state
+
+    def _over(self, best: Hypothesis) -> bool:
+        """Whether nothing is left that a cause could explain, or a single one did not bring a model near its noise that
+        is weighted by that: an offset would have, and weights with a memory hide it."""
+        by_noise = best.fit.problem.weighting is None and bool(best.causes)
+        return scatters_only(best) or (by_noise and largest_error(best.fit) > self.settings.far_from_noise)
 
     def promising(self, hypothesis: Hypothesis) -> list[ScreenedCandidate]:
         """The candidates of a round: the most promising, and of further kinds the most promising place. To first order,

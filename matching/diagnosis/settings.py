@@ -52,10 +52,10 @@ class DiagnosisSettings:
     search_share : float
         Of the time that a diagnosis may take; the rest is for the final fit of the best and its rivals.
     left_by_model : float
-        Times the noise that the best hypothesis leaves in one of several sensors, from which the model is taken as
+        Times the noise that the best hypothesis leaves in a sensor, from which the model is taken as
         imperfect and sensors are weighted by what it leaves: more than a noise that is stated too small.
     far_from_noise : float
-        Times the noise that the base model leaves in a sensor, from which a search by noise weights is not begun:
+        Times the noise that a model leaves in a sensor, from which weights by noise are not worth more than one cause:
         an encoder that is said to be precise would decide everything. Trial.
     window : int
         Readings of all sensors in which causes are searched for: 37 s at 1 kHz and four sensors. Their size is fitted
