@@ -503,7 +503,9 @@ def run_diagnose(arguments: Arguments) -> dict[str, Any]:
         for several in (arguments.recordings, arguments.holdout)
     )
     with steps("diagnose") as tell, beside(cores()) as aside:
-        found = api.diagnose(system, recordings, holdout, keep_rest=arguments.keep_rest, tell=tell)
+        found = api.diagnose(
+            system, recordings, holdout, keep_rest=arguments.keep_rest, budget=arguments.budget, tell=tell
+        )
         tell("report")
         moving = aside.begin(acting_figures, found.pictured, system)
         result, drawn = content(found), pictures(found.pictured, system)

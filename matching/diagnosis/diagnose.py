@@ -85,7 +85,7 @@ from matching.diagnosis.verdict import (
 )
 from matching.diagnosis.windows import window_uncertainties
 from modelling.recordings.recording import Recording
-from modelling.resources import time_is_over
+from modelling.resources import limited, time_is_over
 from modelling.simulation.simulate import check_speed_units
 from modelling.system import System
 
@@ -236,6 +236,7 @@ def diagnose(
     keep_rest: bool = False,
     pictured: Callable[[Pictured], None] = lambda _: None,
     settings: DiagnosisSettings | None = None,
+    budget: float | None = None,
 ) -> Diagnosis:
     """Find out what a model lacks against recordings of the system.
 
@@ -253,8 +254,28 @@ def diagnose(
     pictured : callable
         Is given what the figures show before the causes are judged.
     settings : DiagnosisSettings, optional
+    budget : float, optional
+        Seconds that it may take; then it answers the best so far, and a note says so.
     """
     settings = settings or DiagnosisSettings()
+    if budget is None:
+        return _diagnosed(system, recordings, holdout, progress, keep_rest, pictured, settings)
+    with limited(budget) as limit:
+        found = _diagnosed(system, recordings, holdout, progress, keep_rest, pictured, settings)
+    if limit.ended_at:
+        found.notes.append(f"cut short after its budget of {budget:g} s: the best answer so far")
+    return found
+
+
+def _diagnosed(
+    system: System,
+    recordings: Sequence[Recording],
+    holdout: Recording | Sequence[Recording] | None,
+    progress: Progress,
+    keep_rest: bool,
+    pictured: Callable[[Pictured], None],
+    settings: DiagnosisSettings,
+) -> Diagnosis:
     judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
     stated, system = system, with_clocks(system, [*recordings, *judging])
     whole, train, judge, notes = _data(system, recordings, judging)

@@ -84,7 +84,8 @@ def _with_logger(system: System, leading: Recording, part: Recording) -> Recordi
         for name in system.input_references
         if name in part.channels and name not in channels
     }
-    note = f"{part.source}: its clock is {offset:.4g} s late, found from {', '.join(names)}; taken out"
+    how = f"{abs(offset):.4g} s {'late' if offset > 0 else 'early'}"
+    note = f"{part.source}: its clock is {how}, found from {', '.join(names)}; taken out"
     return replace(
         leading, time=kept, channels=channels, notes=(*leading.notes, *part.notes, note),
         source=f"{leading.source}+{part.source}", units={**leading.units, **part.units},
