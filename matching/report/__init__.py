@@ -6,6 +6,8 @@ VIEWS = {
     "matching.bed.verify.BedVerification": "matching.report.bed",
     "matching.bed.commission.Commissioning": "matching.report.bed",
     "modelling.modal.result.Mode": "matching.report.modes",
+    "matching.bed.identify.FromRecordings": "matching.report.bed",
+    "matching.bed.proof.Proof": "matching.report.bed",
     "matching.bed.excite.ExcitationPlan": "matching.report.bed",
     "matching.diagnosis.result.Diagnosis": "matching.report.diagnosis",
     "matching.match.result.MatchResult": "matching.report.match",
