@@ -50,10 +50,12 @@ CASE = {
 }  # fmt: skip
 LIMITS = {
     "modulus_margin": "least distance of the open loop from −1; 0.5 unless stated",
-    "margin_from": "from where the margin counts (`observer`); twice the highest target mode unless stated",
-    "rolled_off_from": "from where \\|T\\| has to stay below 0.5 (`observer`)",
-    "command_noise": "largest rms torque that sensor noise may make (`observer`)",
+    "margin_from": "from where the margin counts; twice the highest target mode unless stated",
+    "rolled_off": "largest \\|T\\| of the loop from `rolled_off_from` on; 0.5 unless stated",
+    "rolled_off_from": "from where \\|T\\| counts; 100 Hz unless stated",
+    "command_noise": "largest rms torque that sensor noise may make; 2 % of `dynamometer_torque` unless stated",
     "damping_ratio": "least damping ratio of any closed-loop mode; 0.01 unless stated",
+    "damping_share": "of the least damping of the target modes, for every mode on every bed; 1/3 unless stated",
     "dynamometer_torque": "largest torque of a dynamometer",
     "dynamometer_speed": "largest speed",
     "dynamometer_power": "largest power",

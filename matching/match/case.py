@@ -272,14 +272,24 @@ def table_of(data: Mapping[str, Any], key: str, where: str, known: set[str] | No
 LIMIT_UNITS = {
     "modulus_margin": "1",
     "margin_from": "Hz",
+    "rolled_off": "1",
     "rolled_off_from": "Hz",
     "command_noise": "N*m",
     "damping_ratio": "1",
+    "damping_share": "1",
     "dynamometer_torque": "N*m",
     "dynamometer_speed": "rad/s",
     "dynamometer_power": "W",
 }
-DEFAULT_LIMITS = {"modulus_margin": 0.5, "damping_ratio": 0.01}
+DEFAULT_LIMITS = {
+    "modulus_margin": 0.5,
+    "rolled_off": 0.5,
+    "rolled_off_from": 100.0,  # where a model of a drivetrain ends
+    "damping_ratio": 0.01,
+    "damping_share": 1 / 3,
+}
+MARGIN_FROM_HIGHEST_TARGET = 2.0  # times the highest target mode: ``margin_from`` unless stated
+NOISE_SHARE = 0.02  # of the dynamometers' torque limit: ``command_noise`` unless stated
 TORQUE_OVER_SPEED = "dynamometer_torque_over_speed"  # as a limit: 1, on the share of the curve that is used
 
 
@@ -307,15 +317,10 @@ def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[
         limits[key] = to_si(value, units[key], f"{where}: limits.{key}")
         if not limits[key] > 0:
             raise InputError(f"{where}: limits.{key}", f"{limits[key]:g} is not possible", "greater than 0 is needed")
-    if limits["modulus_margin"] >= 1:
-        raise InputError(
-            f"{where}: limits.modulus_margin",
-            f"{limits['modulus_margin']:g} cannot be reached",
-            "less than 1 is needed; 0.5 is usual",
-        )
-    if limits["damping_ratio"] >= 1:
-        where, wrong = f"{where}: limits.damping_ratio", f"{limits['damping_ratio']:g} is no motion that swings"
-        raise InputError(where, wrong, "less than 1 is needed; 0.01 is usual")
+    for key, usual in {"modulus_margin": "0.5", "damping_ratio": "0.01", "damping_share": "1/3"}.items():
+        if limits[key] >= 1:
+            wrong, right = f"{limits[key]:g} cannot be reached", f"less than 1 is needed; {usual} is usual"
+            raise InputError(f"{where}: limits.{key}", wrong, right)
     if curve is not None:
         limits[TORQUE_OVER_SPEED] = 1.0
         limits["dynamometer_speed"] = min(limits.get("dynamometer_speed", curve.speeds[-1]), curve.speeds[-1])
@@ -536,27 +541,30 @@ def _mac(first: Mode, second: Mode, inertia: Mapping[str, float]) -> float:
 
 # --- What every bed and the loop have to keep, for a controller to count as robust.
 
-DAMPING_SHARE = 1 / 3  # of the least damping of the target modes, for every mode on every bed
-MARGIN_FROM_HIGHEST_TARGET = 2.0  # the margin counts from this many times the highest target mode on
-ROLLED_OFF_FROM_HZ = 100.0  # where a model of a drivetrain ends, unless the case says otherwise
-LARGEST_ROLLED_OFF = 0.5  # of |T| from there on
-NOISE_SHARE = 0.02  # of the dynamometers' torque limit that sensor noise may become, rms
-
 
 @dataclass(frozen=True)
 class Requirements:
-    """Least damping ratio of any mode, modulus margin and from where (Hz), roll-off (Hz), command noise (N·m rms)."""
+    """Robustness requirements of a case, by its ``[limits]``.
+
+    Attributes
+    ----------
+    damping_ratio, damping_share : float
+        Least damping ratio of every mode on every bed: this share of the least damping of the target modes.
+    modulus_margin, margin_from : float
+        Least singular value of I + L, and from where it counts, Hz.
+    rolled_off, rolled_off_from : float
+        Largest abs(T), and from where it counts, Hz.
+    command_noise : float or None
+        N·m rms.
+    """
 
     damping_ratio: float
+    damping_share: float
     modulus_margin: float
     margin_from: float
+    rolled_off: float
     rolled_off_from: float
     command_noise: float | None
-
-
-def rolled_off_from(case: Case) -> float:
-    """From where the loop has to have rolled off, Hz."""
-    return case.limits.get("rolled_off_from", ROLLED_OFF_FROM_HZ)
 
 
 def requirements(case: Case) -> Requirements:
@@ -567,10 +575,12 @@ def requirements(case: Case) -> Requirements:
     if noise is None and "dynamometer_torque" in limits:
         noise = NOISE_SHARE * limits["dynamometer_torque"]
     return Requirements(
-        DAMPING_SHARE * min(mode.damping_ratio for mode in damped),
+        limits["damping_share"] * min(mode.damping_ratio for mode in damped),
+        limits["damping_share"],
         limits["modulus_margin"],
         limits.get("margin_from", MARGIN_FROM_HIGHEST_TARGET * max(mode.frequency for mode in damped)),
-        rolled_off_from(case),
+        limits["rolled_off"],
+        limits["rolled_off_from"],
         noise,
     )
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from scipy.linalg import block_diag, matrix_balance, schur
 
-from matching.match.case import Case, of_system, rolled_off_from
+from matching.match.case import Case, of_system
 from modelling.bed.bed import DelayedBed, Dynamometer, ObserverController, delayed_bed
 from modelling.bed.vehicle import FeedForward, Interface, cut
 from modelling.controller.law import ControlLaw, law_of_feed_forward, law_of_feedback, law_of_observer
@@ -309,7 +309,7 @@ def assembled_bed(case: Case, rig: StateSpace, values: Mapping[str, float]) -> B
     columns = [rig.inputs.index(name) for name in disturbing(case)]
     torques[:n] = rig.B[:, columns]
     compared = np.hstack([rig.C[rows], np.zeros((len(rows), 2 * k))])
-    open_loop = least_damping(rig.A, 2 * np.pi * rolled_off_from(case))
+    open_loop = least_damping(rig.A, 2 * np.pi * case.limits["rolled_off_from"])
     sampled = delayed_bed(A, commands, np.zeros((n + 2 * k, 0)), delay, loop["sample_time"])
     return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, open_loop)
 

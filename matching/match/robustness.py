@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from matching.match.beds import BedsCheck
-from matching.match.case import LARGEST_ROLLED_OFF, Case
+from matching.match.case import Case
 from matching.match.verify import Verification
 
 
@@ -55,13 +55,13 @@ def _unstable(robust: Verification) -> list[str]:
 
 
 def _damped_too_little(robust: Verification) -> list[str]:
-    beds = of_beds(robust)
+    beds, required = of_beds(robust), robust.required
     if beds.stable < beds.drawn or beds.damped == beds.drawn:
         return []
     return [
         f"{beds.drawn - beds.damped} of {beds.drawn} beds drawn within [uncertainty] have a mode damped by less "
-        f"than {robust.required.damping_ratio:.4f}, a third of the least damping of the target modes; the least is "
-        f"{beds.smallest_damping_ratio:.4f}"
+        f"than {required.damping_ratio:.4f}, {required.damping_share:.3g} times the least damping of the target modes; "
+        f"the least is {beds.smallest_damping_ratio:.4f}"
     ]
 
 
@@ -104,10 +104,10 @@ def _loop(case: Case, robust: Verification) -> list[str]:
     """Unmeasured torques, roll-off and noise."""
     loop, required = robust.loop, robust.required
     sentences = _error("unmeasured torques", robust.errors.unmeasured, case.unmeasured_tolerance)
-    if loop.largest_rolled_off > LARGEST_ROLLED_OFF:
+    if loop.largest_rolled_off > required.rolled_off:
         sentences.append(
             f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
-            f"there, {LARGEST_ROLLED_OFF:g} is allowed"
+            f"there, {required.rolled_off:g} is allowed"
         )
     noise = max(loop.command_noise.values())
     if required.command_noise is not None and noise > required.command_noise:

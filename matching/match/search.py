@@ -27,7 +27,6 @@ from matching.match.beds import (
     with_reduced_stiffness,
 )
 from matching.match.case import (
-    LARGEST_ROLLED_OFF,
     Case,
     Demands,
     Move,
@@ -526,7 +525,7 @@ class Search:
 
     def _shares(self) -> np.ndarray:
         """Of the damping that drawn beds need, what each active bed has to keep; as planned also the case's limit."""
-        of_limit = self.case.limits.get("damping_ratio", 0.0) * (1 + self.settings.reserve) / self._damping
+        of_limit = self.case.limits["damping_ratio"] * (1 + self.settings.reserve) / self._damping
         return np.array([self.shares.get(number, max(1.0, of_limit) if number == 0 else 1.0) for number in self.active])
 
     @property
@@ -566,7 +565,7 @@ class Search:
             np.zeros(0) if own is None else np.array([own / self.required.damping_ratio - 1 + settings.reserve]),
             1 - (1 + settings.reserve) * self.demands.shares(self._rig_values(at.hardware.case)),
             np.ones(len(noise)) if allowed is None else 1 - (1 + settings.reserve) * noise / allowed,
-            1 - (1 + settings.reserve) * at.curves.closed[rolled_off] / LARGEST_ROLLED_OFF,
+            1 - (1 + settings.reserve) * at.curves.closed[rolled_off] / self.required.rolled_off,
             at.curves.margin[margin] / (self.required.modulus_margin * (1 + settings.reserve)) - 1,
             self._of_targets(at)[0],
         ]
@@ -738,7 +737,7 @@ def _damping_rows(search: Search, at: Point, change: np.ndarray) -> list[np.ndar
     swings = ratios.min(axis=1) <= beyond
     chosen = np.where(swings, ratios.argmin(axis=1), size.argmax(axis=1))
     rows = np.zeros((len(poles), len(change)))
-    near = (1 + search.settings.largest_room) * max(search._damping, search.case.limits.get("damping_ratio", 0.0))
+    near = (1 + search.settings.largest_room) * max(search._damping, search.case.limits["damping_ratio"])
     close = np.minimum(ratios.min(axis=1), beyond) < near
     if close.any():
         z = poles[numbers, chosen][close]
@@ -834,7 +833,7 @@ def _loop_rows(
     after = np.einsum("fml,fly,fy->fm", readings, held, v[:, -1].conj(), optimize=True)
     least = -_products(before[margin], change, after[margin]).real
     return [
-        noise, -(1 + settings.reserve) * closed / LARGEST_ROLLED_OFF,
+        noise, -(1 + settings.reserve) * closed / search.required.rolled_off,
         least / (search.required.modulus_margin * (1 + settings.reserve)), _target_rows(search, at, change),
     ]  # fmt: skip
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 
 from matching.match.beds import BedsCheck, quantile
-from matching.match.case import LARGEST_ROLLED_OFF, Case, Compared, Requirements
+from matching.match.case import Case, Compared, Requirements
 from matching.match.case_file import case_files
 from matching.match.in_time import TruthInTime
 from matching.match.loop import bed_set, controller_of, frequency_response
@@ -130,7 +130,7 @@ def requirement_rows(robust: Verification) -> list[RequirementRow]:
         ),
         RequirementRow(
             f"roll-off: |T| from {number(required.rolled_off_from)} Hz", number(loop.largest_rolled_off, 3),
-            f"at most {number(LARGEST_ROLLED_OFF)}", loop.largest_rolled_off <= LARGEST_ROLLED_OFF,
+            f"at most {number(required.rolled_off)}", loop.largest_rolled_off <= required.rolled_off,
         ),
     ]  # fmt: skip
     for name, noise in loop.command_noise.items():
@@ -214,7 +214,7 @@ def sensitivity(case: Case, modes: list[float], required: Requirements) -> Sensi
     T = np.eye(S.shape[-1]) - S
     limits = [
         CurveLimit("|S|", 1 / case.limits["modulus_margin"], required.margin_from),
-        CurveLimit("|T|", LARGEST_ROLLED_OFF, required.rolled_off_from),
+        CurveLimit("|T|", required.rolled_off, required.rolled_off_from),
     ]
     of_S, of_T = (np.linalg.svd(matrix, compute_uv=False)[:, 0] for matrix in (S, T))
     return SensitivityCurves(f, of_S, of_T, tuple(limits))

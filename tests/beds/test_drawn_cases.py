@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 from beds.drawn_cases import BUILDS, DEAD_TIMES_S, STRUCTURES, draw
 
-from matching.match.case import LARGEST_ROLLED_OFF
 from matching.match.case_file import load_case
 from matching.match.match import match
 from matching.report.match import content, summary
@@ -38,7 +37,7 @@ def broken(result):
         loop, required = robust.loop, robust.required
         if error.unmeasured > case.unmeasured_tolerance:
             found.append("error to unmeasured torques")
-        if loop.largest_rolled_off > LARGEST_ROLLED_OFF:
+        if loop.largest_rolled_off > required.rolled_off:
             found.append("roll-off")
         if required.command_noise is not None and max(loop.command_noise.values()) > required.command_noise:
             found.append("noise")

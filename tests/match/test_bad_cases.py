@@ -84,6 +84,8 @@ BAD = {
     "limit unknown": (("limits", "shafts.flange_lef.torque"), 100, "shafts.flange_left.torque"),
     "limit 0": (("limits", "dynamometer_torque"), 0, "greater than 0"),
     "limit in the wrong unit": (("limits", "dynamometer_torque"), "1500 W", "limits.dynamometer_torque"),
+    "damping share above 1": (("limits", "damping_share"), 1.2, "cannot be reached"),
+    "roll-off of 0": (("limits", "rolled_off"), 0, "greater than 0"),
     "margin of 1": (("limits", "modulus_margin"), 1, "cannot be reached"),
     "move unknown": (("move", "rig.shafts.flange_left.stifness"), {"lower": 1, "upper": 2}, "stiffness"),
     "move of the specimen": (("move", "rig.inertias.motor.J"), {"lower": 0.01, "upper": 1}, "rig.inertias"),

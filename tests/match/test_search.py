@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from matching.match.beds import SHARES, Judge
-from matching.match.case import apply
+from matching.match.case import apply, requirements, target_modes
 from matching.match.case_file import load_case
 from matching.match.loop import controller_on, linear_bed, resolvent
 from matching.match.loop_modes import neutral_motions
@@ -100,6 +100,24 @@ def test_the_search_sees_the_damping_that_the_judge_sees_with_opened_shafts_too(
     before = search.judged(x)
     search.keep_first(count)
     assert len(search.judged(x).least) == len(before.least) - len(SHARES)
+
+
+def test_a_stated_requirement_is_what_the_search_keeps():
+    """By the keys of [limits]: half of what is asked leaves twice the measured figure to it."""
+    search = search_in("observer")
+    x = begun(search)
+    at, required = search.point(x), search.required
+    least = min(mode.damping_ratio for _, mode in target_modes(search.case))
+    assert required.damping_ratio == pytest.approx(least / 3)
+    assert (required.rolled_off, required.rolled_off_from, required.command_noise) == (0.5, 100.0, 20.0)
+    stated = {"damping_share": 1 / 6, "rolled_off": 0.25, "command_noise": 10.0}
+    other = requirements(replace(search.case, limits={**search.case.limits, **stated}))
+    assert other.damping_ratio == pytest.approx(least / 6)
+    rooms = search._rooms(x, at)
+    search.required = other
+    halved = search._rooms(x, at)
+    for part in (3, 4):  # noise, roll-off: 1 − figure/allowed
+        np.testing.assert_allclose(1 - halved[part], 2 * (1 - rooms[part]), rtol=1e-12)
 
 
 def delivered(errors, keeps=True) -> Delivered:
