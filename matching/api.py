@@ -107,7 +107,8 @@ def load_case(path: File) -> Case:
 def new(directory: File) -> list[Path]:
     """Write a commented case to start from: vehicle, rig and case, every key with a comment, ready to run.
 
-    Nothing is overwritten.
+    The folder schemas holds JSON schemas of model, case, budget, fidelity and channel files. An editor that knows TOML
+    completes and checks a file by the schema that its first line names. Nothing is overwritten.
 
     Parameters
     ----------
@@ -126,11 +127,12 @@ def new(directory: File) -> list[Path]:
 
     Examples
     --------
-    >>> [path.name for path in rm.new("my_bed")]
-    ['README.md', 'case.toml', 'rig.toml', 'vehicle.toml']
+    >>> [path.name for path in rm.new("my_bed") if path.suffix == ".toml"]
+    ['case.toml', 'rig.toml', 'vehicle.toml']
     """
     from importlib.resources import files
 
+    from matching.schemas import schema_files
     from modelling.writing import write_all
 
     target = Path(directory)
@@ -139,6 +141,7 @@ def new(directory: File) -> list[Path]:
     if target.exists() and not target.is_dir():
         raise InputError(str(target), "is a file", "name a new or an empty directory")
     starter = {part.name: part.read_text(encoding="utf-8") for part in files("matching").joinpath("starter").iterdir()}
+    starter |= schema_files()
     write_all(target, dict(sorted(starter.items())))
     return [target / name for name in sorted(starter)]
 

@@ -42,13 +42,15 @@ def _saved(result: Any, arguments: Arguments, made: Any = None) -> dict[str, Any
 def run_new(arguments: Arguments) -> dict[str, Any]:
     """Write the starter case."""
     written = called(api.new, arguments)
-    return {"directory": arguments.directory, "files": sorted(path.name for path in written)}
+    names = [path.relative_to(arguments.directory).as_posix() for path in written]
+    return {"directory": arguments.directory, "files": sorted(names)}
 
 
 def new_summary(result: dict[str, Any]) -> str:
     """What to do next."""
-    here = result["directory"]
-    return f"{here}: {', '.join(result['files'])}\nnext: rigmatch match {here}/case.toml --out {here}/out"
+    here, files = result["directory"], [name for name in result["files"] if "/" not in name]
+    next_one = f"rigmatch match {here}/case.toml --out {here}/out"
+    return f"{here}: {', '.join(files)}, and schemas/ for your editor\nnext: {next_one}"
 
 
 def show_arguments(parser: argparse.ArgumentParser) -> None:

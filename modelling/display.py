@@ -93,7 +93,7 @@ class Displayed:
         """One line: texts and numbers as they are, of everything else how many entries it has."""
         said = []
         for field in dataclasses.fields(self) if dataclasses.is_dataclass(self) else ():  # type: ignore[var-annotated]
-            value = getattr(self, field.name) if field.repr else None
+            value: Any = getattr(self, field.name) if field.repr else None
             if isinstance(value, str | int | float):
                 said.append(f"{field.name}={value!r}")
             elif isinstance(value, Sized) and len(value):

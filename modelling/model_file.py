@@ -18,7 +18,7 @@ from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 # --- Files
 
-_KEYS = {
+KEYS = {
     "inertias": {"J", "drag"},
     "shafts": {"between", "ratio", "stiffness", "damping"},
     "gears": {"between", "ratio"},
@@ -26,7 +26,8 @@ _KEYS = {
     "inputs": {"on", "measures", "reference"},
     "sensors": {"measures", "of", "uncertainty"},
 }
-_TOP = {"title", "reference", "mirror", "effects", *TABLES}
+QUANTITY_KEYS = ({"value"}, {"value", "lower", "upper"}, {"value", "tolerance"})  # of a quantity that is a table
+TOP = {"title", "reference", "mirror", "effects", *TABLES}
 
 
 def load(path: str | Path) -> System:
@@ -55,7 +56,7 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
     InputError
         One line that names file and key.
     """
-    check_file(data, _TOP, where, "model")
+    check_file(data, TOP, where, "model")
     try:
         system = System(
             inertias=tuple(_parts(data, "inertias", where, _inertia)),
@@ -127,7 +128,7 @@ def _parts(data: Mapping[str, Any], table: str, where: str, make: Callable[[str,
     components = []
     for name, content in parts.items():
         place = f"{where}: {table}.{name}"
-        components.append(make(name, check_keys(content, _KEYS[table], place), place))
+        components.append(make(name, check_keys(content, KEYS[table], place), place))
     return components
 
 
@@ -270,7 +271,7 @@ def quantity(value: Any, si: str, where: str) -> Quantity:
     if not isinstance(value, dict):
         return Quantity(to_si(value, si, where))
     keys = set(value)
-    if keys not in ({"value"}, {"value", "lower", "upper"}, {"value", "tolerance"}):
+    if keys not in QUANTITY_KEYS:
         raise InputError(
             where,
             f"has the keys {', '.join(sorted(map(str, keys))) or 'none'}",
@@ -329,7 +330,7 @@ def to_dict(system: System) -> dict[str, Any]:
         data["reference"] = system.reference
     for table in TABLES:
         if parts := getattr(system, table):
-            data[table] = {part.name: _fields(part, _KEYS[table]) for part in parts}
+            data[table] = {part.name: _fields(part, KEYS[table]) for part in parts}
     if system.mirror:
         data["mirror"] = {"pairs": [list(pair) for pair in system.mirror]}
     if system.effects:
