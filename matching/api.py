@@ -597,7 +597,8 @@ def fidelity(
 def explore(*files: File, out: File = "out/explore", port: int = 0, browser: bool = False) -> Explorer:
     """Open models, cases, recordings and budgets in the browser, or inside a notebook as the last line of a cell.
 
-    Click a part of the drivetrain and change it: modes and responses follow. Match, drop recordings, judge budgets. The
+    Click a part of the drivetrain and change it: modes and responses follow. Match, drop recordings, judge budgets. New
+    files and copies are made in the folder it was started in, and nowhere else. The
     page is served to this machine only, at an address with a secret in it, until Ctrl-C. Files change only by Save.
 
     Parameters
@@ -633,7 +634,7 @@ def explore(*files: File, out: File = "out/explore", port: int = 0, browser: boo
     from matching.explore.files import opened, required_packages, starter
 
     required_packages()
-    workspace = opened([str(file) for file in files] or [starter(Path(out))], str(out))
+    workspace = opened([str(file) for file in files] or starter(Path(out)), str(out))
     from matching.explore.page import Explorer
 
     explorer = Explorer(workspace, port)

@@ -142,7 +142,7 @@ def run_explore(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.explore.files import opened, required_packages, starter
 
     required_packages()
-    workspace = opened(arguments.files or [starter(Path(arguments.out))], arguments.out)
+    workspace = opened(arguments.files or starter(Path(arguments.out)), arguments.out)
     print("preparing the page …", file=sys.stderr, flush=True)
 
     from bokeh.settings import settings

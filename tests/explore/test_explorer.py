@@ -170,7 +170,7 @@ def test_a_slider_that_is_moved_outside_a_server_shows_its_value_at_once(tmp_pat
     from matching.explore.files import opened, starter
     from matching.explore.modes import ModesTab
 
-    tab = ModesTab(opened([starter(tmp_path)], tmp_path / "out"))
+    tab = ModesTab(opened(starter(tmp_path), tmp_path / "out"))
     low, high = tab.slider.start, tab.slider.end
     tab.slider.value = (low + high) / 2
     assert tab.trial.values == {tab.quantity.value: (low + high) / 2}
