@@ -198,8 +198,8 @@ def _in_model(content: Mapping[str, Any], table: str, old: str, new: str) -> dic
 
     if table == "inertias":
         same(("reference",), content.get("reference"))
-        for own, keys in (("shafts", ("between",)), ("gears", ("between",)), ("differentials", ("cage", "left", "right")),
-                          ("inputs", ("on",))):  # fmt: skip
+        ends = {"shafts": ("between",), "gears": ("between",), "differentials": ("cage", "left", "right")}
+        for own, keys in (ends | {"inputs": ("on",)}).items():
             for name, part in content.get(own, {}).items():
                 for key in keys:
                     same((own, name, key), part.get(key))
