@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import functools
 import math
 import re
@@ -65,10 +66,13 @@ _SIGNS = {
     "**": "^", "·": "*", "⋅": "*", "∙": "*", "×": "*", "−": "-", "⁻": "^-", "¹": "1", "²": "2", "³": "3", "⁴": "4",
     "°C": "degC", "°F": "degF", "°": "deg", "″": "arcsecond", "′": "arcminute", "%": "percent", "‰": "permille",
 }  # fmt: skip
-_TOKEN = re.compile(r"\s*([A-Za-zµμΩΩ_]+|\d+|[*/.^()-])")
+_LETTERS = "A-Za-zµμΩΩ_"
+_KNOWN_SIGNS = re.compile(rf"[{_LETTERS}0-9\s*/.^()-]*")
 _PER_MINUTE = re.compile(r"\(\s*(?:1\s*/\s*min(?:utes?)?|min\s*\^?\s*-\s*1)\s*\)")  # in brackets: a speed
 _PER_TIME = r"\s*/\s*(?=(?:min|minutes?|s|secs?|seconds?)\s*$)"
 _TURNS = re.compile(rf"(?<![A-Za-z])(?:revs?|turns?|tr|umdr|[ur])\.?{_PER_TIME}", re.IGNORECASE)
+_POWER = re.compile(rf"([{_LETTERS}]+)((?:-?[0-9]+)?)")  # s, s2, s-2
+_TIMES = re.compile(r"(?<=[0-9)])\s*[.-]\s*(?=[u(])|(?<=[0-9)])\s+(?=[u1(])|(?<=[0-9)])(?=\()")
 _JOINED = re.compile(r"([kMmµμu]?N)([cm]?m)(s?)|(kg)(m)")  # Nm, kNm, Ncm, Nms, kgm2
 _ALIASES = {
     "rpm": "turn/minute", "rev": "turn", "revs": "turn", "sec": "second", "secs": "second", "metre": "meter",
@@ -93,121 +97,53 @@ def parse(text: str) -> Powers:
     SpellingError
         If it is too long, not understood, or names a unit that does not exist.
     """
-    if len(text) > LONGEST_TEXT:
-        raise SpellingError(text)
     for sign, plain in _SIGNS.items():
         text = text.replace(sign, plain)
-    text = _TURNS.sub("turn/", _PER_MINUTE.sub("(rpm)", text.strip()))
-    tokens = _Tokens(text)
-    powers = _product(tokens)
-    if tokens.next is not None:
+    if len(text) > LONGEST_TEXT or not _KNOWN_SIGNS.fullmatch(text):
         raise SpellingError(text)
+    text = _TURNS.sub("turn/", _PER_MINUTE.sub("(rpm)", " ".join(text.split())))
+    words: list[str] = []
+
+    def numbered(match: re.Match) -> str:
+        joined = _JOINED.fullmatch(match[1])
+        factors = [part for part in joined.groups() if part] if joined else [match[1]]
+        words.extend(factors)
+        names = "*".join(f"u{number}" for number in range(len(words) - len(factors), len(words)))
+        return names + (f"^({match[2]})" if match[2] else "")
+
+    product = re.sub(r"^/|(?<=\()/", "1/", _TIMES.sub("*", _POWER.sub(numbered, text)))  # as Python writes it
+    try:
+        powers = _product(ast.parse(product.replace("^", "**"), mode="eval").body, words)
+    except SyntaxError:
+        raise SpellingError(text) from None
     return tuple((name, exponent) for name, exponent in powers.items() if exponent)
 
 
-class _Tokens:
-    """Tokens of a text; ``next`` is the one ahead (None at the end), ``apart`` whether a space stands before it."""
-
-    def __init__(self, text: str):
-        self._tokens: list[tuple[str | None, bool]] = []
-        self._at = end = 0
-        while end < len(text):
-            match = _TOKEN.match(text, end)
-            if not match:
-                raise SpellingError(f"{text[end:].strip()!r} is not understood")
-            parts = _parts(match[1])
-            self._tokens += [(part, i == 0 and match.start(1) > end) for i, part in enumerate(parts)]
-            end = match.end()
-        self._tokens.append((None, True))
-
-    @property
-    def next(self) -> str | None:
-        return self._tokens[self._at][0]
-
-    @property
-    def apart(self) -> bool:
-        return self._tokens[self._at][1]
-
-    @property
-    def number_after_next(self) -> bool:
-        """Whether a number stands behind the token ahead."""
-        after = self._tokens[self._at + 1][0]
-        return after is not None and after.isdigit()
-
-    def advance(self) -> str | None:
-        """The token ahead; the one behind it is next."""
-        token = self.next
-        self._at += token is not None
-        return token
-
-
-def _parts(word: str) -> list[str]:
-    """A word of two or three units written together, as kgm2 and Nms are, as these units with signs between them."""
-    joined = _JOINED.fullmatch(word)
-    return " * ".join(part for part in joined.groups() if part).split() if joined else [word]
-
-
-def _product(tokens: _Tokens) -> dict[str, int]:
-    """Factors up to the end or a closing bracket."""
-    powers: dict[str, int] = {}
-    sign = 1
-    if tokens.next == "/":  # /min
-        tokens.advance()
-        sign = -1
-    while True:
-        for name, exponent in _factor(tokens).items():
-            powers[name] = powers.get(name, 0) + sign * exponent
-        if tokens.next is None or tokens.next == ")":
+def _product(node: ast.expr, words: list[str]) -> dict[str, int]:
+    """Powers of units in an expression of products, quotients and powers of numbered words."""
+    match node:
+        case ast.Name(name):
+            return dict(_unit(words[int(name[1:])]))
+        case ast.Constant(int(value)) if value == 1:
+            return {}
+        case ast.BinOp(base, ast.Pow(), power):
+            match power:
+                case ast.Constant(int(size)):
+                    exponent = size
+                case ast.UnaryOp(ast.USub(), ast.Constant(int(size))):
+                    exponent = -size
+                case _:
+                    raise SpellingError("an exponent is expected")
+            if not 1 <= size <= LARGEST_EXPONENT:
+                raise SpellingError("an exponent is expected")
+            return {name: exponent * each for name, each in _product(base, words).items()}
+        case ast.BinOp(left, ast.Mult() | ast.Div() as sign, right):
+            powers = _product(left, words)
+            for name, exponent in _product(right, words).items():
+                powers[name] = powers.get(name, 0) + (exponent if isinstance(sign, ast.Mult) else -exponent)
             return powers
-        sign = 1
-        if tokens.next in ("*", "/", ".", "-"):
-            sign = -1 if tokens.advance() == "/" else 1
-        elif not tokens.apart and tokens.next != "(":
-            raise SpellingError("two factors without a sign between them")
-
-
-def _factor(tokens: _Tokens) -> dict[str, int]:
-    token = tokens.advance()
-    if token == "(":
-        powers = _product(tokens)
-        if tokens.advance() != ")":
-            raise SpellingError("a bracket is not closed")
-    elif token == "1":
-        powers = {}
-    elif token is not None and (token[0].isalpha() or token[0] == "_"):
-        powers = dict(_unit(token))
-    else:
-        raise SpellingError("a unit is expected")
-    exponent = _exponent(tokens, after_name=token not in ("(", "1"))
-    return {name: power * exponent for name, power in powers.items()}
-
-
-def _exponent(tokens: _Tokens, after_name: bool) -> int:
-    if tokens.next == "^":
-        tokens.advance()
-        bracket = tokens.next == "("
-        if bracket:
-            tokens.advance()
-        exponent = _integer(tokens)
-        if bracket and tokens.advance() != ")":
-            raise SpellingError("a bracket is not closed")
-        return exponent
-    if after_name and not tokens.apart and tokens.next is not None and tokens.next.isdigit():
-        return _integer(tokens)  # s2
-    if after_name and not tokens.apart and tokens.next == "-" and tokens.number_after_next:
-        return _integer(tokens)  # min-1
-    return 1
-
-
-def _integer(tokens: _Tokens) -> int:
-    sign = 1
-    if tokens.next == "-":
-        tokens.advance()
-        sign = -1
-    token = tokens.advance()
-    if token is None or not token.isdigit() or not 1 <= int(token) <= LARGEST_EXPONENT:
-        raise SpellingError("an exponent is expected")
-    return sign * int(token)
+        case _:
+            raise SpellingError("a unit is expected")
 
 
 def _unit(name: str) -> Powers:

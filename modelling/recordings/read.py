@@ -271,7 +271,6 @@ def contents_of(recording: Recording, system: System) -> str:
 # --- The time base of a recording: which rows count, and when they were sampled.
 
 ON_GRID = 0.01  # of a step: time stamps that deviate less from a regular grid are put on it
-JITTER = 0.5  # of a step: time stamps that deviate more do not jitter about a regular grid
 MOST_REPEATED = 0.05  # of the rows: with more repeated time stamps, time has too few digits
 LARGEST_START = 1e5  # s: a time that starts later counts from a date; it is made to start at 0
 
@@ -337,20 +336,14 @@ def _repeated(seconds: np.ndarray, rows: np.ndarray, source: str) -> list[str]:
 
 
 def _on_grid(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Times (t,) on a regular grid where they are near one, and notes of gaps, jitter and uneven steps."""
+    """Times (t,) on a regular grid where they are near one, and notes of gaps and uneven steps."""
     step = np.diff(time)
-    usual = float(np.median(step))
-    notes = gap_notes(time)
-    if notes:
+    if notes := gap_notes(time):
         return time, notes
-    if np.abs(step - np.rint(step / usual) * usual).max() < JITTER * usual:
-        grid = time[0] + np.arange(len(time)) * (time[-1] - time[0]) / (len(time) - 1)
-        deviation = float(np.abs(time - grid).max())
-        if deviation <= ON_GRID * usual:
-            return grid, []
-        if np.abs(step / usual - 1).max() < JITTER and deviation < JITTER * usual:
-            return time, [f"time stamps jitter by up to {deviation * 1e3:.3g} ms about steps of {usual * 1e3:g} ms"]
-    return time, [f"uneven time steps, {step.min():g} to {step.max():g} s"]
+    grid = time[0] + np.arange(len(time)) * (time[-1] - time[0]) / (len(time) - 1)
+    if np.abs(time - grid).max() <= ON_GRID * np.median(step):
+        return grid, []
+    return time, [f"uneven time steps, {step.min():.4g} to {step.max():.4g} s"]
 
 
 def gap_notes(time: np.ndarray) -> list[str]:

@@ -6,23 +6,19 @@ neighbouring points, which the compiler makes of whatever this processor has (GC
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import ctypes
-import errno
 import functools
 import hashlib
 import os
 import platform
 import re
 import shutil
-import signal
 import stat
-import struct
 import subprocess
-import sys
 import tempfile
 import threading
-import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -47,26 +43,14 @@ from modelling.simulation.task import (
     functions,
 )
 
-# --- The C compiler of this machine: found, tried once on a program with a known answer, and called.
+# --- The C compiler of this machine.
 #
 # A command line holds nothing but flags and fixed names of files; what is compiled is written by CasADi and this
 # package.
 
 COMPILE_SECONDS = 300.0  # after which a compiler is given up
-TRIAL_SECONDS = 20.0  # the same for its version and for the trial, which take a twentieth of a second
 LIBRARY = "made.so"  # name of what is compiled, in a folder of its own
-TRIAL_FLAGS = ("-O1", "-shared", "-fPIC", "-std=c11")
-TRIAL = """#include <math.h>
-double trial(double x, int n) { double y = 0.5; while (n--) y = y * x + floor(3.7 * y) - 0.25; return y; }
-"""
-TOO_MANY_FILES = (errno.EMFILE, errno.ENFILE)
-TRIAL_ANSWER = "[35.25, 1693.25]"  # by hand: of (1.5, 3) and of (2.0, 5)
-ELF_HEAD = struct.Struct("<40xQ10xHH2x")  # where the table of sections begins, size and number of its entries
-CALL_TRIAL = """import ctypes, sys
-trial = ctypes.CDLL(sys.argv[1]).trial
-trial.restype, trial.argtypes = ctypes.c_double, [ctypes.c_double, ctypes.c_int]
-print([trial(1.5, 3), trial(2.0, 5)])
-"""
+TRIAL = "#include <math.h>\ndouble trial(double x) { return floor(x); }\n"  # needs the headers of the C library
 
 
 class CompilerFault(Exception):
@@ -88,33 +72,20 @@ def compiler() -> str | None:
 
 @functools.cache
 def fault_of(cc: str) -> str:
-    """What is wrong with a compiler; empty if its trial program gives the right answer.
-
-    Raises
-    ------
-    OSError
-        If too many files are open to try it.
-    """
+    """Why a compiler does not compile a function of one line, as without the C library's headers; empty if it does."""
     try:
-        made = compile_library(cc, TRIAL_FLAGS, {"trial.c": TRIAL}, "trial.c", TRIAL_SECONDS)
-        with tempfile.TemporaryDirectory(prefix="rigmatch-") as work:
-            (Path(work) / LIBRARY).write_bytes(made)
-            call = [sys.executable, "-I", "-S", "-c", CALL_TRIAL, str(Path(work) / LIBRARY)]
-            answer = _printed(call, work)
-    except CompilerFault as fault:
+        compile_library(cc, ("-shared", "-fPIC"), {"trial.c": TRIAL}, "trial.c")
+    except (CompilerFault, OSError) as fault:
         return str(fault)
-    except OSError as fault:  # no room for temporary files, say
-        if fault.errno in TOO_MANY_FILES:  # nothing else would work either
-            raise
-        return fault.strerror or str(fault)
-    return "" if answer == TRIAL_ANSWER else "what it makes does not run or gives wrong answers"
+    return ""
 
 
+@functools.cache
 def works(cc: str) -> bool:
-    """Whether a compiler passes its trial; if not, a :class:`CompilerWarning` says so, once a process."""
-    fault = fault_of(cc)
-    if fault:
-        _warn(f"the C compiler {cc} does not work ({fault}): simulations run without it, which takes ten times as long")
+    """Whether a compiler compiles; if not, a :class:`CompilerWarning` says so, once a process."""
+    if fault := fault_of(cc):
+        line = f"the C compiler {cc} does not work ({fault}): simulations run without it, which takes ten times as long"
+        warnings.warn(line, CompilerWarning, stacklevel=3)
     return not fault
 
 
@@ -131,9 +102,7 @@ def check(cc: str) -> None:
         raise InputError(cc, f"the C compiler does not work: {fault}", right)
 
 
-def compile_library(
-    cc: str, flags: Sequence[str], files: Mapping[str, str], source: str, seconds: float = COMPILE_SECONDS
-) -> bytes:
+def compile_library(cc: str, flags: Sequence[str], files: Mapping[str, str], source: str) -> bytes:
     """The shared library of C files by name, of which ``source`` includes the others.
 
     Raises
@@ -146,217 +115,103 @@ def compile_library(
     with tempfile.TemporaryDirectory(prefix="rigmatch-") as work:
         for name, text in files.items():
             (Path(work) / name).write_text(text, encoding="utf-8")
-        _run([cc, *flags, "-o", LIBRARY, source, "-lm"], work, seconds)  # no folder: the library tells of none
+        _run([cc, *flags, "-o", LIBRARY, source, "-lm"], work)  # no folder: the library tells of none
         made = Path(work) / LIBRARY
         content = made.read_bytes() if made.is_file() else b""
     if not content:
         raise CompilerFault("it made no library")
-    if _is_cut_off(content):  # loading it would end this process, and every later one that finds it in the cache
-        raise CompilerFault("the library that it made is cut off")
     return content
-
-
-def _is_cut_off(library: bytes) -> bool:
-    """Whether an ELF file of 64 bits, as Linux has them, ends before its table of sections, which stands last."""
-    if not library.startswith(b"\x7fELF\x02\x01"):
-        return False
-    if len(library) < ELF_HEAD.size:
-        return True
-    begin, size, count = ELF_HEAD.unpack_from(library)
-    return bool(begin + size * count > len(library))
 
 
 @functools.cache
 def version(cc: str) -> str:
     """What a compiler says of itself; its path if it says nothing."""
     try:
-        return _run([cc, "--version"], None, TRIAL_SECONDS) or cc
+        return _run([cc, "--version"], None) or cc
     except CompilerFault:
         return cc
 
 
-def _printed(command: Sequence[str], folder: str) -> str:
-    try:
-        return _run(command, folder, TRIAL_SECONDS)
-    except CompilerFault:  # it crashes, or does not end
-        return ""
-
-
-@functools.cache
-def _warn(line: str) -> None:
-    warnings.warn(line, CompilerWarning, stacklevel=4)
-
-
-def _run(command: Sequence[str], folder: str | None, seconds: float) -> str:
-    """What a command prints; it and all that it began are ended after so many seconds, or when this is interrupted.
+def _run(command: Sequence[str], folder: str | None) -> str:
+    """What a command prints.
 
     Raises
     ------
     CompilerFault
-        If it cannot be run, fails or takes longer.
-    OSError
-        If it says that the disk is full, or too many files are open to run it.
+        If it cannot be run, fails or takes longer than :data:`COMPILE_SECONDS`.
     """
     environment = os.environ | ({"TMPDIR": folder} if folder else {})  # what a killed compiler leaves goes with it
     try:
-        running = subprocess.Popen(
-            command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True,
+        done = subprocess.run(
+            command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            errors="replace", timeout=COMPILE_SECONDS, check=False,
         )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise CompilerFault(f"no end after {COMPILE_SECONDS:g} s") from None
     except OSError as fault:
-        if fault.errno in TOO_MANY_FILES:
-            raise
         raise CompilerFault(f"{fault.strerror or fault}") from None
-    with running:
-        try:
-            out, said = running.communicate(timeout=seconds)
-        except subprocess.TimeoutExpired:
-            raise CompilerFault(f"no end after {seconds:g} s") from None
-        finally:
-            if running.returncode is None:
-                with contextlib.suppress(OSError):
-                    if hasattr(os, "killpg"):
-                        os.killpg(running.pid, signal.SIGKILL)
-                    else:
-                        running.kill()
-    if running.returncode:
-        lines = said.splitlines()
-        if (full := os.strerror(errno.ENOSPC)) in said:
-            raise OSError(errno.ENOSPC, full, folder)
+    if done.returncode:
+        lines = done.stderr.splitlines()
         raise CompilerFault(next((line for line in lines if "error" in line), lines[0] if lines else "it fails"))
-    return out.strip()
+    return done.stdout.strip()
 
 
 # --- Where compiled libraries are kept: only what was written here, whole, is loaded again.
 #
 # An entry ``KEY-DIGEST.so`` carries two checksums: of all that it was made from, and of its content. It is written
-# beside
-# its place, forced to the disk and moved there in one step; before it is loaded its content is compared with its name,
-# and what is wrong is removed, to be made anew. Folder and entries belong to this user and nobody else may write to
-# them.
+# beside its place and moved there in one step. Before it is loaded its content is compared with its name, and what is
+# wrong is removed, to be made anew. Folder and entries belong to this user and nobody else may write to them.
 
-try:
-    import grp
-    import pwd
-except ImportError:  # Windows, where groups are not asked for
-    pass
-
-SUFFIX, UNFINISHED = ".so", ".new-"
+SUFFIX = ".so"
 DIGITS = 32  # of a checksum, hexadecimal
-STALE_SECONDS = 3600.0  # after which an unfinished entry is nobody's any more
 OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 @functools.cache
 def folder() -> Path:
     """``RIGMATCH_CACHE`` or the user's cache; one of this process alone where that is missing or open to others."""
-    for path in _candidates():
-        with contextlib.suppress(OSError):
-            path.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if os.access(path, os.W_OK | os.X_OK) and only_mine(path):
-                return path
-    return _folder_of_this_process()
-
-
-def _candidates() -> list[Path]:
-    if wanted := os.environ.get("RIGMATCH_CACHE"):
-        return [Path(wanted).absolute()]
-    caches = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA", "")
-    with contextlib.suppress(RuntimeError):  # nobody knows where home is
-        home = Path(caches) if os.path.isabs(caches) else Path.home() / ".cache"
-        return [home / "rigmatch"]
-    return []
-
-
-@functools.cache
-def _folder_of_this_process() -> Path:
-    _KEPT_UNTIL_THE_END.append(tempfile.TemporaryDirectory(prefix="rigmatch-"))
-    return Path(_KEPT_UNTIL_THE_END[-1].name)
-
-
-_KEPT_UNTIL_THE_END: list[tempfile.TemporaryDirectory] = []
+    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    path = Path(os.environ.get("RIGMATCH_CACHE") or Path(caches) / "rigmatch").absolute()
+    with contextlib.suppress(OSError):
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if os.access(path, os.W_OK | os.X_OK) and only_mine(path):
+            return path
+    own = tempfile.mkdtemp(prefix="rigmatch-")
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    return Path(own)
 
 
 def only_mine(path: Path) -> bool:
-    """Whether a folder or file is this user's, nobody else may write to it, and nobody may put another in its place."""
-    if not hasattr(os, "getuid"):  # Windows: what lies in the user's profile is the user's
-        return path.resolve().is_relative_to(Path.home())
+    """Whether a folder or file is this user's and nobody else may write to it."""
     status = path.lstat()
-    if status.st_uid != os.getuid() or status.st_mode & OTHERS_MAY_WRITE:
-        return False
-    above = [folder.stat() for folder in path.resolve().parents]
-    if any(each.st_uid not in (0, os.getuid()) for each in above):  # who has a folder may rename what lies in it
-        return False
-    return all(each.st_mode & stat.S_ISVTX or not _open_to_others(each) for each in above)
-
-
-def _open_to_others(status: os.stat_result) -> bool:
-    """Whether anybody but root and this user may write to a folder: the user's private group is nobody else."""
-    if status.st_mode & stat.S_IWOTH:
-        return True
-    return bool(status.st_mode & stat.S_IWGRP) and status.st_gid not in (0, _private_group())
-
-
-@functools.cache
-def _private_group() -> int | None:
-    """The group that has the user's name and no other member, as most Linux systems make one for each user."""
-    with contextlib.suppress(KeyError):
-        user, group = pwd.getpwuid(os.getuid()), grp.getgrgid(os.getgid())
-        if group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}:
-            return group.gr_gid
-    return None
+    return status.st_uid == os.getuid() and not status.st_mode & OTHERS_MAY_WRITE
 
 
 def kept(key: str) -> Path | None:
     """The entry of a key if there is one that is whole; others are removed."""
-    library = None
-    for place in dict.fromkeys((folder(), _folder_of_this_process())) if _KEPT_UNTIL_THE_END else (folder(),):
-        for path in sorted(place.glob(f"{key}-*{SUFFIX}")):
-            if library is None and _is_whole(path):
-                library = path
-            elif library is None:
-                with contextlib.suppress(OSError):
-                    path.unlink()
-    return library
-
-
-def keep(key: str, content: bytes) -> Path | None:
-    """Keep a library under a key; None where neither the cache nor the temporary folder has room for it."""
-    name = f"{key}-{_digest(content)}{SUFFIX}"
-    with contextlib.suppress(OSError):
-        return _written(folder() / name, content)
-    with contextlib.suppress(OSError):
-        return _written(_folder_of_this_process() / name, content)
+    for path in sorted(folder().glob(f"{key}-*{SUFFIX}")):
+        with contextlib.suppress(OSError):
+            if only_mine(path) and path.is_file() and path.stem.partition("-")[2] == _digest(path.read_bytes()):
+                return path
+            path.unlink()
     return None
 
 
-def _written(target: Path, content: bytes) -> Path:
-    _remove_stale(target.parent)
-    handle, name = tempfile.mkstemp(prefix=UNFINISHED, dir=target.parent)  # nobody else may read or write it
-    try:
-        with open(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, target)
-    except BaseException:
-        os.unlink(name)
-        raise
+def keep(key: str, content: bytes) -> Path:
+    """Keep a library under a key.
+
+    Raises
+    ------
+    OSError
+        If there is no room.
+    """
+    target = folder() / f"{key}-{_digest(content)}{SUFFIX}"
+    with tempfile.TemporaryDirectory(prefix=".new-", dir=target.parent) as work:
+        made = Path(work) / LIBRARY
+        made.write_bytes(content)
+        made.chmod(0o600)
+        os.replace(made, target)
     return target
-
-
-def _remove_stale(place: Path) -> None:
-    for path in place.glob(f"{UNFINISHED}*"):
-        with contextlib.suppress(OSError):  # another process has finished or removed it
-            if time.time() - path.stat().st_mtime > STALE_SECONDS:
-                path.unlink()
-
-
-def _is_whole(path: Path) -> bool:
-    try:
-        return only_mine(path) and path.is_file() and path.stem.partition("-")[2] == _digest(path.read_bytes())
-    except OSError:
-        return False
 
 
 def _digest(content: bytes) -> str:

@@ -21,8 +21,6 @@ print(os.environ.get("OPENBLAS_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS"),
     ("own", "expected"),
     [
         ({}, "1 None"),
-        ({"OPENBLAS_NUM_THREADS": "3"}, "3 None"),
-        ({"OMP_NUM_THREADS": "2"}, "None 2"),
         ({"OPENBLAS_NUM_THREADS": "3", "OMP_NUM_THREADS": "2"}, "3 2"),
     ],
 )

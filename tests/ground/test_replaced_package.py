@@ -24,8 +24,10 @@ def foreign_package(folder: Path, name: str, content: str) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", ["matching", "modelling"])
-@pytest.mark.parametrize("content", ["__version__ = '1.4.3'\n", "raise RuntimeError('needs a graph library')\n"])
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("matching", "__version__ = '1.4.3'\n"), ("modelling", "raise RuntimeError('needs a graph library')\n")],
+)
 def test_a_foreign_package_first_on_the_path_is_named_in_one_line(tmp_path: Path, name: str, content: str) -> None:
     foreign_package(tmp_path, name, content)
     done = python(COMMAND, "--version", path=tmp_path)

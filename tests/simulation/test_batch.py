@@ -56,16 +56,14 @@ def test_without_a_compiler_the_virtual_machine_steps_in(monkeypatch):
 
 def test_a_compiler_that_fails_is_no_fault(monkeypatch, tmp_path):
     from modelling.simulation import compiled as build
-    from modelling.simulation import compiled as c_compiler
-    from modelling.simulation import compiled as library_cache
 
     time, inputs = excitation(0.1)
     expected = simulate(system_with(), time, inputs)
     monkeypatch.setattr(build, "compiler", lambda: "/bin/false")
-    monkeypatch.setattr(library_cache, "folder", lambda: tmp_path)
+    monkeypatch.setattr(build, "folder", lambda: tmp_path)
     monkeypatch.setattr(build, "_LIBRARIES", {})
-    c_compiler._warn.cache_clear()
-    with pytest.warns(c_compiler.CompilerWarning, match="/bin/false does not work"):
+    build.works.cache_clear()
+    with pytest.warns(build.CompilerWarning, match="/bin/false does not work"):
         np.testing.assert_allclose(simulate(system_with(), time, inputs).states, expected.states, atol=1e-10)
     assert not list(tmp_path.iterdir())
 

@@ -6,9 +6,7 @@ import casadi as ca
 import pytest
 from needs import compiles
 
-from modelling.simulation import compiled as c_compiler
 from modelling.simulation import compiled as c_library
-from modelling.simulation import compiled as library_cache
 
 SOURCE = "double answer(void) { return 42.0; }\n"
 
@@ -17,14 +15,9 @@ SOURCE = "double answer(void) { return 42.0; }\n"
 def cache(tmp_path, monkeypatch):
     path = tmp_path / "cache"
     monkeypatch.setenv("RIGMATCH_CACHE", str(path))
-    monkeypatch.setattr(library_cache, "_KEPT_UNTIL_THE_END", [])
-    for kept in (library_cache.folder, library_cache._folder_of_this_process, c_compiler._warn):
-        kept.cache_clear()
+    c_library.folder.cache_clear()
     yield path
-    for folder in library_cache._KEPT_UNTIL_THE_END:
-        folder.cleanup()
-    for kept in (library_cache.folder, library_cache._folder_of_this_process, c_compiler._warn):
-        kept.cache_clear()
+    c_library.folder.cache_clear()
 
 
 def made(source=SOURCE):
@@ -47,6 +40,16 @@ def test_a_damaged_entry_is_made_anew(cache, damage):
     assert made() == path
     assert path.read_bytes() == content
     assert [each.name for each in cache.iterdir()] == [path.name]
+
+
+@compiles
+def test_what_others_may_write_to_is_not_loaded(cache):
+    path = made()
+    path.chmod(0o666)
+    assert made().stat().st_mode & 0o777 == 0o600
+    cache.chmod(0o777)
+    c_library.folder.cache_clear()
+    assert made().parent != cache
 
 
 @compiles
@@ -80,10 +83,10 @@ def test_what_is_compiled_raises_no_warning():
     x = ca.SX.sym("x", 3)
     smooth = ca.Function("smooth", [x], [ca.fmax(ca.sin(x), x**2), ca.fmin(x[0], x[1])])
     files = {"step.c": c_library.generated(smooth)}
-    c_compiler.compile_library(c_compiler.compiler(), WARNING_FREE, files, "step.c")
+    c_library.compile_library(c_library.compiler(), WARNING_FREE, files, "step.c")
     here = c_library.Path(c_library.__file__).with_name("c")
     driver = "\n".join((here / name).read_text() for name in c_library.DRIVER_FILES)
-    c_compiler.compile_library(c_compiler.compiler(), WARNING_FREE, {"run.c": driver}, "run.c")
+    c_library.compile_library(c_library.compiler(), WARNING_FREE, {"run.c": driver}, "run.c")
 
 
 # CasADi writes helpers that not every function needs

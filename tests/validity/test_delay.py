@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from modelling.fidelity.delay import delay, step_delay
+from modelling.fidelity.delay import delay
 
 COUNT, STEP = 2000, 1e-3
 
@@ -110,30 +110,6 @@ def test_unrelated_noise_is_undetermined():
         generator = np.random.default_rng(seed)
         undetermined += delay(generator.standard_normal(COUNT), generator.standard_normal(COUNT), STEP).value is None
     assert undetermined == 20
-
-
-def test_step_responses():
-    time = STEP * np.arange(COUNT)
-    generator = np.random.default_rng(0)
-
-    def rise(start):
-        return 1 - np.exp(-np.maximum(time - start, 0) / 0.03)
-
-    errors = []
-    for _ in range(20):
-        lag = float(generator.uniform(0, 0.02))
-        found = step_delay(
-            time,
-            rise(0.8) + 0.01 * generator.standard_normal(COUNT),
-            3 * rise(0.8 + lag) + 0.03 * generator.standard_normal(COUNT),
-        )
-        errors.append((found.value - lag) / found.standard_uncertainty)
-    assert np.sqrt(np.mean(np.square(errors))) < 2
-    assert step_delay(time, rise(0.8), 0 * time).value is None
-    exact = step_delay(time, np.where(time >= 0.5, 1.0, 0.0), np.where(time >= 0.5135, 1.0, 0.0))
-    assert exact.value == pytest.approx(0.0135, abs=1.1 * STEP)
-    raised = step_delay(time, 5 + np.where(time >= 0.5, 1.0, 0.0), np.where(time >= 0.5135, 1.0, 0.0) - 7)
-    assert raised.value == pytest.approx(exact.value, rel=1e-9)
 
 
 def test_a_slow_noisy_rise_reaches_the_bound_and_knows_its_uncertainty():

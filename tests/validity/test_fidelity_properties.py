@@ -2,7 +2,6 @@
 
 import itertools
 
-import casadi
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,11 +14,9 @@ from modelling.fidelity.measures import (
     FidelityMethod,
     SignalFidelity,
     SignalPair,
-    SmoothFidelity,
     delay_fidelity,
     fidelity_distribution,
     fidelity_of_signals,
-    probability_better,
 )
 
 COUNT, STEP = 400, 5e-3
@@ -170,62 +167,6 @@ def test_a_value_with_an_undetermined_delay_is_the_upper_end_of_its_interval():
         low, high = fidelity_distribution(found, 4000).summary()[one].interval
         assert high == pytest.approx(value, rel=0.01)
         assert low < value <= high
-
-
-def test_two_rigs_compared():
-    reference = signal("step", 3)
-    good, bad = (
-        fidelity_distribution(
-            fidelity_of_signals(
-                TIME,
-                {"torque": SignalPair(reference, np.interp(TIME - lag, TIME, reference), noise=(0.01, 0.01))},
-                f_max=30.0,
-                weights={"system_dynamics": 1.0},
-            ),
-            seed=seed,
-        )
-        for lag, seed in ((0.002, 1), (0.008, 2))
-    )
-    assert probability_better(good, bad) > 0.99
-    assert probability_better(bad, good) < 0.01
-
-
-def smooth_case():
-    """References that fade in and out, and tests that are slightly late and small."""
-    fade = np.sin(np.pi * TIME / TIME[-1]) ** 2
-    references = {"torque": fade * np.sin(2 * np.pi * 3 * TIME), "speed": fade}
-    tests = {name: 0.97 * np.interp(TIME - 0.002, TIME, one) for name, one in references.items()}
-    return references, tests
-
-
-def test_smooth_objective_agrees_with_the_measure():
-    references, tests = smooth_case()
-    smooth = SmoothFidelity(TIME, references, 30.0)
-    exact = fidelity_of_signals(
-        TIME,
-        {name: SignalPair(references[name], tests[name]) for name in tests},
-        f_max=30.0,
-        weights={"system_dynamics": 1.0},
-    )
-    assert smooth.loss(tests) == pytest.approx(1 - exact.total**2, rel=0.03)
-    assert smooth.loss(references) == pytest.approx(0, abs=1e-7)
-
-
-def test_smooth_objective_in_casadi_and_its_gradient():
-    references, tests = smooth_case()
-    smooth = SmoothFidelity(TIME, references, 30.0)
-    gain = casadi.MX.sym("gain", 2)
-    loss = smooth.loss({"torque": gain[0] * tests["torque"], "speed": gain[1] * tests["speed"]})
-    function = casadi.Function("loss", [gain], [loss, casadi.gradient(loss, gain)])
-    at = np.array([1.02, 0.98])
-
-    def value(x):
-        return smooth.loss({"torque": x[0] * tests["torque"], "speed": x[1] * tests["speed"]})
-
-    found, gradient = (np.array(one).ravel() for one in function(at))
-    assert found[0] == pytest.approx(value(at), rel=1e-12)
-    numeric = [(value(at + h) - value(at - h)) / 2e-6 for h in 1e-6 * np.eye(2)]
-    assert gradient == pytest.approx(numeric, rel=1e-5)
 
 
 def stated(nrmse_uncertainty=0.0, delay_uncertainty=None, step=None, form="definition", pair=None):
