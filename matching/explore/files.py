@@ -357,7 +357,8 @@ def opened(paths: Sequence[str | Path], out: str | Path) -> Workspace:
         before = workspace.documents
         workspace.open(file)
         if any(document not in workspace.documents for document in before):
-            raise InputError(str(file), "is a second one of its kind", "open one of each kind")
+            kind = kind_of(read_toml(file), str(file))
+            raise InputError(str(file), f"is a second {kind}", "open one of each kind")
     workspace.recordings.reverse()  # the first one named is shown
     return workspace
 
