@@ -8,6 +8,7 @@ format is one function here and one line in ``READERS``. All but CSV are read by
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import signal
@@ -477,7 +478,8 @@ def read_parquet(path: Path, used: Collection[str] | None = None) -> Table:
 # --- Libraries in C read in a process of their own
 
 CHILD = "modelling.recordings.child"
-LEAST_SECONDS, BYTES_PER_SECOND = 120.0, 5e6  # time limit: at least, and by the file's size
+LEAST_SECONDS, BYTES_PER_SECOND = 120.0, 5e6  # limit of processor time: at least, and by the file's size
+WAITED = 10  # times that limit, by the clock: the machine may have other work
 LEAST_BYTES, FILE_SIZES = 4_000_000_000, 30  # memory limit: at least, and in file sizes (files may be compressed)
 DAMAGED = "it is probably damaged: save it again, or as CSV"
 
@@ -494,7 +496,11 @@ def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str
     """
     size = path.stat().st_size
     seconds, most = LEAST_SECONDS + size / BYTES_PER_SECOND, LEAST_BYTES + FILE_SIZES * size
-    request = {"path": str(path), "used": used if used is None else sorted(used), "options": options, "bytes": most}
+    request = {
+        "path": str(path), "used": used if used is None else sorted(used), "options": options,
+        "bytes": most, "seconds": math.ceil(seconds),
+    }  # fmt: skip
+    too_slow = InputError(str(path), f"is not read within {seconds:.0f} s", DAMAGED)
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(sys.path), "ARROW_DEFAULT_MEMORY_POOL": "system",
         "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
@@ -503,13 +509,15 @@ def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str
         try:
             done = subprocess.run(
                 [sys.executable, "-P", "-m", CHILD], input=json.dumps(request).encode(), capture_output=True,
-                env=environment | {"TMPDIR": temporary}, timeout=seconds, check=False,
+                env=environment | {"TMPDIR": temporary}, timeout=WAITED * seconds, check=False,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
-            raise InputError(str(path), f"is not read within {seconds:.0f} s", DAMAGED) from None
+            raise too_slow from None
     line, _, numbers = done.stdout.partition(b"\n")
     if not line or done.returncode:
         code = done.returncode
+        if code == -signal.SIGXCPU:
+            raise too_slow
         end = signal.Signals(-code).name if code < 0 and -code in set(signal.Signals) else f"exit {code}"
         raise InputError(str(path), f"the library that reads it crashed ({end})", DAMAGED)
     head = json.loads(line)

@@ -20,7 +20,7 @@ import subprocess
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from ctypes import c_longlong, c_void_p
 from itertools import pairwise
@@ -280,8 +280,11 @@ def external(function: ca.Function) -> ca.Function:
     """A CasADi function compiled, some twenty times faster than as it was; itself without a working compiler."""
     if not compiler():
         return function
-    source = generated(function)
-    return loaded(function.name(), shared(source, lambda: source, GENERATED)) or function
+    library = shared(generated(function), GENERATED)
+    try:
+        return function if library is None else ca.external(function.name(), str(library))
+    except RuntimeError:  # e.g. a folder mounted noexec
+        return function
 
 
 def generated(*functions: ca.Function) -> str:
@@ -292,35 +295,24 @@ def generated(*functions: ca.Function) -> str:
     return PRELUDE + HELPER.sub("static inline casadi_real ", str(generator.dump()))  # calls cost more than they do
 
 
-def loaded(name: str, library: Path | None) -> ca.Function | None:
-    """A CasADi function out of a library; None without one, or where it cannot be loaded."""
-    try:
-        return None if library is None else ca.external(name, str(library))
-    except RuntimeError:  # e.g. a folder mounted noexec
-        return None
-
-
 def compile_ahead(functions: Iterable[Functions], processes: int = 2) -> None:
     """Compile many at once, for a search over structures; afterwards :func:`library` finds them."""
     with ThreadPoolExecutor(processes) as pool:  # the work is the compiler's, in processes of its own
         list(pool.map(library, functions))
 
 
-def shared(content: str, source: Callable[[], str], optimisation: str) -> Path | None:
-    """The shared library of C that ``source`` writes, which is called only if the cache lacks it.
-
-    ``content`` is all that the source is made from. None without a working compiler.
-    """
+def shared(source: str, optimisation: str) -> Path | None:
+    """The shared library of C, compiled if the cache lacks it; None without a working compiler."""
     cc = compiler()
     if cc is None:
         return None
     flags = (*optimisation.split(), *FLAGS)
-    made_from = (content, PRELUDE, version(cc), cc, *flags, platform.machine())
+    made_from = (source, version(cc), cc, *flags, platform.machine())
     key = hashlib.sha256("\0".join(made_from).encode()).hexdigest()[:32]
     if (library := kept(key)) or not works(cc):
         return library
     try:
-        return keep(key, compile_library(cc, flags, {SOURCE: source()}, SOURCE))
+        return keep(key, compile_library(cc, flags, {SOURCE: source}, SOURCE))
     except (OSError, CompilerFault):  # a full disk, or a source that this compiler does not take
         return None
 
@@ -331,7 +323,7 @@ def library_of(source: str, optimisation: str, names: Iterable[str]) -> ctypes.C
     One in the cache that cannot be loaded, as where a disk was full or another system wrote it, is made anew.
     """
     for _ in range(2):
-        target = shared(source, lambda: source, optimisation)
+        target = shared(source, optimisation)
         if target is None:
             return None
         try:

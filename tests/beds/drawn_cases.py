@@ -9,56 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
-from small_bed import CASE, RIG, VEHICLE
+from small_bed import AXLE, CASE, RIG, VEHICLE
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEAD_TIMES_S = (0.0005, 0.001, 0.003, 0.005, 0.008, 0.012, 0.02)
 STRUCTURES = ("observer", "pi", "model_based", "observer")
 BUILDS = ("chain", "axle", "motors", "compact_bev", "road_to_rig", "four_wheel")
 SPREAD = 0.3  # of every inertia, stiffness and damping, either way
-AXLE = """
-[inertias.motor]
-J = 0.5
-drag = 0.01
-[inertias.cage]
-J = 0.3
-[inertias.wheel_left]
-J = 0.6
-[inertias.wheel_right]
-J = 0.6
-[inertias.body_left]
-J = 20
-drag = 0.5
-[inertias.body_right]
-J = 20
-drag = 0.5
-[shafts.side]
-between = ["motor", "cage"]
-stiffness = 4000
-damping = 2
-[differentials.axle]
-cage = "cage"
-left = "wheel_left"
-right = "wheel_right"
-[shafts.tyre_left]
-between = ["wheel_left", "body_left"]
-stiffness = 5000
-damping = 20
-[shafts.tyre_right]
-between = ["wheel_right", "body_right"]
-stiffness = 5000
-damping = 20
-[inputs.motor_torque]
-on = "motor"
-[inputs.road]
-on = "body_left"
-[sensors.motor_speed]
-measures = "speed"
-of = "motor"
-[sensors.side_torque]
-measures = "torque"
-of = "side"
-"""
 
 
 def draw(seed, folder):

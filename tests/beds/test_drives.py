@@ -6,7 +6,7 @@ the drive's own torque closes; one dynamometer in the place of a whole axle with
 
 import numpy as np
 import pytest
-from small_bed import CASE, RIG, VEHICLE
+from small_bed import AXLE, CASE, RIG, VEHICLE
 
 from matching.match.case_file import load_case
 from matching.match.match import match
@@ -14,49 +14,6 @@ from matching.match.search import SearchSettings
 
 pytestmark = pytest.mark.long
 EFFORT = SearchSettings(drawn=2, rounds=1, steps=1)
-AXLE = """
-[inertias.motor]
-J = 0.5
-drag = 0.01
-[inertias.cage]
-J = 0.3
-[inertias.wheel_left]
-J = 0.6
-[inertias.wheel_right]
-J = 0.6
-[inertias.body_left]
-J = 20
-drag = 0.5
-[inertias.body_right]
-J = 20
-drag = 0.5
-[shafts.side]
-between = ["motor", "cage"]
-stiffness = 4000
-damping = 2
-[differentials.axle]
-cage = "cage"
-left = "wheel_left"
-right = "wheel_right"
-[shafts.tyre_left]
-between = ["wheel_left", "body_left"]
-stiffness = 5000
-damping = 20
-[shafts.tyre_right]
-between = ["wheel_right", "body_right"]
-stiffness = 5000
-damping = 20
-[inputs.motor_torque]
-on = "motor"
-[inputs.road]
-on = "body_left"
-[sensors.motor_speed]
-measures = "speed"
-of = "motor"
-[sensors.side_torque]
-measures = "torque"
-of = "side"
-"""
 
 
 def load(folder, vehicle=VEHICLE, rig=RIG, case=CASE):

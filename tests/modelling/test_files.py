@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 
 import pytest
-from hypothesis import strategies as st
 
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
@@ -232,25 +231,3 @@ def test_everything_round_trips(tmp_path):
     assert system.parameters["shafts.s.backlash.gap"].lower == pytest.approx(0.01)
     assert set(system.uncertain) == {"gears.g.ratio", "shafts.s.backlash.gap"}
     assert system.parameters["sensors.w.sensor_offset.offset"].value == pytest.approx(0.20944, rel=1e-4)
-
-
-def outcome(read):
-    """A system and no line, or no system and the line of the error."""
-    try:
-        return read(), ""
-    except InputError as error:
-        return None, str(error)
-
-
-LEAVES = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(),
-    st.floats(),
-    st.text(max_size=6),
-    st.sampled_from(["motor", "shafts.link", "1 m"]),
-)
-VALUES = st.recursive(
-    LEAVES,
-    lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=4), inner, max_size=3)),
-)
