@@ -105,7 +105,7 @@ def load_case(path: File) -> Case:
 
 
 def new(directory: File) -> list[Path]:
-    """Write a commented case to start from: vehicle, rig and case, every key with a comment, ready to run.
+    """Write a commented case to start from, ready to run: vehicle, rig and case; a budget and a fidelity case.
 
     The folder schemas holds JSON schemas of model, case, budget, fidelity and channel files. An editor that knows TOML
     completes and checks a file by the schema that its first line names. Nothing is overwritten.
@@ -128,7 +128,7 @@ def new(directory: File) -> list[Path]:
     Examples
     --------
     >>> [path.name for path in rm.new("my_bed") if path.suffix == ".toml"]
-    ['case.toml', 'rig.toml', 'vehicle.toml']
+    ['budget.toml', 'case.toml', 'fidelity.toml', 'rig.toml', 'vehicle.toml']
     """
     from importlib.resources import files
 
