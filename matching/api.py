@@ -130,20 +130,9 @@ def new(directory: File) -> list[Path]:
     >>> [path.name for path in rm.new("my_bed") if path.suffix == ".toml"]
     ['budget.toml', 'case.toml', 'fidelity.toml', 'rig.toml', 'vehicle.toml']
     """
-    from importlib.resources import files
+    from matching.schemas import write_starter
 
-    from matching.schemas import schema_files
-    from modelling.writing import write_all
-
-    target = Path(directory)
-    if target.is_dir() and any(target.iterdir()):
-        raise InputError(str(target), "is not empty", "name a new or an empty directory")
-    if target.exists() and not target.is_dir():
-        raise InputError(str(target), "is a file", "name a new or an empty directory")
-    starter = {part.name: part.read_text(encoding="utf-8") for part in files("matching").joinpath("starter").iterdir()}
-    starter |= schema_files()
-    write_all(target, dict(sorted(starter.items())))
-    return [target / name for name in sorted(starter)]
+    return write_starter(Path(directory))
 
 
 def show(file: System | Case | File) -> Figure:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from matching import api
 from matching.arguments import called, completed, pairs
+from matching.saved import SavedResult
+from modelling import display
 from modelling.errors import InputError
 from modelling.toml import read_toml
 
@@ -967,3 +969,11 @@ COMMANDS: dict[str, Command] = {
         "commissioning_summary"), check=check_commission, page="report.html", out=None, required=("bed", "out"),
     ),
 }  # fmt: skip
+
+
+@display.text.register
+def saved_text(saved: SavedResult) -> str:
+    """A result that was read again, as its command prints it."""
+    summary = COMMANDS[saved.command].summary
+    assert summary is not None
+    return summary(saved.content)

@@ -82,15 +82,6 @@ def load_result(path: Path) -> SavedResult:
     return SavedResult(found[0], COMMANDS_OF[found[0].name], content)
 
 
-@display.text.register
-def _(saved: SavedResult) -> str:
-    from matching.commands import COMMANDS
-
-    summary = COMMANDS[saved.command].summary
-    assert summary is not None
-    return summary(saved.content)
-
-
 @display.html.register
 def _(saved: SavedResult) -> str:
     from matching.report.common import preformatted

@@ -9,6 +9,8 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Iterable, Mapping
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from matching import fidelity
@@ -23,9 +25,11 @@ from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import KINDS as MANOEUVRES
 from modelling.bed.manoeuvres import UNITS as MANOEUVRE_UNITS
 from modelling.effects import EFFECTS
+from modelling.errors import InputError
 from modelling.fidelity.measures import ARITHMETICS, DYNAMIC_DOMAINS, MEASUREMENT_DOMAIN, NRMSE_FORMS
 from modelling.recordings import read as recordings
 from modelling.units import INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS
+from modelling.writing import write_all
 
 Schema = dict[str, Any]
 
@@ -201,3 +205,15 @@ def schemas() -> dict[str, Schema]:
 def schema_files() -> dict[str, str]:
     """Texts of ``schemas/KIND.json``."""
     return {f"schemas/{kind}.json": json.dumps(made, indent=1, sort_keys=True) for kind, made in schemas().items()}
+
+
+def write_starter(target: Path) -> list[Path]:
+    """Write the starter case with the schemas, see :func:`matching.api.new`; the files."""
+    if target.is_dir() and any(target.iterdir()):
+        raise InputError(str(target), "is not empty", "name a new or an empty directory")
+    if target.exists() and not target.is_dir():
+        raise InputError(str(target), "is a file", "name a new or an empty directory")
+    starter = {part.name: part.read_text(encoding="utf-8") for part in files("matching").joinpath("starter").iterdir()}
+    starter |= schema_files()
+    write_all(target, dict(sorted(starter.items())))
+    return [target / name for name in sorted(starter)]

@@ -371,11 +371,11 @@ def required_packages() -> None:
 
 def starter(out: Path) -> list[Path]:
     """Case, budget and fidelity case of `rigmatch new` in a folder ``case`` there; made where it is not yet."""
-    from matching.api import new
+    from matching.schemas import write_starter
 
     folder = out / "case"
     if not (folder / "case.toml").exists():
-        new(folder)
+        write_starter(folder)
     return [folder / f"{kind}.toml" for kind in ("case", "budget", "fidelity")]
 
 
@@ -407,11 +407,11 @@ def listed(home: Path) -> list[str]:
 
 def new_file(home: Path, kind: str, name: str) -> Path:
     """Write a new case (a folder of that name with its models), model, budget or fidelity case; its file to open."""
-    from matching.api import new
+    from matching.schemas import write_starter
 
     place = within(home, name)
     if kind == "case":
-        new(place)
+        write_starter(place)
         return place / TEMPLATES[kind]
     place = place.with_suffix(".toml")
     _check_new(place)

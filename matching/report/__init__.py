@@ -3,6 +3,7 @@
 from importlib import import_module
 
 VIEWS = {
+    "matching.saved.SavedResult": "matching.commands",
     "matching.bed.verify.BedVerification": "matching.report.bed",
     "matching.bed.commission.Commissioning": "matching.report.bed",
     "modelling.modal.result.Mode": "matching.report.modes",
