@@ -51,7 +51,7 @@ def keys_page() -> str:
             "## Case", "", _table("The file", case.TOP, CASE),
             "### [loop]", "",
             "`structure`, `knows` (inputs of the rig whose torque the controller measures), `measures` (sensors that "
-            "reach the controller beside the dynamometers'), and:", "",
+            "reach the controller beside the dynamometers'), `fixed` (true: no search moves the controller), and:", "",
             *_quantities(HARDWARE), "", *structures,
             _table("[limits]", LIMIT_UNITS, LIMITS, LIMIT_UNITS),
             'Also `"shafts.NAME.torque"` (N·m) and `"shafts.NAME.twist"` (rad) of every shaft of the rig, and '

@@ -370,25 +370,6 @@ class Weighting:
         """The same standard deviations as white noise: for a free simulation whose whole error counts."""
         return Weighting(np.zeros_like(self.memory), self.scale / np.sqrt(1 - self.memory**2))
 
-    def with_slow_part(self, power: np.ndarray) -> Weighting:
-        """Weights by which the innovation (the part of the error that its past does not predict) counts half, and the
-        error itself, slow parts included, the other half.
-
-        The sum of squares of both whitenings is that of one first-order filter, whose zero follows from the spectrum
-        |1 − memory·z|²/scale² + 1/power (spectral factorization).
-
-        Parameters
-        ----------
-        power : ndarray (y,)
-            Mean square of each sensor's error, in times the noise.
-        """
-        square = np.maximum(self.scale, SMALLEST_SCALE) ** 2
-        constant = ((1 + self.memory**2) / square + 1 / np.maximum(power, square)) / 2
-        neighbours = self.memory / square / 2
-        # constant = (1 + zero²)·weight and neighbours = zero·weight
-        weight = (constant + np.sqrt(constant**2 - 4 * neighbours**2)) / 2
-        return Weighting(neighbours / weight, 1 / np.sqrt(weight))
-
     def weigh(self, errors: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """Errors (b, t, y), in times the noise, as white noise of variance 1; 0 where nothing was measured.
 

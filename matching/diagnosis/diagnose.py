@@ -9,6 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from matching.diagnosis.causes import ExtendedModel, extended_system, simulated_motion
+from matching.diagnosis.closed_loop import closed_loop_notes
 from matching.diagnosis.data import FitData, prepare_data, with_smooth_inputs
 from matching.diagnosis.fit import Fit, balanced_fit, base_problem, compile_models, solve
 from matching.diagnosis.holdout import (
@@ -17,6 +18,7 @@ from matching.diagnosis.holdout import (
     HoldoutData,
     ModelResiduals,
     OtherRecordings,
+    RememberedHoldout,
     RestartedRest,
     RestOfRecordings,
     fidelity,
@@ -46,36 +48,32 @@ from matching.diagnosis.screening import (
     Screening,
     as_late_as_contact,
     bounded_below,
-    fit_extended,
-    window_uncertainties,
 )
 from matching.diagnosis.search import (
-    FIT_ERRORS,
     Progress,
-    RememberedHoldout,
     SearchState,
     first_readings,
     search_causes,
-    search_is_over,
     search_window,
-    simpler_hypotheses,
-    with_sharpest_friction,
+    simplified,
+    without,
 )
 from matching.diagnosis.selection import (
+    FIT_ERRORS,
     Hypothesis,
     UnseenData,
     at_noise,
     equivalent_fits,
+    largest_error,
     scatters_only,
     widened,
-    with_balanced_sensors,
 )
-from matching.diagnosis.statistics import Estimate, at_least, discretisation_shift, estimates
+from matching.diagnosis.settings import DiagnosisSettings
+from matching.diagnosis.statistics import Estimate, at_least, discretisation_shift, estimates, prediction
 from matching.diagnosis.verdict import (
     JudgedCause,
     RatedCause,
-    chi_square_inflation,
-    closed_loop_notes,
+    cause_parameters,
     final_fit,
     final_fit_on,
     fitted_candidates,
@@ -83,17 +81,15 @@ from matching.diagnosis.verdict import (
     rate_rivals,
     recording_to_tell_rivals,
     refitted_candidates,
+    told_from_nothing,
 )
-from modelling.effects import EFFECTS
+from matching.diagnosis.windows import window_uncertainties
 from modelling.recordings.recording import Recording
+from modelling.resources import time_is_over
 from modelling.simulation.simulate import check_speed_units
 from modelling.system import System
 
 # --- From a base fit to causes with their rivals; of long data by way of a time window.
-
-SEARCHED_RATIO = 1.5  # of χ², up to which a fit of the search may become one as good as the final one
-FAR_FROM_NOISE = 100.0  # times the noise, of a base model: a search by noise weights alone is not even begun
-LEFT_BY_MODEL = 3.0  # times the noise, of the best hypothesis: more than a noise that is stated too small
 
 
 @dataclass(frozen=True)
@@ -105,7 +101,9 @@ class IdentifiedCauses:
     fitted: list[FittedCandidate]
 
 
-def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
+def identify_causes(
+    system: System, base: Fit, holdout: Holdout, settings: DiagnosisSettings, progress: Progress
+) -> IdentifiedCauses:
     """The causes that a base fit lacks, and for each its rivals, itself included.
 
     Weights by noise are right for a model that can be perfect. Where the best one is far from the noise, causes are
@@ -113,43 +111,44 @@ def identify_causes(system: System, base: Fit, holdout: Holdout, progress: Progr
     better. With one sensor there is nothing to weigh: the error of its free simulation is what counts.
     """
     several = (base.problem.data.readings_by_sensor > 0).sum() > 1
-    if several and _largest_error(base) > FAR_FROM_NOISE:
-        return _identify(system, _balanced(system, base), holdout, progress)
-    identified = _identify(system, base, holdout, progress)
-    best = identified.state.best
-    if not several or scatters_only(best) or _largest_error(best.fit) < LEFT_BY_MODEL or search_is_over():
-        return identified
+    identified: IdentifiedCauses | None = None
+    if not several or largest_error(base) < settings.far_from_noise:
+        identified = _identify(system, base, holdout, settings, progress)
+        best = identified.state.best
+        near = scatters_only(best) or largest_error(best.fit) < settings.left_by_model
+        if not several or near or time_is_over(settings.search_share):
+            return identified
     progress("sensors weighted by what the model leaves")
-    balanced = _identify(system, _balanced(system, base), holdout, progress)
-    better = UnseenData(holdout).earns_place(balanced.state.best, best)
-    return balanced if better else identified
+    if identified is not None:
+        settings = replace(settings, far_from_noise=settings.left_by_model)
+    balanced = _identify(system, _balanced(system, base), holdout, settings, progress)
+    if identified is None:
+        return balanced
+    unseen = UnseenData(holdout, settings)
+    return balanced if unseen.pooled(balanced.state.best) < unseen.pooled(identified.state.best) else identified
 
 
-def _identify(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
+def _identify(
+    system: System, base: Fit, holdout: Holdout, settings: DiagnosisSettings, progress: Progress
+) -> IdentifiedCauses:
     """Causes with their rivals, sensors weighted as in the base fit.
 
     Of long data, causes are searched for in the time window where the base model is worst, then fitted to all data. If
     the residual of all data is not noise though that of the window is, they are searched for in all data.
     """
-    window = search_window(base)
+    window = search_window(base, settings.window)
     if window is not None:
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
-        judge = RememberedHoldout(OtherRecordings(first_readings(holdout.data)))
-        identified = _search_and_rate(system, _solved_as(base, system, window), judge, progress)
+        judge = RememberedHoldout(OtherRecordings(first_readings(holdout.data, settings.window)))
+        identified = _search_and_rate(system, _solved_as(base, system, window), judge, settings, progress)
         state = identified.state
         progress("all data")
         best = final_fit_on(state.best, base)
-        if at_noise(best) or not at_noise(state.best) or search_is_over():
+        if at_noise(best) or not at_noise(state.best) or time_is_over(settings.search_share):
             state.best, state.base, state.screening = best, replace(state.base, fit=base), Screening(base)
             state.screened = []
             return identified
-    return _search_and_rate(system, base, holdout, progress)
-
-
-def _largest_error(fit: Fit) -> float:
-    """Root mean square error of the sensor with the largest one, in times its noise."""
-    squares = np.sum([np.sum(part**2, axis=0) for part in fit.errors], axis=0)
-    return float(np.sqrt(squares / np.maximum(fit.problem.data.readings_by_sensor, 1)).max(initial=0.0))
+    return _search_and_rate(system, base, holdout, settings, progress)
 
 
 def _balanced(system: System, base: Fit) -> Fit:
@@ -162,117 +161,38 @@ def _solved_as(base: Fit, system: System, data: FitData) -> Fit:
     return solve(replace(problem, weighting=base.problem.weighting), v)
 
 
-def _search_and_rate(system: System, base: Fit, holdout: Holdout, progress: Progress) -> IdentifiedCauses:
-    unseen = UnseenData(holdout)
-    state = search_causes(system, base, unseen, progress)
+def _search_and_rate(
+    system: System, base: Fit, holdout: Holdout, settings: DiagnosisSettings, progress: Progress
+) -> IdentifiedCauses:
+    unseen = UnseenData(holdout, settings)
+    state = search_causes(system, base, unseen, settings, progress)
     progress("final fit")
-    if not at_noise(state.best):
-        _drop_without_gain_unseen(state, unseen)
-    state.best = final_fit(state.best)
+    state.best = simplified(final_fit(state.best))
+    _leave_out(state, unseen)
+    if state.best.causes and not unseen.keeps(state.best, state.base):
+        state.best, state.rivals = state.base, []
     if not state.best.causes:
         state.base = state.best
-    _drop_not_needed(state)
-    _simplify(state)
     rated = []
     for index in range(len(state.best.causes)):
         progress("rivals")
         rated.append(rate_rivals(state, index, holdout))
-    if not at_noise(state.best):
-        _eliminate(state, unseen, rated)
     return IdentifiedCauses(state, rated, fitted_candidates(state, holdout))
 
 
-def _drop_without_gain_unseen(state: SearchState, unseen: UnseenData) -> None:
-    """Drop each cause, the last first, without which unseen data are met as well: it fitted what does not repeat."""
+def _leave_out(state: SearchState, unseen: UnseenData) -> None:
+    """Leave out each cause of several, the last first, without which the final fit meets unseen data as well, or whose
+    torque is not told from nothing."""
     for index in reversed(range(len(state.best.causes))):
-        rest = _others(state, index)
+        rest = without(state.best, index) if len(state.best.causes) > 1 else None
         if rest is None:
             continue
-        rest = with_balanced_sensors(rest)
-        if state.best.model.negligible(state.best.fit, index) or not unseen.earns_place(state.best, rest):
-            state.best = rest
-            del state.rivals[index : index + 1]
-    if state.best.causes and unseen.error(state.best) is not None and not unseen.gains(state.best, state.base):
-        state.best, state.rivals = state.base, []  # each helps the others, and all together help nothing
-    if len(state.best.causes) == 1 and state.with_one_cause[:1] != [state.best]:
-        others = [hypothesis for hypothesis in state.with_one_cause if hypothesis.places != state.best.places]
-        state.rivals = [[state.best, *others]]
-
-
-def _eliminate(state: SearchState, unseen: UnseenData, rated: list[list[RatedCause]]) -> None:
-    """Drop each final cause, the last first, without which the error of unseen data is no higher; then all of them
-    where even together they do not lower it."""
-    final = state.best
-    for index in reversed(range(len(state.best.causes))):
-        rest = _others(state, index)
-        if rest is not None and not unseen.gains(state.best, rest):
-            state.best = rest
-            del state.rivals[index : index + 1], rated[index]
-    if state.best.causes and not unseen.gains(state.best, state.base):
-        state.best, state.rivals = state.base, []
-        rated.clear()
-    if state.best is not final:
-        state.best = final_fit(state.best)
-    if not state.best.causes:
-        state.base = state.best
-
-
-def _drop_not_needed(state: SearchState) -> None:
-    """Drop causes of several without which the final fit is as good, e.g. backlash of no width."""
-    index = 0
-    while len(state.best.causes) > 1 and index < len(state.best.causes):
-        rest = _others(state, index)
-        if rest is None:
-            index += 1
-            continue
-        rest, fit = final_fit(rest), state.best.fit
-        price = len(state.best.causes[index].keys) * float(np.log(fit.problem.data.readings_count))
-        if rest.fit.cost < fit.cost + max(state.noise_threshold, price) * chi_square_inflation(state.best):
-            state.best = rest
-            del state.rivals[index : index + 1]
-        else:
-            index += 1
-
-
-def _simplify(state: SearchState) -> None:
-    """Exchange causes for simpler kinds that behave alike at their values, where these fit as well: a further cause has
-    taken what the simpler one left when it was searched for."""
-    for cause in state.best.causes:
         best = state.best
-        index = best.causes.index(cause)
-        for simpler in simpler_hypotheses(best, index):
-            saved = len(best.fit.v) - len(simpler.fit.v)
-            price = saved * float(np.log(best.fit.problem.data.readings_count)) * chi_square_inflation(best)
-            if saved <= 0 or simpler.fit.cost > SEARCHED_RATIO * best.fit.cost:
-                continue
-            simpler = final_fit(simpler)
-            if simpler.fit.cost < best.fit.cost + price or not _possible(best, index):
-                state.best = simpler
-                del state.rivals[index : index + 1]
-                break
-
-
-def _possible(hypothesis: Hypothesis, index: int) -> bool:
-    """Whether the fitted parameters of a cause make sense together."""
-    cause = hypothesis.causes[index]
-    return EFFECTS[cause.kind].possible({key: hypothesis.fit.values[name] for key, name in cause.names().items()})
-
-
-def best_without(state: SearchState, index: int) -> Hypothesis:
-    """The best hypothesis without one of its causes; the base model where the others alone do not simulate."""
-    return _others(state, index) or state.base
-
-
-def _others(state: SearchState, index: int) -> Hypothesis | None:
-    """All causes of the best hypothesis but one, fitted; None where they do not simulate without it."""
-    if len(state.best.causes) == 1:
-        return state.base
-    model = state.best.model.without_cause(index, state.best.fit)
-    try:
-        fit = fit_extended(model, state.best.fit)
-    except FIT_ERRORS:
-        return None
-    return with_sharpest_friction(Hypothesis(model, fit))
+        parameters = cause_parameters(best.model.base, best.causes[index], _estimates(best, [best.fit]))
+        nothing = best.model.negligible(best.fit, index) or not told_from_nothing(parameters)
+        if nothing or not unseen.keeps(best, rest):
+            state.best = final_fit(rest)
+            del state.rivals[index : index + 1]
 
 
 # --- Inputs between their samples: straight, as recordings have them, or smooth, where that is what the readings say.
@@ -321,6 +241,7 @@ def diagnose(
     progress: Progress = lambda _: None,
     keep_rest: bool = False,
     pictured: Callable[[Pictured], None] = lambda _: None,
+    settings: DiagnosisSettings | None = None,
 ) -> Diagnosis:
     """Find out what a model lacks against recordings of the system.
 
@@ -337,7 +258,9 @@ def diagnose(
         Whether the extended model keeps the torque that no cause explains as a table, where unseen data gain by it.
     pictured : callable
         Is given what the figures show before the causes are judged.
+    settings : DiagnosisSettings, optional
     """
+    settings = settings or DiagnosisSettings()
     judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
     stated, system = system, with_clocks(system, [*recordings, *judging])
     whole, train, judge, notes = _data(system, recordings, judging)
@@ -347,7 +270,7 @@ def diagnose(
     base_fit = solve(*base_problem(system, train))
     smooth = _smooth_between_samples(system, base_fit)
     if smooth is None:
-        identified = identify_causes(system, base_fit, remembered, progress)
+        identified = identify_causes(system, base_fit, remembered, settings, progress)
         smooth = _smooth_between_samples(system, identified.state.best.fit) if identified.state.best.causes else None
     if smooth is not None:
         progress("inputs that are smooth between samples")
@@ -357,7 +280,7 @@ def diagnose(
         else:
             judge = OtherRecordings(_with_smooth_inputs(system, judge.data))
         remembered = RememberedHoldout(judge)
-        identified = identify_causes(system, solve(*base_problem(system, train)), remembered, progress)
+        identified = identify_causes(system, solve(*base_problem(system, train)), remembered, settings, progress)
         notes.append("inputs are taken as smooth between samples, not as straight lines: the model fits better so")
     state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
     base, final = state.base, replace(state.best, fit=fits[0])
@@ -366,7 +289,9 @@ def diagnose(
     notes += restarted + closed_loop_notes(final, recordings) + scatter_notes(final)
     residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
     before, after = (rms_by_sensor(parts) for parts in residuals)
-    verdict, rest = _verdict(final, after), remaining_errors(final)
+    verdict, rest = _verdict(final, judge, after), remaining_errors(final)
+    if verdict == "unexplained" and not final.causes and at_noise(final):
+        notes.append("the fitted data are reproduced to their noise, held-out data are not: something happens in those")
     explained = verdict == "explained"
     unseen = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
     curves = discrepancy_curves(final) if rest else []
@@ -374,7 +299,7 @@ def diagnose(
     pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, unseen)))
     values = _estimates(final, fits)
     judged = _judged_causes(identified)
-    kept = kept_table(final, curves, UnseenData(judge)) if keep_rest else None
+    kept = kept_table(final, curves, UnseenData(judge, settings)) if keep_rest else None
     return Diagnosis(
         verdict, named_causes(system, final, values, judged, explained),
         {name: value for name, value in values.items() if name in system.uncertain}, system.units,
@@ -439,13 +364,23 @@ def _predictable(final: Hypothesis, judge: Holdout, remembered: RememberedHoldou
     return RestartedRest(judge.whole, judge.counts), [note]
 
 
-def _verdict(final: Hypothesis, after_holdout: np.ndarray) -> str:
-    """``adequate``, ``explained`` or ``unexplained``; errors (y,) on held-out data in times the noise."""
+def _verdict(final: Hypothesis, judge: Holdout, after_holdout: np.ndarray) -> str:
+    """``adequate``, ``explained`` or ``unexplained``; errors (y,) on held-out data in times the noise.
+
+    A model without causes may drift away on held-out data as far as its quantities are uncertain.
+    """
     if not at_noise(final):
         return "unexplained"
     if not final.causes:
-        return "adequate"
-    return "unexplained" if np.nanmax(after_holdout, initial=0.0) > EXPLAINED_HOLDOUT_RATIO else "explained"
+        predicted = prediction(final.fit, judge.simulate(final.fit))
+        after_holdout = rms_by_sensor(predicted.updated) if predicted else after_holdout
+    met = np.nanmax(after_holdout, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO
+    return "unexplained" if not met else "explained" if final.causes else "adequate"
+
+
+def best_without(state: SearchState, index: int) -> Hypothesis:
+    """The best hypothesis without one of its causes; the base model where the others alone do not simulate."""
+    return (without(state.best, index) if len(state.best.causes) > 1 else None) or state.base
 
 
 def _judged_causes(identified: IdentifiedCauses) -> list[JudgedCause]:

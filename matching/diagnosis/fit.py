@@ -7,6 +7,7 @@ Nonlinear Equations, 1995, section 5.4).
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -913,7 +914,6 @@ def difference_steps(fit: Fit) -> np.ndarray:
 
 ROUNDS = 6
 SETTLED_RATIO = 1.1  # of the scales between two rounds
-NOT_LEADING = 1e3  # times the scale, of the sensors beside the one that leads alone
 OPTIONS = FitOptions(exact=False)
 
 
@@ -933,8 +933,8 @@ def balanced_fit(fit: Fit, v: np.ndarray) -> Fit:
     """The fit with each sensor weighted by what the model leaves of it, from several starts.
 
     Estimated weights have several fixed points: where one sensor has led, what it asked for keeps its error small, and
-    with that its weight. They are estimated from where weights by noise led, from the values the model states, and from
-    where each sensor leads alone; the likeliest end stands, whatever uncertainties are stated.
+    with that its weight. They are estimated from where weights by noise led, and from the values the model states; the
+    likelier end stands, whatever uncertainties are stated.
 
     Parameters
     ----------
@@ -942,15 +942,9 @@ def balanced_fit(fit: Fit, v: np.ndarray) -> Fit:
         Variables at the stated values.
     """
     ends = [iteratively_reweighted(fit)]
-    stated = discrepancy_at(fit.problem, v)
-    sensors = np.flatnonzero(fit.problem.data.readings_by_sensor)
-    alone = [np.where(np.arange(len(stated.scale)) == j, 1.0, NOT_LEADING) for j in sensors] if len(sensors) > 1 else []
-    for factor in (np.ones_like(stated.scale), *alone):
-        problem = replace(fit.problem, weighting=Weighting(stated.memory, factor * stated.scale))
-        try:
-            ends.append(iteratively_reweighted(solve(problem, v, None, OPTIONS)))
-        except FloatingPointError:
-            continue  # nothing simulates from there
+    with contextlib.suppress(FloatingPointError):  # nothing simulates from there
+        problem = replace(fit.problem, weighting=discrepancy_at(fit.problem, v))
+        ends.append(iteratively_reweighted(solve(problem, v, None, OPTIONS)))
     return min(ends, key=innovation_power)
 
 
@@ -978,12 +972,6 @@ def power_left(errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> 
 def power_left_by(fit: Fit) -> np.ndarray:
     """:func:`power_left` of a fit (y,)."""
     return power_left(fit.errors, [segment.measured for segment in fit.problem.data.segments])
-
-
-def slow_and_fast(fit: Fit) -> Weighting:
-    """Weights of a fit by which the slow part of what it leaves counts as much as the fast one."""
-    power = _power(fit.errors, [segment.measured for segment in fit.problem.data.segments])
-    return discrepancy(fit).with_slow_part(power)
 
 
 def _power(errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:

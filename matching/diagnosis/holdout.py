@@ -539,3 +539,37 @@ def rms_by_sensor(residuals: list[np.ndarray]) -> np.ndarray:
     total = np.concatenate(residuals)
     count = np.isfinite(total).sum(axis=0)
     return np.where(count, np.sqrt(np.nansum(total**2, axis=0) / np.maximum(count, 1)), np.nan)
+
+
+# --- Held-out data whose simulations are kept: several questions are asked of the same fit.
+
+MOST_KEPT_READINGS = 10_000_000  # of all simulations: 80 MB
+
+
+class RememberedHoldout:
+    """Held-out data that are simulated once with each fit, as far as the memory for it goes."""
+
+    def __init__(self, holdout: Holdout):
+        self.holdout = holdout
+        self._runs: dict[int, tuple[Fit, list[HoldoutRun]]] = {}  # with the fit, so that no other takes its identity
+        self._left = MOST_KEPT_READINGS
+
+    @property
+    def data(self) -> FitData:
+        """The data."""
+        return self.holdout.data
+
+    def simulate(self, fit: Fit) -> list[HoldoutRun]:
+        """Simulate them with a fit."""
+        if id(fit) in self._runs:
+            return self._runs[id(fit)][1]
+        runs = self.holdout.simulate(fit)
+        size = sum(len(run.residual) for run in runs)
+        if size <= self._left:
+            self._left -= size
+            self._runs[id(fit)] = fit, runs
+        return runs
+
+    def segments(self, fit: Fit) -> list[Segment]:
+        """The segments to which the residuals of :meth:`simulate` belong, in their order."""
+        return self.holdout.segments(fit)

@@ -15,8 +15,14 @@ from matching.diagnosis.data import FitData
 from matching.diagnosis.fit import Fit, Quadratic, discrepancy, reweighted
 from matching.diagnosis.holdout import HoldoutData, HoldoutFidelity
 from matching.diagnosis.screening import ScreenedCandidate, Screening, fit_extended
-from matching.diagnosis.search import FIT_ERRORS
-from matching.diagnosis.selection import Hypothesis, UnseenData, at_noise, scatters_only, sensors_beyond_noise
+from matching.diagnosis.selection import (
+    FIT_ERRORS,
+    Hypothesis,
+    UnseenData,
+    at_noise,
+    scatters_only,
+    sensors_beyond_noise,
+)
 from matching.diagnosis.statistics import Estimate, covariance, effective_share, inflation
 from modelling.display import Displayed
 from modelling.effects import EFFECTS
@@ -342,7 +348,7 @@ def kept_table(final: Hypothesis, curves: Sequence[DiscrepancyCurve], unseen: Un
         except FIT_ERRORS:
             continue
         before, after = unseen.error(final), unseen.error(extended)
-        if before is not None and after is not None and unseen.earns_place(extended, final):
+        if before is not None and after is not None and unseen.keeps(extended, final):
             return KeptTable(effect, curve.over, extended.fit.values, before.pooled, after.pooled)
     return None
 

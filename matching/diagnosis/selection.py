@@ -1,8 +1,6 @@
-"""Whether a cause earns its place on data that no fit has used.
+"""Hypotheses, how far they are from noise, and whether a cause earns its place on data that no fit has used.
 
-What a further parameter takes of the fitted data it may take from the error of the model, which does not repeat. A
-cause is kept only if the error of all sensors together falls on unseen data and that of none rises beyond its
-uncertainty and beyond a slight part of that fall.
+What a further parameter takes of the fitted data it may take from the error of the model, which does not repeat.
 """
 
 from __future__ import annotations
@@ -14,8 +12,9 @@ from functools import cached_property
 import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel
-from matching.diagnosis.fit import Fit, FitOptions, iteratively_reweighted, polished, power_left, power_left_by, solve
+from matching.diagnosis.fit import Fit, FitOptions, iteratively_reweighted, polished, power_left_by, solve
 from matching.diagnosis.holdout import Holdout, holdout_residuals
+from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.statistics import (
     BLOCK_LENGTHS,
     Estimate,
@@ -86,6 +85,11 @@ class Hypothesis:
         return data.readings_count * float(np.exp(logarithms @ data.readings_by_sensor / data.readings_count))
 
     @property
+    def chi_square_per_reading(self) -> float:
+        """Mean square of the residual, at least 1: no gain counts that is small beside what remains."""
+        return max(1.0, self.chi_square / max(self.fit.problem.data.readings_count, 1))
+
+    @property
     def misfit(self) -> float:
         """Root mean square of all errors in times the noise."""
         count = self.fit.problem.data.readings_by_sensor
@@ -114,17 +118,27 @@ class Hypothesis:
         return [whiteness([part[:, j] for part in parts]) for j in range(len(self.fit.problem.data.noise))]
 
 
-def with_balanced_sensors(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis with its sensors weighted by what it leaves of them; itself where noise alone weights them.
+def with_balanced_sensors(hypothesis: Hypothesis, far_from_noise: float) -> Hypothesis:
+    """A hypothesis with its sensors weighted by what it leaves of them, or by their noise where it leaves less than
+    ``far_from_noise`` times that; itself where noise weights them already.
 
     Where what is left is slow, its memory takes the place of parameters that hold the slow part: the next fit lets it
     grow, and so on. A fit that loses its way so is not taken.
     """
-    if hypothesis.fit.problem.weighting is None:
+    fit = hypothesis.fit
+    if fit.problem.weighting is None:
         return hypothesis
-    balanced = iteratively_reweighted(hypothesis.fit)
-    lost = pooled_error(balanced) > MOST_LOST * pooled_error(hypothesis.fit)
+    if largest_error(fit) < far_from_noise:
+        return replace(hypothesis, fit=solve(replace(fit.problem, weighting=None), fit.v))
+    balanced = iteratively_reweighted(fit)
+    lost = pooled_error(balanced) > MOST_LOST * pooled_error(fit)
     return hypothesis if lost else replace(hypothesis, fit=balanced)
+
+
+def largest_error(fit: Fit) -> float:
+    """Root mean square error of the sensor with the largest one, in times its noise."""
+    squares = np.sum([np.sum(part**2, axis=0) for part in fit.errors], axis=0)
+    return float(np.sqrt(squares / np.maximum(fit.problem.data.readings_by_sensor, 1)).max(initial=0.0))
 
 
 def pooled_error(fit: Fit) -> float:
@@ -255,13 +269,11 @@ def widened(estimates: Mapping[str, Estimate], fits: list[Fit]) -> dict[str, Est
 
 # --- Unseen data
 
-BLOCKS = 16  # of the unseen data, whose errors are compared in pairs
-CERTAIN = 2.0  # standard errors of the mean difference from which a sensor is worse
-WORSE_RATIO = 1.04  # mean square, from which it matters
-SLIGHT_RISE = 0.005  # of what all sensors together gain, in squares of shares of their ranges
-AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
+FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError, ValueError)  # of a fit that does not simulate or converge
 
-UNSEEN_ERRORS = (FloatingPointError, np.linalg.LinAlgError)  # of a model that does not simulate unseen data
+
+DIVERGED = 1e12  # times the noise: a simulation that runs away
+AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
 
 
 @dataclass(frozen=True)
@@ -274,13 +286,13 @@ class UnseenError:
         Mean squares over blocks of the data, in times the noise; NaN without readings.
     shares : ndarray (y,)
         Root mean square error of each sensor over its range; NaN where it has no readings or never changes.
-    power_left : float
-        Geometric mean over the sensors of what is left of each, fast and slow, in times the noise.
+    ranges : ndarray (y,)
+        Of the readings, in times the noise; NaN as above.
     """
 
     blocks: np.ndarray
     shares: np.ndarray
-    power_left: float
+    ranges: np.ndarray
 
     @property
     def pooled(self) -> float:
@@ -288,18 +300,12 @@ class UnseenError:
         known = self.shares[np.isfinite(self.shares)]
         return float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
 
-    @property
-    def mean_squares(self) -> np.ndarray:
-        """(y,) mean square of each sensor."""
-        known = np.isfinite(self.blocks)
-        return np.where(known, self.blocks, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-
 
 class UnseenData:
     """Held-out data and the errors of hypotheses on them, each simulated once."""
 
-    def __init__(self, holdout: Holdout):
-        self.holdout = holdout
+    def __init__(self, holdout: Holdout, settings: DiagnosisSettings):
+        self.holdout, self.settings = holdout, settings
         self._known: dict[int, tuple[Hypothesis, UnseenError | None]] = {}
 
     def error(self, hypothesis: Hypothesis) -> UnseenError | None:
@@ -309,67 +315,84 @@ class UnseenData:
             self._known[key] = hypothesis, self._simulated(hypothesis)
         return self._known[key][1]
 
-    def may_gain(self, child: Hypothesis, parent: Hypothesis) -> bool:
-        """Whether a hypothesis that may lack further causes meets unseen data better than another.
+    def pooled(self, hypothesis: Hypothesis) -> float:
+        """Root mean square over the sensors of the error over the sensor's range; infinite where it does not
+        simulate."""
+        error = self.error(hypothesis)
+        return np.inf if error is None or np.isnan(error.pooled) else error.pooled
 
-        Where sensors are weighted by the model's residual, the slow part of the error, which a further cause may
-        explain, counts no more than the part that the error's past does not predict.
+    def accepts(self, child: Hypothesis, parent: Hypothesis) -> bool:
+        """Whether a hypothesis meets unseen data better than another, beyond chance.
+
+        Of every sensor the difference of the mean squares counts, over the larger of both: a sensor says as much as
+        another whatever it measures, and one that is at its noise says nothing. Chance is that of the blocks of the
+        data: a paired bootstrap draws them again and again, and all but a share ``chance`` of the draws have to find
+        the child better.
         """
-        after, before = self.error(child), self.error(parent)
-        if after is None or before is None or child.fit.problem.weighting is None:
-            return self.gains(child, parent)
-        return bool(after.power_left < before.power_left)
+        gain, _ = self._drawn(child, parent)
+        return bool(np.mean(gain <= 0) < self.settings.chance)
 
-    def gains(self, child: Hypothesis, parent: Hypothesis) -> bool:
-        """Whether the pooled error of a hypothesis is smaller than that of another."""
-        after, before = self.error(child), self.error(parent)
-        if after is None or before is None:
-            return before is None
-        return bool(after.pooled < before.pooled)
+    def keeps(self, child: Hypothesis, parent: Hypothesis) -> bool:
+        """Whether a hypothesis to which nothing will be added is accepted over another, and the error of no sensor, nor
+        of all in units of their ranges, rises beyond chance and more than slightly. Before the end the right cause may
+        let an angle drift away, beside another that is still missing."""
+        gain, rises = self._drawn(child, parent)
+        chance, slight = self.settings.chance, self.settings.slight_rise
+        worse = (np.mean(rises <= 0, axis=0) < chance) & (rises.mean(axis=0) > slight)
+        return bool(np.mean(gain <= 0) < chance and not worse.any())
 
-    def earns_place(self, child: Hypothesis, parent: Hypothesis) -> bool:
-        """Whether the pooled error falls and that of no sensor rises beyond its uncertainty."""
-        return self.gains(child, parent) and not self.worse_sensors(child, parent)
-
-    def worse_sensors(self, child: Hypothesis, parent: Hypothesis) -> list[int]:
-        """Sensors (index) whose error is larger than that of another hypothesis beyond its uncertainty.
-
-        Block by block, the difference of the mean squares: its mean against its standard error. A rise that is slight
-        against what all sensors together gain does not count: beside a cause that is still missing, the right one may
-        move a little of its error to another sensor.
-        """
+    def _drawn(self, child: Hypothesis, parent: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
+        """Gains and rises in draws of the blocks; certain ones where only one of both simulates the data."""
         after, before = self.error(child), self.error(parent)
         if after is None or before is None or after.blocks.shape != before.blocks.shape:
-            return []
-        worse = []
-        gained = float(before.pooled**2 - after.pooled**2) * np.isfinite(after.shares).sum()
-        rises = after.shares**2 - before.shares**2
-        for j in range(after.blocks.shape[1]):
-            rise = after.blocks[:, j] - before.blocks[:, j]
-            rise = rise[np.isfinite(rise)]
-            square, square_before = after.mean_squares[j], before.mean_squares[j]
-            if len(rise) < 2 or square < AT_NOISE or square < WORSE_RATIO * square_before:
-                continue
-            if rises[j] < SLIGHT_RISE * gained:
-                continue
-            if rise.mean() > CERTAIN * rise.std(ddof=1) / np.sqrt(len(rise)):
-                worse.append(j)
-        return worse
+            better = 1.0 if after is not None and before is None else -1.0
+            return np.full(1, better), np.full((1, 1), -better)
+        return drawn_gains(after, before, self.settings.draws)
 
     def _simulated(self, hypothesis: Hypothesis) -> UnseenError | None:
         try:
             residuals = holdout_residuals(self.holdout.simulate(hypothesis.fit))
-        except UNSEEN_ERRORS:
+        except FIT_ERRORS:
             return None
         if not residuals or not all(np.isfinite(part[~np.isnan(part)]).all() for part in residuals):
             return None
         data = hypothesis.fit.problem.data
         readings = np.concatenate([segment.readings for segment in self.holdout.data.segments])
         total = np.concatenate(residuals)
-        blocks = np.array([mean_square(part) for part in np.array_split(total, min(BLOCKS, len(total)))])
+        if np.nanmax(np.abs(total), initial=0.0) > DIVERGED:
+            return None
+        blocks = np.array([mean_square(part) for part in np.array_split(total, min(self.settings.blocks, len(total)))])
         shares = shares_of_ranges(total, readings, data.noise)
-        pooled = np.isfinite(shares)
-        if not pooled.any():
-            return UnseenError(blocks, shares, np.nan)
-        left = power_left([np.nan_to_num(part) for part in residuals], [np.isfinite(part) for part in residuals])
-        return UnseenError(blocks, shares, float(np.exp(np.mean(np.log(left[pooled])))))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ranges = np.sqrt(mean_square(total)) / shares
+        return UnseenError(blocks, shares, ranges)
+
+
+def drawn_gains(after: UnseenError, before: UnseenError, draws: int) -> tuple[np.ndarray, np.ndarray]:
+    """What one hypothesis gains over another in draws of the blocks of unseen data.
+
+    Returns
+    -------
+    gain : ndarray (d,)
+        Differences of the mean squares, each over the larger of both and the noise at least, summed over the sensors.
+    rises : ndarray (d, y + 1)
+        Of each sensor, as a share of the larger mean square, 0 where it is at its noise; last that of all sensors in
+        units of their ranges.
+    """
+    count = len(after.blocks)
+    chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
+    known = np.isfinite(after.blocks) & np.isfinite(before.blocks)
+    new, old = (chosen @ np.where(known, error.blocks, 0.0) for error in (after, before))
+    number = np.maximum(chosen @ known, 1.0)
+    new, old = (np.maximum(error / number, 1.0) for error in (new, old))
+    rises = _share(new - old, np.maximum(new, old))
+    square = np.where(np.isfinite(after.ranges) & (after.ranges > 0), after.ranges, np.inf) ** 2
+    pooled_new, pooled_old = ((error / square).sum(axis=1) for error in (new, old))
+    pooled = _share(pooled_new - pooled_old, np.maximum(pooled_new, pooled_old))
+    above = np.where(new > AT_NOISE, rises, 0.0)
+    return -rises.sum(axis=1), np.concatenate([above, pooled[:, None]], axis=1)
+
+
+def _share(difference: np.ndarray, of: np.ndarray) -> np.ndarray:
+    """Differences as shares; 0 of nothing."""
+    return np.where(of > 0, difference / np.where(of > 0, of, 1.0), 0.0)

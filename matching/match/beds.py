@@ -16,7 +16,6 @@ from matching.match.loop import (
     SampledController,
     bed_set,
     closed_poles,
-    damping,
     damping_ratios,
     damping_weights,
     errors,
@@ -188,28 +187,6 @@ def modulus_margin(case: Case, controller: SampledController, margin_from: float
     return found
 
 
-@dataclass(frozen=True)
-class BedFigures:
-    """Of b beds, each (b,): largest pole, least damping ratio, response errors to measured, unmeasured torques."""
-
-    largest_pole: np.ndarray
-    damping_ratio: np.ndarray
-    measured: np.ndarray
-    unmeasured: np.ndarray
-
-    def stable(self, neutral: float = 1e-9) -> np.ndarray:
-        """Which beds (b,) are stable; a rigid motion that nothing slows stands at 1."""
-        return self.largest_pole < 1 + neutral
-
-
-def bed_figures(beds: BedSet, controller: SampledController, known: Sequence[str]) -> BedFigures:
-    """Figures of every bed of a set."""
-    acting = frequency_response(controller, beds.frequencies)
-    size, ratio = damping(closed_poles(beds.sampled, controller), controller.sample_time)
-    measured, unmeasured = (np.sqrt(errors(beds, acting, those).mean(axis=1)) for those in (known, ()))
-    return BedFigures(size, ratio, measured, unmeasured)
-
-
 # --- Beds whose cut shafts have less stiffness and damping: what a lash between its flanks lets a bed appear to be.
 
 # Of stiffness and damping that is left, from a shaft that carries next to nothing to one that opens for moments. A
@@ -237,12 +214,6 @@ def with_reduced_stiffness(
 def damping_left(share: float) -> float:
     """Part of a shaft's damping ratio that is left with ``share`` of its stiffness and damping: the root of it."""
     return float(np.sqrt(share))
-
-
-def beds_at(case: Case, positions: np.ndarray, left: float = 1.0) -> SampledBeds:
-    """Beds at positions (b, p) of the case's box, with ``left`` of the stiffness and damping of their cut shafts."""
-    values = [with_reduced_stiffness(case, case.uncertainty.at(position), left) for position in positions]
-    return sampled_beds(case, values)
 
 
 # --- The worst beds of a box: descent by the gradients of dampings, ascent of the error, from planned and drawn beds.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import fnmatch
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -429,6 +429,11 @@ class Demands:
         return factors
 
 
+def rig_values(case: Case) -> dict[str, float]:
+    """Every quantity of the rig, SI, by its name in a case."""
+    return {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
+
+
 def demands(case: Case, points: int = 400) -> Demands:
     """Simulate the vehicle's manoeuvre and find what it asks behind every cut.
 
@@ -689,14 +694,26 @@ def counterparts(case: Case) -> list[Mode | None]:
     return counterpart_modes
 
 
+def _nearest(found: Modes, wanted: Sequence[Mode]) -> list[Mode]:
+    """Of the elastic modes of a vehicle those of the wanted symmetries that come nearest in frequency."""
+    elastic = [mode for mode in found if mode.frequency > 0]
+    alike = ([mode for mode in elastic if mode.symmetry == one.symmetry] for one in wanted)
+    return [
+        min(some, key=lambda mode: abs(np.log(mode.frequency / one.frequency)))
+        for one, some in zip(wanted, alike, strict=True) if some
+    ]  # fmt: skip
+
+
 def share(case: Case, move: Move, vehicle: Modes, rig_modes: list[Mode | None]) -> float:
     """Largest share of a target mode's energy that a quantity and its mirror image hold, 0 … 1; the loop's own: 1."""
     if move.name.startswith("loop.") or move.name.endswith(".ratio"):
         return 1.0
-    on_vehicle = move.name.startswith("residual_vehicle.")
-    judged = (
-        [vehicle[target.mode - 1] for target in case.targets] if on_vehicle else [mode for mode in rig_modes if mode]
-    )
+    if move.name.startswith("residual_vehicle."):
+        judged = [vehicle[target.mode - 1] for target in case.targets]
+        if case.simple_vehicle is not None:
+            judged = _nearest(modes(case.simple_vehicle), judged)
+    else:
+        judged = [mode for mode in rig_modes if mode]
     best = 0.0
     for mode in judged:
         total = 0.0

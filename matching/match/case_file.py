@@ -69,6 +69,8 @@ def case_text(case: Case) -> str:
     data["loop"] = {"structure": loop.structure.name, "knows": list(loop.measured)}
     if loop.further_sensors:
         data["loop"]["measures"] = list(loop.further_sensors)
+    if loop.fixed:
+        data["loop"]["fixed"] = True
     data["loop"] |= {name: loop[name] for name in loop.quantities}
     data["targets"] = [vars(target) for target in case.targets]
     data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
@@ -125,9 +127,13 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
         raise unknown(str(name), sorted(STRUCTURES), f"{where}: loop.structure")
     structure = STRUCTURES[name]
     known = {**HARDWARE, **structure.quantities}
+    of_loop = ["structure", "knows", "measures", "fixed"]
     for key in table:
-        if key not in known and key not in ("structure", "knows", "measures"):
-            raise unknown(key, ["structure", "knows", "measures", *known], f"{where}: loop")
+        if key not in known and key not in of_loop:
+            raise unknown(key, [*of_loop, *known], f"{where}: loop")
+    fixed = table.get("fixed", False)
+    if not isinstance(fixed, bool):
+        raise InputError(f"{where}: loop.fixed", "is neither true nor false", "fixed = true: the controller is given")
     values = {}
     for name, known_quantity in known.items():
         value = (
@@ -147,7 +153,7 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
     dynamometers = tuple(_dynamometers(data, rig, residual, where))
     those = {name for dynamometer in dynamometers for name in (dynamometer.torque_sensor, dynamometer.speed_sensor)}
     further = tuple(name for name in measures if name not in those)
-    return Loop(structure, dynamometers, knows, values, further)
+    return Loop(structure, dynamometers, knows, values, further, fixed)
 
 
 def _torque_gain(table: Mapping[str, Any], where: str) -> float:
@@ -217,6 +223,8 @@ def read_moves(
         place = f"{where}: move.{name!r}"
         if name not in places:
             raise unknown(name, list(places), place)
+        if loop.fixed and name.startswith("loop."):
+            raise InputError(place, "belongs to a fixed controller", "take it out, or fixed = true of [loop]")
         start, unit, together = places[name]
         if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= MOVE_KEYS:
             raise InputError(

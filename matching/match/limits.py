@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from matching.match.case import TORQUE_OVER_SPEED, Case, ExceededLimit, Move, apply, scaled
+from matching.match.case import TORQUE_OVER_SPEED, Case, ExceededLimit, Move, apply, rig_values, scaled
 from matching.match.problem import MatchProblem, differing_components, target_results
 from matching.match.result import ResponseError, TargetResult
 from matching.match.search import SearchSettings, end_at, rounds, search_for, solve
@@ -225,7 +225,7 @@ def limits(
     mentioned = {exceeded.limit for exceeded in solution.beyond}
     said += [_violation(violation) for violation in checked.violations if violation.limit not in mentioned]
     mentioned |= {violation.limit for violation in checked.violations}
-    asking = asked.broken({f"rig.{name}": quantity.value for name, quantity in solution.tuned.rig.parameters.items()})
+    asking = asked.broken(rig_values(solution.tuned))
     said += [_asks(*demand) for demand in _worst(asking) if demand.limit not in mentioned]
     return said if len(said) > len(shared) else []
 

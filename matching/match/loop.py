@@ -676,31 +676,19 @@ def of_observer(observer: ObserverController, residual_states: int = 0) -> Sampl
     )  # fmt: skip
 
 
-def frequency_response(
-    controller: SampledController, frequencies: np.ndarray, feedforward: np.ndarray | None = None
-) -> FrequencyResponse:
-    """What a controller does at frequencies (f,), Hz.
-
-    ``feedforward`` is what :func:`feedforward_states` gives, if it is there already.
-    """
-    o, y, feedback = controller.reached, len(controller.sensors), controller.feedback
+def frequency_response(controller: SampledController, frequencies: np.ndarray) -> FrequencyResponse:
+    """What a controller does at frequencies (f,), Hz."""
+    o, y, feedback, own = controller.reached, len(controller.sensors), controller.feedback, controller.own_matrix
     z = np.exp(2j * np.pi * frequencies * controller.sample_time)
     # C·(zI − A)⁻¹ from the left: as many right-hand sides as dynamometers
     left = resolvent(feedback.A).rows(z, feedback.C) if o else np.zeros((len(z), len(controller.C), 0), complex)
-    states = feedforward_states(controller, frequencies) if feedforward is None else feedforward
+    # states that known torques alone reach, for these torques
+    states = np.zeros((len(z), 0, len(controller.known)), complex)
+    if len(own):
+        states = resolvent(own).columns(z, controller.B[o:, y:])
     of_known = left @ (controller.A[:o, o:] @ states + controller.B[:o, y:])
     of_known = of_known + controller.C[:, o:] @ states + controller.D[:, y:]
     return FrequencyResponse(left @ feedback.B + feedback.D, of_known, controller.known)
-
-
-def feedforward_states(controller: SampledController, frequencies: np.ndarray) -> np.ndarray:
-    """States (f, m, w) that known torques alone reach, for these torques, at frequencies (f,) in Hz."""
-    o, y = controller.reached, len(controller.sensors)
-    z = np.exp(2j * np.pi * frequencies * controller.sample_time)
-    own = controller.own_matrix
-    if not len(own):
-        return np.zeros((len(z), 0, len(controller.known)), complex)
-    return resolvent(own).columns(z, controller.B[o:, y:])
 
 
 def law_response(law: ControlLaw, frequencies: np.ndarray, readings: tuple[str, ...]) -> FrequencyResponse:
@@ -739,14 +727,6 @@ def closed_poles(beds: SampledBeds, controller: SampledController) -> np.ndarray
     closed[:, :, beds.states + both] += closed[:, :, twice]
     once = np.delete(np.arange(closed.shape[1]), twice)
     return eigenvalues(closed[:, once[:, None], once])
-
-
-def damping(z: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Largest magnitude (b,) of poles (b, x) of a loop with this sampling interval (s), and least damping ratio (b,).
-
-    Poles that do not swing have no damping ratio.
-    """
-    return np.abs(z).max(axis=1), damping_ratios(z, step).min(axis=1)
 
 
 def without_resting(z: np.ndarray, neutral: int) -> np.ndarray:

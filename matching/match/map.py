@@ -208,7 +208,7 @@ def held_at(case: Case, name: str, value: float) -> Case:
     values = dict.fromkeys(known[name].together, value)
     moved = apply(case, values)
     left = tuple(move for move in case.moves if name not in move.together)
-    if not left and not case.loop.structure.is_observer:
+    if not left and not case.loop.tunes_observer:
         raise InputError(name, "is all that may move", "let the case move something else as well")
     return replace(moved, moves=left)
 
@@ -220,7 +220,7 @@ OF_A_POINT = SearchSettings(drawn=8, pool=32, joint_rounds=1, scenarios=0, blind
 def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
     """One point, from starts of its own."""
     try:
-        settings = None if case.loop.structure.is_observer else OF_A_POINT
+        settings = None if case.loop.tunes_observer else OF_A_POINT
         result = match(
             held_at(held_at(case, *x), *y), seed=seed, starts=starts, ordering=False, settings=settings
         )  # fmt: skip
@@ -249,7 +249,7 @@ def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Ne
 
     An observer's search always starts from the same weights, so a neighbour's leads to nothing else.
     """
-    if case.loop.structure.is_observer:
+    if case.loop.tunes_observer:
         return None
     settings = replace(OF_A_POINT, rounds=1, joint_rounds=1)
     try:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
@@ -20,7 +21,7 @@ from matching.match.limits import (
     relaxations,
 )
 from matching.match.loop import linear_bed
-from matching.match.order import Fresh, Ordered, ordered
+from matching.match.order import Fresh, Ordered, contributions, ordered
 from matching.match.problem import (
     MatchProblem,
     Progress,
@@ -33,7 +34,7 @@ from matching.match.problem import (
     unloaded_lashes,
 )
 from matching.match.responses import ComparedBed, SimpleVehicle, fitted_simple_vehicle
-from matching.match.result import AdapterTrade, MatchResult, ParameterResult
+from matching.match.result import MatchResult, ParameterResult
 from matching.match.robustness import not_kept, noted
 from matching.match.search import CONTROLLER, SearchSettings, search_for, solve
 from matching.match.verify import verify
@@ -95,7 +96,7 @@ def match(
     settings, short = _effort(case, settings or SearchSettings())
     settings = settings if starts is None else replace(settings, starts=min(starts, settings.starts))
     count = settings.fresh if beds is None else beds
-    solution, order = _solved(problem, settings, Fresh(count, seed), tell, ordering, begins)
+    solution, settled = _solved(problem, settings, Fresh(count, seed), tell, ordering, begins)
     tuned = solution.tuned
     in_time = None if aside is None else aside.begin(truth_of, tuned)
     checked = verify(tuned, case.rig, beds=count, seed=seed)
@@ -134,7 +135,8 @@ def match(
         verification=checked,
         objective=solution.cost,
         starts=solution.starts,
-        adapters=order,
+        adapters=settled.trades,
+        contributions=settled.contributions,
         simulated_in_time=None if in_time is None else in_time.result(),
         seconds=time.perf_counter() - begin,
     )
@@ -144,24 +146,27 @@ def match(
 def _solved(
     problem: MatchProblem, settings: SearchSettings, fresh: Fresh, tell: Progress, ordering: bool,
     begins: Sequence[Mapping[str, float]],
-) -> tuple[Solution, tuple[AdapterTrade, ...]]:  # fmt: skip
-    """The tuned case, not yet verified, and what each adapter quantity gains."""
+) -> tuple[Solution, Ordered]:  # fmt: skip
+    """The tuned case, not yet verified, and what was ordered."""
     case = problem.case
-    if not problem.moves and not case.loop.structure.is_observer:
-        return Solution({}, case, float("nan"), (), True, problem.beyond), ()
+    if not problem.moves and not case.loop.tunes_observer:
+        return Solution({}, case, float("nan"), (), True, problem.beyond), Ordered(np.zeros(0), True)
     asked = problem.demands if not problem.beyond else replace(problem.demands, limits={})
     search = search_for(case, problem.moves, problem.shares, asked, settings)
     found = solve(search, tell, begins)
-    settled = Ordered(found.end.x, found.keeps_all, ())
+    settled = Ordered(found.end.x, found.keeps_all)
     worth = found.keeps_all and found.end.judged.cost <= settings.hopeless
     if ordering and worth and any(one.name.startswith("rig.") for one in search.variables):
         settled = ordered(search, found, fresh)
         tell("what to order")
+    elif ordering:
+        rows = contributions(search, found, fresh, {"all": fresh.delivered(search, found.end)})
+        settled = replace(settled, contributions=rows)
     values = search.values(settled.x)
     judged = search.judged(settled.x)
     return (
         Solution(values, apply(case, values), judged.cost, found.starts, settled.keeps_all, problem.beyond),
-        settled.trades,
+        settled,
     )
 
 
@@ -193,7 +198,7 @@ def with_simple_vehicle(result: MatchResult, simple: SimpleVehicle | None) -> Ma
 def _parameters(problem: MatchProblem, solution: Solution) -> tuple[ParameterResult, ...]:
     """The weights of an observer, then every quantity under ``[move]``."""
     case, made = problem.case, []
-    if case.loop.structure.is_observer:
+    if case.loop.tunes_observer:
         for name, known in case.loop.structure.quantities.items():
             full = f"{CONTROLLER}{name}"
             made.append(
@@ -203,7 +208,7 @@ def _parameters(problem: MatchProblem, solution: Solution) -> tuple[ParameterRes
                 )
             )  # fmt: skip
     for move in case.moves:
-        if case.loop.structure.is_observer and move.name.startswith(CONTROLLER):
+        if case.loop.tunes_observer and move.name.startswith(CONTROLLER):
             continue
         part = problem.shares[move.name]
         tuned, weight = solution.values.get(move.name, move.start), change_weight(part)
@@ -222,7 +227,7 @@ def _notes(problem: MatchProblem, solution: Solution, limited: bool) -> list[str
     notes = []
     ends = [(move, solution.values.get(move.name, move.start)) for move in problem.moves]
     unmoved = [abs(end - move.start) <= LARGEST_UNMOVED * (move.upper - move.lower) for move, end in ends]
-    if not limited and all(unmoved) and not problem.case.loop.structure.is_observer:
+    if not limited and all(unmoved) and not problem.case.loop.tunes_observer:
         notes.append(NOTHING_MOVED)
     notes += _compensation([(move, end) for move, end in ends if move.name.startswith(RESIDUAL)])
     notes += [

@@ -6,17 +6,28 @@ ordered only where the error of the delivered controller over fresh beds is bett
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from matching.match.beds import Judge
+from matching.match.beds import BedVerdicts, Judge, quantile
 from matching.match.case import apply
 from matching.match.loop import controller_on, linear_bed
 from matching.match.loop_modes import neutral_motions
-from matching.match.result import AdapterTrade
-from matching.match.search import RIG, Found, Search, SearchEnd, Variable, end_at, judged_again, keeps_all, rounds
+from matching.match.result import AdapterTrade, Contribution
+from matching.match.search import (
+    CONTROLLER,
+    RIG,
+    Found,
+    Search,
+    SearchEnd,
+    Variable,
+    end_at,
+    judged_again,
+    keeps_all,
+    rounds,
+)
 from matching.match.verify import FRESH
 from modelling.errors import InputError
 
@@ -53,20 +64,28 @@ ORDER = OrderSettings()
 
 @dataclass(frozen=True)
 class Ordered:
-    """The point (m,) that is delivered, whether it keeps every requirement, and what each adapter quantity gains."""
+    """The point (m,) that is delivered, whether it keeps every requirement, and what each adapter quantity gains.
+
+    ``contributions``: see :func:`contributions`.
+    """
 
     x: np.ndarray
     keeps_all: bool
-    trades: tuple[AdapterTrade, ...]
+    trades: tuple[AdapterTrade, ...] = ()
+    contributions: tuple[Contribution, ...] = ()
 
 
 @dataclass(frozen=True)
 class Delivered:
-    """A tuned setting on fresh beds: both errors over their tolerances as one (b,), infinite where not damped."""
+    """A tuned setting on fresh beds: both errors over their tolerances as one (b,), infinite where not damped.
+
+    ``verdicts`` are those of the beds, of the bed as planned last.
+    """
 
     end: SearchEnd
     errors: np.ndarray
     keeps_all: bool
+    verdicts: BedVerdicts | None = None
 
     @property
     def error(self) -> float:
@@ -87,10 +106,10 @@ class Fresh:
         positions = case.uncertainty.draw(max(self.count, 1), self.seed + FRESH)
         bed = linear_bed(case)
         judge = Judge(case, controller_on(bed), neutral_motions(bed), search.required)
-        found = judge.verdicts([case.uncertainty.at(position) for position in positions])
+        found = judge.verdicts([*(case.uncertainty.at(position) for position in positions), {}])
         squares = (found.unmeasured / case.unmeasured_tolerance) ** 2 + (found.measured / case.tolerance) ** 2
-        errors = np.where(found.stable & found.damped, np.sqrt(squares / 2), np.inf)
-        return Delivered(end, errors, keeps_all(search, end))
+        errors = np.where(found.stable & found.damped, np.sqrt(squares / 2), np.inf)[:-1]
+        return Delivered(end, errors, keeps_all(search, end), found)
 
 
 def is_better(one: Delivered, other: Delivered) -> bool:
@@ -137,7 +156,37 @@ def ordered(search: Search, found: Found, fresh: Fresh) -> Ordered:
         settled = bought if bought.keeps_all or not settled.keeps_all else settled
     trades = tuple(_trade(search, fresh, settled, i, planned, everything) for i in adapters)
     search.free = np.ones(len(search.variables), bool)
-    return Ordered(settled.end.x, settled.keeps_all, trades)
+    made = contributions(search, found, fresh, {"adapters as planned": everything, "all": settled})
+    return Ordered(settled.end.x, settled.keeps_all, trades, made)
+
+
+def contributions(
+    search: Search, found: Found, fresh: Fresh, further: Mapping[str, Delivered]
+) -> tuple[Contribution, ...]:  # fmt: skip
+    """What each part more of what moves gains on the same fresh beds; none where the controller alone moves.
+
+    Rows: nothing moved, the controller alone, and ``further``.
+    """
+    of_controller = [one.name.startswith(CONTROLLER) for one in search.variables]
+    if all(of_controller):
+        return ()
+    given = fresh.delivered(search, end_at(search, search.begin()))
+    rows = {"nothing": given}
+    if any(of_controller):
+        rows["controller alone"] = fresh.delivered(search, found.gains_alone or found.controller_alone)
+    return tuple(_contribution(moved, one) for moved, one in (rows | dict(further)).items())
+
+
+def _contribution(moved: str, one: Delivered) -> Contribution:
+    found = one.verdicts
+    assert found is not None, "delivered settings were judged"
+    stable = found.stable[:-1]
+    measured, unmeasured = (errors[:-1][stable].tolist() for errors in (found.measured, found.unmeasured))
+    return Contribution(
+        moved, float(found.measured[-1]), float(found.unmeasured[-1]),
+        quantile(measured, 0.5), quantile(measured, 0.95), quantile(unmeasured, 0.5), quantile(unmeasured, 0.95),
+        int(stable.sum()), len(stable), one.keeps_all,
+    )  # fmt: skip
 
 
 def _rank(one: Delivered) -> tuple[bool, int, float]:

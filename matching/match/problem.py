@@ -17,6 +17,7 @@ from matching.match.case import (
     counterparts,
     demands,
     released_moves,
+    rig_values,
     shares_of,
     target_modes,
     unscaled,
@@ -115,7 +116,7 @@ def infeasible_limits(case: Case, moves: Sequence[Move], asked: Demands) -> list
     their corners is the beginning of a descent without derivatives (Nelder and Mead 1965).
     """
     of_rig = [move for move in moves if move.name.startswith("rig.")]
-    planned = {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
+    planned = rig_values(case)
 
     def values(at: np.ndarray) -> dict[str, float]:
         parts = zip(of_rig, np.clip(at, 0, 1).tolist(), strict=True)
@@ -140,7 +141,7 @@ def infeasible_limits(case: Case, moves: Sequence[Move], asked: Demands) -> list
 
 def needed_to_keep(case: Case, free: Sequence[Move], asked: Demands) -> dict[str, str]:
     """Names of fixed moves, each with a limit on it that no setting of the free ones keeps."""
-    planned = {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
+    planned = rig_values(case)
     out_of_reach = {limit for _, limit, _, _ in infeasible_limits(case, free, asked)}
     names = {name for move in free for name in move.together}
     for limit in [exceeded.limit for exceeded in asked.broken(planned)]:

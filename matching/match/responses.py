@@ -11,7 +11,7 @@ import scipy
 from scipy.linalg import eigvals
 from scipy.optimize import least_squares
 
-from matching.match.case import Case
+from matching.match.case import Case, Move
 from matching.match.loop import (
     Body,
     LinearBed,
@@ -376,7 +376,22 @@ def fitted_simple_vehicle(case: Case) -> tuple[Case, SimpleVehicle | None]:
         {name: (simple.parameters[name].value, fitted.parameters[name].value) for name in names},
         tuple(sorted(lacking, key=lambda row: row[1])),
     )
-    return replace(case, simple_vehicle=fitted, residual_vehicle=cut(fitted, case.rig)), nearness
+    residual = cut(fitted, case.rig)
+    moves = tuple(_from_fitted(move, simple, fitted) for move in case.moves)
+    return replace(case, simple_vehicle=fitted, residual_vehicle=residual, moves=moves), nearness
+
+
+def _from_fitted(move: Move, simple: System, fitted: System) -> Move:
+    """A move that began at, or counted its change from, the value as written, from the fitted value on."""
+    name = move.name.removeprefix("residual_vehicle.")
+    if name == move.name:
+        return move
+    written, value = simple.parameters[name].value, fitted.parameters[name].value
+    value = min(max(value, move.lower), move.upper)
+    return replace(
+        move, start=value if move.start == written else move.start,
+        planned=value if move.planned == written else move.planned,
+    )  # fmt: skip
 
 
 def _fitted(

@@ -164,6 +164,36 @@ class AdapterTrade:
 
 
 @dataclass(frozen=True)
+class Contribution:
+    """What is reached if only a part of what may move has moved; all rows of a match on the same fresh beds.
+
+    Attributes
+    ----------
+    moved : str
+        ``nothing``, ``controller alone``, ``adapters as planned`` (controller and residual vehicle moved) or ``all``.
+    measured, unmeasured : float
+        Response errors of the bed as planned.
+    measured_median, measured_95, unmeasured_median, unmeasured_95 : float or None
+        The same of the stable fresh beds; None without any.
+    stable, drawn : int
+        How many of the fresh beds are stable, and how many there are.
+    keeps_all : bool
+        Whether every requirement is met.
+    """
+
+    moved: str
+    measured: float
+    unmeasured: float
+    measured_median: float | None
+    measured_95: float | None
+    unmeasured_median: float | None
+    unmeasured_95: float | None
+    stable: int
+    drawn: int
+    keeps_all: bool
+
+
+@dataclass(frozen=True)
 class Curves:
     """Responses for drawing: frequencies (f,) in Hz, compared functions (f, h); NaN where there is no path."""
 
@@ -197,6 +227,8 @@ class MatchResult(Displayed):
         Cost of the search, and ``starts`` that of every start.
     adapters : tuple of AdapterTrade
         What each adapter that may change gains, and how exactly it has to be what was ordered.
+    contributions : tuple of Contribution
+        What controller, residual vehicle and adapters contribute, where more than the controller moves.
     simple_vehicle : SimpleVehicle or None
         How near a residual vehicle of the user's own comes; None where it is cut from the vehicle.
     simulated_in_time : TruthInTime or None
@@ -219,6 +251,7 @@ class MatchResult(Displayed):
     objective: float = float("nan")
     starts: tuple[float, ...] = ()
     adapters: tuple[AdapterTrade, ...] = ()
+    contributions: tuple[Contribution, ...] = ()
     seconds: float = 0.0
     simple_vehicle: SimpleVehicle | None = None
     simulated_in_time: TruthInTime | None = field(default=None, repr=False)
@@ -265,6 +298,7 @@ class MatchResult(Displayed):
             "in_time": self.in_time.to_dict(),
             "verification": checks.to_dict(),
             "adapters": [adapter.to_dict() for adapter in self.adapters],
+            "contributions": [vars(one) for one in self.contributions],
             "objective": self.objective,
             "starts": list(self.starts),
             **_of_beds(checks),

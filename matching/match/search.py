@@ -16,7 +16,6 @@ from matching.match.beds import (
     SHARES,
     LoopCurves,
     Planned,
-    beds_at,
     command_noise,
     counted,
     damping_left,
@@ -34,6 +33,7 @@ from matching.match.case import (
     apply,
     change_weight,
     requirements,
+    rig_values,
     scaled,
     target_modes,
     unscaled,
@@ -60,19 +60,23 @@ from matching.match.loop import (
     resolvent,
     responses_of,
     return_difference,
-    sampled_beds,
     side_by_side,
     without_resting,
 )
 from matching.match.loop_modes import eigenvalue_of, inside_unit_circle, neutral_motions
 from modelling.bed.observer import (
     Ahead,
+    Feedback,
+    Filter,
     ObserverModel,
     assembled,
+    feedback_on_all,
+    feedback_slopes,
     filter_of,
+    filter_slopes,
     observer_model,
+    predicted,
     runs_ahead,
-    state_feedback,
 )
 from modelling.bed.vehicle import FeedForward, cut
 from modelling.errors import InputError
@@ -135,7 +139,7 @@ class SearchSettings:
     hopeless : float
         Merit after a round above which no other follows, and cost above which no adapter is worth ordering for.
     calmer : tuple of float
-        Shares of the controller's quantities above their lower bounds that are tried where no end is stable.
+        Shares of the controller's quantities above their lower bounds that are tried where the end is not stable.
     difference : float
         Half the step of central differences, decades or share of a range: error of the sixth digit.
     inset : float
@@ -168,7 +172,7 @@ class SearchSettings:
     points_a_step: int = 4
     kept: float = -2e-3
     hopeless: float = 50.0
-    calmer: tuple[float, ...] = (0.7, 0.5, 0.35, 0.25, 0.12, 0.06, 0.0)
+    calmer: tuple[float, ...] = (1.0, 0.9, 0.7, 0.5, 0.35, 0.25, 0.12, 0.06, 0.0)
     difference: float = 1e-4
     inset: float = 5e-4
 
@@ -200,9 +204,12 @@ class Variable:
 
 
 def variables_of(case: Case, moves: Sequence[Move], shares: Mapping[str, float]) -> tuple[Variable, ...]:
-    """The weights of an observer, then what may move; ``shares`` are those of the target modes' energy by name."""
+    """The weights of an observer, unless it is fixed, then what may move.
+
+    ``shares`` are those of the target modes' energy by name.
+    """
     made = []
-    if case.loop.structure.is_observer:
+    if case.loop.tunes_observer:
         for name, known in case.loop.structure.quantities.items():
             move = Move(
                 f"{CONTROLLER}{name}", (f"{CONTROLLER}{name}",), case.loop[name], known.lower, known.upper, known.unit,
@@ -211,7 +218,7 @@ def variables_of(case: Case, moves: Sequence[Move], shares: Mapping[str, float])
             made.append(Variable(move, float(np.log10(known.upper / known.lower)), 0.0))
     for move in moves:
         if move.name.startswith(CONTROLLER):
-            if not case.loop.structure.is_observer:
+            if not case.loop.tunes_observer:
                 made.append(Variable(move, 1.0, 0.0))
         else:
             made.append(Variable(move, 1.0, change_weight(shares.get(move.name, 1.0))))
@@ -241,13 +248,37 @@ class Controllers:
             bed = self._kept("bed", of_bed, lambda: linear_bed(case))
             feed_forward = self._kept("feed-forward", of_rig, lambda: self._feed_forward(case))
             return controller_on(replace(bed, case=case), feed_forward)
-        model, ahead = self._kept("model", of_bed, lambda: self._model(case))
+        model, ahead, feedback, estimate = self._observer(case, of_bed)
+        gains = predicted(model, feedback.F, feedback.of_torques)
+        return of_observer(assembled(model, ahead, gains, estimate.correction))
+
+    def weight_slopes(self, values: Mapping[str, float], names: Sequence[str]) -> list[np.ndarray]:
+        """What a decade of each of some weights of an observer changes of the controller's matrices."""
+        case = apply(self.case, values)
+        of_bed = tuple(value for name, value in values.items() if not name.startswith(CONTROLLER))
+        model, ahead, feedback, estimate = self._observer(case, of_bed)
+        gains, correction = predicted(model, feedback.F, feedback.of_torques), estimate.correction
+        of_filter = [name for name in names if name not in REGULATOR]
         loop = case.loop.values
+        slopes = feedback_slopes(model, feedback, *(loop[name] for name in REGULATOR))
+        by_gains = dict(zip(REGULATOR, slopes, strict=True))
+        by_correction = dict(zip(of_filter, filter_slopes(model, estimate, loop, of_filter), strict=True))
+
+        def ended(name: str, side: float) -> np.ndarray:
+            made = assembled(
+                model, ahead, gains + side * by_gains.get(name, 0.0), correction + side * by_correction.get(name, 0.0)
+            )
+            return block(of_observer(made))
+
+        return [(ended(name, 1.0) - ended(name, -1.0)) / 2 for name in names]  # the matrices are linear in the gains
+
+    def _observer(self, case: Case, of_bed: tuple[float, ...]) -> tuple[ObserverModel, Ahead, Feedback, Filter]:
+        loop = case.loop.values
+        model, ahead = self._kept("model", of_bed, lambda: self._model(case))
         regulator = tuple(loop[name] for name in REGULATOR)
         of_filter = tuple(loop[name] for name in case.loop.structure.quantities if name not in REGULATOR)
-        F = self._kept("feedback", (*of_bed, *regulator), lambda: state_feedback(model, *regulator))
-        L = self._kept("filter", (*of_bed, *of_filter), lambda: filter_of(model, loop).correction)
-        return of_observer(assembled(model, ahead, F, L))
+        feedback = self._kept("feedback", (*of_bed, *regulator), lambda: feedback_on_all(model, *regulator))
+        return model, ahead, feedback, self._kept("filter", (*of_bed, *of_filter), lambda: filter_of(model, loop))
 
     def _model(self, case: Case) -> tuple[ObserverModel, Ahead]:
         model = observer_model(case.rig, case.residual_vehicle, case.loop)
@@ -268,12 +299,27 @@ class Controllers:
 
 @dataclass(frozen=True)
 class Hardware:
-    """The beds with certain adapters: as planned, those whose errors are the cost, and the active ones."""
+    """The beds with certain adapters: as planned, those whose errors are the cost, and others by their places."""
 
     case: Case
     plan: Planned
     beds: BedSet
-    active: SampledBeds
+    others: dict[tuple[bytes, float], Bed] = field(default_factory=dict)
+
+    def beds_at(self, positions: np.ndarray, left: float | Sequence[float] = 1.0) -> SampledBeds:
+        """Beds at positions (b, p) of the case's box, with ``left`` of the stiffness and damping of their cut shafts.
+
+        Each is worked out once.
+        """
+        places = zip(positions, np.broadcast_to(left, len(positions)).tolist(), strict=True)
+        return side_by_side([self._bed(position, share) for position, share in places])
+
+    def _bed(self, position: np.ndarray, left: float) -> Bed:
+        key = position.tobytes(), left
+        if key not in self.others:
+            values = with_reduced_stiffness(self.case, self.case.uncertainty.at(position), left)
+            self.others[key] = bed_of(self.case, values)
+        return self.others[key]
 
 
 @dataclass(frozen=True)
@@ -308,12 +354,13 @@ class Judged:
 
 @dataclass(frozen=True)
 class Point:
-    """What was worked out at a point: poles (b, x) of the active beds, errors (2, b + 1) over their tolerances.
+    """What was worked out at a point: poles (b, x) of the ``active`` beds, errors (2, b + 1) over their tolerances.
 
     Errors to unmeasured and to measured torques, of the bed as planned last.
     """
 
     hardware: Hardware
+    active: SampledBeds
     controller: SampledController
     acting: FrequencyResponse
     curves: LoopCurves
@@ -353,8 +400,7 @@ class Search:
     highest: dict[str, float] = field(default_factory=dict)
     known: dict[tuple[float, ...], Judged] = field(default_factory=dict)
     _points: dict[tuple[float, ...], Point] = field(default_factory=dict)
-    _hardware: dict[tuple[float, ...], tuple[Case, Planned, BedSet]] = field(default_factory=dict)
-    _pool: dict[tuple[float, ...], dict[int, Bed]] = field(default_factory=dict)
+    _hardware: dict[tuple[float, ...], Hardware] = field(default_factory=dict)
     _vehicle: np.ndarray | None = None
 
     def __post_init__(self) -> None:
@@ -396,35 +442,22 @@ class Search:
 
     # beds
 
-    def moved_on_rig(self, x: np.ndarray) -> dict[str, float]:
-        """Values of what moves on the rig, SI, at a point (m,)."""
-        return {name: value for name, value in self.values(x).items() if name.startswith(RIG)}
-
     def hardware(self, x: np.ndarray) -> Hardware:
         """The beds at a point (m,)."""
-        values = self.moved_on_rig(x)
+        values = {name: value for name, value in self.values(x).items() if name.startswith(RIG)}
         key = tuple(values.values())
         if key not in self._hardware:
             if len(self._hardware) > KEPT:
                 self._hardware.clear()
-                self._pool.clear()
             case = apply(self.case, values)
             noise = sensor_noise(case, case.loop.controller_sensors)
             drawn = [case.uncertainty.at(position) for position in self.positions[1 : self.settings.drawn + 1]]
             frequencies = np.geomspace(*case.band, BED_POINTS)
             beds = responses_of(case, [bed_of(case, of_bed) for of_bed in drawn], drawn, frequencies, self._vehicle)
-            self._hardware[key] = case, planned(case, noise), beds
+            self._hardware[key] = Hardware(case, planned(case, noise), beds)
             if not any(name.removeprefix(RIG) in case.vehicle.parameters for name in values):
                 self._vehicle = beds.vehicle  # adapters are no part of the vehicle
-        case, plan, beds = self._hardware[key]
-        pool = self._pool.setdefault(key, {})
-        for number in self.active:
-            if number not in pool:
-                pool[number] = bed_of(case, self._bed(case, number))
-        return Hardware(case, plan, beds, side_by_side([pool[number] for number in self.active]))
-
-    def _bed(self, case: Case, number: int) -> dict[str, float]:
-        return with_reduced_stiffness(case, case.uncertainty.at(self.positions[number]), self.left.get(number, 1.0))
+        return self._hardware[key]
 
     def activate(self, x: np.ndarray, count: int | None = None) -> None:
         """Have the search see the least damped beds of the pool at a point (m,) as well."""
@@ -438,7 +471,7 @@ class Search:
 
     def rooms_at(self, x: np.ndarray, positions: np.ndarray, left: float = 1.0) -> np.ndarray:
         """What is left (b,) of the damping that beds at positions (b, p) need, as a share of it."""
-        beds = beds_at(apply(self.case, self.moved_on_rig(x)), positions, left)
+        beds = self.hardware(x).beds_at(positions, left)
         return self._damping_room(closed_poles(beds, self.controller(x)), beds)
 
     def add(self, positions: np.ndarray, share: float = 1.0, left: float = 1.0) -> tuple[int, ...]:
@@ -459,9 +492,6 @@ class Search:
         """Leave out the beds that were added after the first ``count``."""
         self.positions = self.positions[:count]
         self.active = tuple(number for number in self.active if number < count)
-        for pool in self._pool.values():
-            for number in [number for number in pool if number >= count]:
-                del pool[number]
         self.forget()
 
     def ask(self, shares: Mapping[int, float]) -> None:
@@ -510,9 +540,12 @@ class Search:
                 np.concatenate([errors(*beds, known).mean(axis=1) for beds in (drawn, plan)]) / tolerance**2
                 for known, tolerance in self.tolerances
             ]
+            active = hardware.beds_at(
+                self.positions[list(self.active)], [self.left.get(number, 1.0) for number in self.active]
+            )
             self._points[key] = Point(
-                hardware, controller, acting, loop_curves(hardware.plan, acting.at(parts[0])),
-                closed_poles(hardware.active, controller), np.linalg.eigvals(controller.own_matrix),
+                hardware, active, controller, acting, loop_curves(hardware.plan, acting.at(parts[0])),
+                closed_poles(active, controller), np.linalg.eigvals(controller.own_matrix),
                 np.array(squares),
             )  # fmt: skip
         return self._points[key]
@@ -561,17 +594,14 @@ class Search:
         noise = command_noise(at.curves, plan.every.frequencies)
         own = self._least_own(at)[0]
         return [
-            1 + self._damping_room(at.poles, at.hardware.active) - self._shares(),
+            1 + self._damping_room(at.poles, at.active) - self._shares(),
             np.zeros(0) if own is None else np.array([own / self.required.damping_ratio - 1 + settings.reserve]),
-            1 - (1 + settings.reserve) * self.demands.shares(self._rig_values(at.hardware.case)),
+            1 - (1 + settings.reserve) * self.demands.shares(rig_values(at.hardware.case)),
             np.ones(len(noise)) if allowed is None else 1 - (1 + settings.reserve) * noise / allowed,
             1 - (1 + settings.reserve) * at.curves.closed[rolled_off] / self.required.rolled_off,
             at.curves.margin[margin] / (self.required.modulus_margin * (1 + settings.reserve)) - 1,
             self._of_targets(at)[0],
         ]
-
-    def _rig_values(self, case: Case) -> dict[str, float]:
-        return {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
 
     def _least_own(self, at: Point) -> tuple[float | None, int]:
         """Least damping ratio of what runs on known torques alone, and the number of that pole."""
@@ -617,9 +647,10 @@ class Search:
     def slopes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of cost (m,) and room (r, m) at a point (m,); 0 of what is not free.
 
-        Controller and residual vehicle change the controller's matrices alone, whose differences are exact to six
-        digits; what these do to responses, poles and noise is worked out backwards from the figures. Quantities of the
-        rig change the beds too: there the figures are differenced.
+        Controller and residual vehicle change the controller's matrices alone. By the weights of an observer these are
+        differentiated exactly; by other quantities their differences are exact to six digits. What the matrices do to
+        responses, poles and noise is worked out backwards from the figures. Quantities of the rig change the beds too:
+        there the figures are differenced.
         """
         judged = self.judged(x)
         cost, room = np.zeros(len(x)), np.zeros((len(judged.room), len(x)))
@@ -627,7 +658,7 @@ class Search:
             at = self.point(x)
             of_controller = [i for i, one in enumerate(self.variables) if self.free[i] and not one.name.startswith(RIG)]
             if of_controller:
-                change = np.stack([self._controller_slope(x, i) for i in of_controller])
+                change = self._controller_slopes(x, of_controller)
                 cost[of_controller], rows = backward(self, at, change)
                 room[:, of_controller] = rows
             for i in np.flatnonzero(self.free):
@@ -646,10 +677,17 @@ class Search:
         step[i] = self.settings.difference
         return x + step, x - step
 
-    def _controller_slope(self, x: np.ndarray, i: int) -> np.ndarray:
-        """Of the controller's matrices [A B; C D] by a variable."""
-        there, back = (block(self.controller(side)) for side in self._sides(x, i))
-        return (there - back) / (2 * self.settings.difference)
+    def _controller_slopes(self, x: np.ndarray, numbers: Sequence[int]) -> np.ndarray:
+        """Of the controller's matrices [A B; C D] by some variables; of an observer's weights they are exact."""
+        weights = [
+            name.removeprefix(CONTROLLER) for name in (self.names[i] for i in numbers)
+            if self.case.loop.tunes_observer and name.startswith(CONTROLLER)
+        ]  # fmt: skip
+        slopes = self.controllers.weight_slopes(self.values(x), weights) if weights else []
+        for i in numbers[len(weights) :]:
+            there, back = (block(self.controller(side)) for side in self._sides(x, i))
+            slopes.append((there - back) / (2 * self.settings.difference))
+        return np.stack(slopes)
 
     def _rig_slope(self, x: np.ndarray, i: int) -> tuple[float, np.ndarray]:
         """To four digits, by a forward difference: a set of beds takes long."""
@@ -729,7 +767,7 @@ def error_pull(beds: BedSet, acting: FrequencyResponse, known: Sequence[str], sh
 
 def _damping_rows(search: Search, at: Point, change: np.ndarray) -> list[np.ndarray]:
     """Of the damping of the active beds, of own poles, and of limits of the manoeuvre, which no controller moves."""
-    step, controller, beds = at.controller.sample_time, at.controller, at.hardware.active
+    step, controller, beds = at.controller.sample_time, at.controller, at.active
     poles = without_resting(at.poles, search.neutral)
     factors, size, numbers = search._weights(poles, beds), np.abs(poles), np.arange(len(poles))
     ratios = factors * damping_ratios(poles, step)
@@ -750,7 +788,7 @@ def _damping_rows(search: Search, at: Point, change: np.ndarray) -> list[np.ndar
     if own is not None:
         z = at.own_poles[[number]]
         of_own = _ratio_change(z, own_changes(controller, z, change), step) / search.required.damping_ratio
-    shares = search.demands.shares(search._rig_values(at.hardware.case))
+    shares = search.demands.shares(rig_values(at.hardware.case))
     return [rows, of_own, np.zeros((len(shares), len(change)))]
 
 
@@ -847,7 +885,7 @@ def _target_rows(search: Search, at: Point, change: np.ndarray) -> np.ndarray:
         if own:
             moved = own_changes(at.controller, z, change)
         else:
-            moved = pole_changes(at.hardware.active.some(np.array([0])), at.controller, z, change)
+            moved = pole_changes(at.active.some(np.array([0])), at.controller, z, change)
         s = np.log(z.astype(complex)) / step
         by_s = moved / (z[:, None] * step)
         size = (s.conj()[:, None] * by_s).real / np.abs(s)[:, None] / abs(wanted)
@@ -1171,7 +1209,7 @@ def _with_dead_time(search: Search, part: float) -> Search:
     case = apply(search.case, {"loop.dead_time": dead_time})
     return replace(
         search, case=case, positions=search.positions[: search.settings.pool + 1], active=(0,), left={}, shares={},
-        known={}, _points={}, _hardware={}, _pool={},
+        known={}, _points={}, _hardware={},
     )  # fmt: skip
 
 
@@ -1281,7 +1319,8 @@ GENTLE = 0.02  # the same: a loop that does little is stable where a bed without
 class Found:
     """What a search found: values by name (SI), the point, and how it is judged; ``starts`` are the starts' costs.
 
-    ``controller_alone`` is the end where only the controller moved.
+    ``controller_alone`` is the end where only the weights of an observer moved, of a feedback law where everything did;
+    ``gains_alone`` the best end of a feedback law's gains alone.
     """
 
     values: dict[str, float]
@@ -1289,6 +1328,7 @@ class Found:
     starts: tuple[float, ...]
     controller_alone: SearchEnd
     keeps_all: bool
+    gains_alone: SearchEnd | None = None
 
 
 def solve(
@@ -1303,12 +1343,12 @@ def solve(
     and from the case's own gains where no end keeps every requirement. No answer is worse than the case as given.
     With ``begins``, values by name (SI), it begins at these instead.
     """
-    settings, of_observer_ = search.settings, search.case.loop.structure.is_observer
+    settings, of_observer_ = search.settings, search.case.loop.tunes_observer
     given = end_at(search, search.begin())
     of_controller = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     everything = np.ones(len(search.variables), bool)
     search.free = of_controller if of_observer_ else everything
-    ends = _from_starts(search, [search.begin(values) for values in begins])
+    ends, gains = _from_starts(search, [search.begin(values) for values in begins])
     tell("controller")
     if of_observer_ and settings.scenarios and ends[0].judged.cost <= 1:
         ends[0] = with_opened(search, ends[0])  # beyond their tolerance the errors limit the match anyway
@@ -1321,8 +1361,8 @@ def solve(
     tell("residual vehicle and adapters")
     answers = [end.x for end in (best, alone, given)]
     stable = [is_stable(search, x) for x in answers]
-    if not any(stable):  # what misses its targets can still be run: it is delivered stable where anything is
-        calm = [x for x in (_calmer(search, x) for x in answers) if x is not None]
+    if not stable[0]:  # what misses its targets can still be run: it is delivered stable where anything is
+        calm = [x for x in (_calmer(search, x) for x in (*answers, *(end.x for end in ends))) if x is not None]
         answers, stable = answers + calm, stable + [True] * len(calm)
     for x in answers:
         search.activate(x)
@@ -1331,15 +1371,14 @@ def solve(
     best = min(zip(stable, ends_now, strict=True), key=lambda one: (not one[0], one[1].merit))[1]
     return Found(
         search.values(best.x), best, tuple(end.judged.cost for end in ends), alone,
-        keeps_all(search, best),
+        keeps_all(search, best), gains,
     )  # fmt: skip
 
 
 def is_stable(search: Search, x: np.ndarray) -> bool:
     """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
-    case, controller = apply(search.case, search.moved_on_rig(x)), search.controller(x)
-    sets = (sampled_beds(case, [{}]), beds_at(case, search.positions))
-    return all(inside_unit_circle(z, search.neutral) for beds in sets for z in closed_poles(beds, controller))
+    poles = closed_poles(search.hardware(x).beds_at(search.positions), search.controller(x))
+    return all(inside_unit_circle(z, search.neutral) for z in poles)
 
 
 def _calmer(search: Search, x: np.ndarray) -> np.ndarray | None:
@@ -1360,13 +1399,13 @@ def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int
     return best
 
 
-def _from_starts(search: Search, given: list[np.ndarray]) -> list[SearchEnd]:
-    """Where the starts ended, the best one first."""
+def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEnd], SearchEnd | None]:
+    """Where the starts ended, the best one first, and the best end of a feedback law's gains alone."""
     settings, starts, ends = search.settings, given or _starts(search), []
-    of_observer_ = search.case.loop.structure.is_observer
-    most_rounds, most_steps = settings.rounds, settings.most_steps // 4
+    of_observer_ = search.case.loop.tunes_observer
+    most_rounds, most_steps, gains = settings.rounds, settings.most_steps // 4, None
     if not of_observer_:
-        starts, most_rounds = _with_gains(search, starts), settings.joint_rounds
+        (starts, gains), most_rounds = _with_gains(search, starts), settings.joint_rounds
     begins = _ranked([_anew(search, start) for start in starts]) if of_observer_ else [_anew(search, x) for x in starts]
     search.active = (0,)
     for begin in begins[: settings.starts]:
@@ -1375,18 +1414,18 @@ def _from_starts(search: Search, given: list[np.ndarray]) -> list[SearchEnd]:
             break
     if settings.blind and all(misses(search, end) for end in ends):
         ends.append(rounds(search, end_at(search, _spread(search, 1)[0]), most_rounds, most_steps))
-    return sorted((judged_again(search, end) for end in ends), key=lambda end: end.merit)
+    return sorted((judged_again(search, end) for end in ends), key=lambda end: end.merit), gains
 
 
-def _with_gains(search: Search, starts: list[np.ndarray]) -> list[np.ndarray]:
-    """Points (m,) to go on from with everything free: the best one with the gains of a feedback law tuned alone.
+def _with_gains(search: Search, starts: list[np.ndarray]) -> tuple[list[np.ndarray], SearchEnd | None]:
+    """Points (m,) to go on from with everything free, and the best end with the gains of a feedback law tuned alone.
 
-    Where that keeps not every requirement, the first start as it is, too.
+    The points are that end and, where it keeps not every requirement, the first start as it is.
     """
     settings = search.settings
     gains = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     if not gains.any():
-        return starts[:1]
+        return starts[:1], None
     free, search.free = search.free, gains
     low, high = search.bounds()
     parts = scipy.stats.qmc.Sobol(int(gains.sum()), seed=0).random(SPREAD_GAINS if settings.blind else 0)
@@ -1398,7 +1437,7 @@ def _with_gains(search: Search, starts: list[np.ndarray]) -> list[np.ndarray]:
         ends.append(rounds(search, begin, settings.joint_rounds, settings.most_steps // 4))
     search.free = free
     best = min(ends, key=lambda end: end.merit)
-    return [best.x] if keeps_all(search, best) else [best.x, starts[0]]
+    return ([best.x] if keeps_all(search, best) else [best.x, starts[0]]), best
 
 
 def _starts(search: Search) -> list[np.ndarray]:
@@ -1406,7 +1445,7 @@ def _starts(search: Search) -> list[np.ndarray]:
     low, high = search.bounds()
     loop = search.case.loop
     begin = np.clip(search.begin(), low, high)
-    if loop.structure.is_observer:
+    if search.case.loop.tunes_observer:
         further = [
             {f"{CONTROLLER}{name}": value for name, value in values.items()} for values in loop.structure.further_starts
         ]

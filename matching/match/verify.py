@@ -13,7 +13,6 @@ import scipy
 from matching.match.beds import (
     BedsCheck,
     LoopFigures,
-    bed_figures,
     check_beds,
     loop_figures,
     loop_frequencies,
@@ -31,8 +30,11 @@ from matching.match.loop import (
     bed_set,
     body,
     body_motion,
+    closed_poles,
     control_law,
     controller_on,
+    errors,
+    frequency_response,
     interface_speed,
     linear_bed,
     shaft_torque,
@@ -825,6 +827,7 @@ def _kick(parts: LinearBed, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str
 RELATIVE_CHANGE = 0.05  # of a stiffness or inertia: what is usually known of one that was not identified
 DEAD_TIME_CHANGE = 5e-4  # s: half a sample time of 1 ms
 DEVIATION_POINTS = 100  # log-spaced frequencies over the band
+NEUTRAL = 1e-9  # of z: a rigid motion that nothing slows stands at 1
 
 
 @dataclass(frozen=True)
@@ -873,17 +876,19 @@ def simulate_deviations(case: Case, controller: SampledController, required: Req
         if late != case.loop["dead_time"]:
             rows.append(("loop.dead_time", late - case.loop["dead_time"], {"loop.dead_time": late}))
     beds = bed_set(case, [values for _, _, values in rows], np.geomspace(*case.band, DEVIATION_POINTS))
-    found = bed_figures(beds, controller, case.loop.measured)
+    largest = np.abs(closed_poles(beds.sampled, controller)).max(axis=1)
+    acting = frequency_response(controller, beds.frequencies)
+    response_errors = np.sqrt(errors(beds, acting, case.loop.measured).mean(axis=1))
     every = loop_frequencies(case)
     counted = every[every >= min(required.margin_from, every[-1])]
     margins = margins_of(bed_set(case, [values for _, _, values in rows], counted), controller)
-    abscissa = np.log(found.largest_pole) / controller.sample_time
     deviations = [
-        Deviation(name, change, bool(stable), float(at), float(margin), float(error))
-        for (name, change, _), stable, at, margin, error in zip(
-            rows, found.stable(), abscissa, margins, found.measured, strict=True
+        Deviation(
+            name, change, bool(size < 1 + NEUTRAL), float(np.log(size) / controller.sample_time), float(margin),
+            float(error),
         )
-    ]
+        for (name, change, _), size, margin, error in zip(rows, largest, margins, response_errors, strict=True)
+    ]  # fmt: skip
     return tuple(sorted(deviations, key=lambda deviation: (deviation.stable, -deviation.response_error)))
 
 

@@ -1072,7 +1072,7 @@ def page(
         "operating_point": operating_point(entries), "dead_time": DEAD_TIME,
         "manoeuvre": sentence([_manoeuvre(name, torque) for name, torque in result.tuned.manoeuvre.items()]),
         "moved": [row | {"change": change(row["start"], row["tuned"])} for row in entries["parameters"]],
-        "trades": result.adapters,
+        "trades": result.adapters, "contributions": result.contributions,
         "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
         "in_time": in_time_table(result.in_time) if result.in_time.rows else None,
         "requirements": requirement_rows(result.verification) if beds else [],

@@ -262,7 +262,8 @@ class Loop:
     """Structure, dynamometers, measured rig inputs, and values of :data:`HARDWARE` and the structure's quantities (SI).
 
     ``measured`` are the inputs of the rig whose torque is measured, or known as a demand, and reaches the controller;
-    ``further_sensors`` those of the rig that reach it beside the dynamometers' own.
+    ``further_sensors`` those of the rig that reach it beside the dynamometers' own. ``fixed``: the controller is given,
+    and no search moves its quantities.
     """
 
     structure: ControlStructure
@@ -270,6 +271,7 @@ class Loop:
     measured: tuple[str, ...]
     values: Mapping[str, float]
     further_sensors: tuple[str, ...] = ()
+    fixed: bool = False
 
     def __getitem__(self, name: str) -> float:
         return self.values[name]
@@ -284,6 +286,11 @@ class Loop:
     def quantities(self) -> dict[str, LoopQuantity]:
         """Every quantity of the loop by name: hardware, then the structure's."""
         return {**HARDWARE, **self.structure.quantities}
+
+    @property
+    def tunes_observer(self) -> bool:
+        """Whether a search moves the weights of an observer."""
+        return self.structure.is_observer and not self.fixed
 
     @property
     def torqueless(self) -> bool:

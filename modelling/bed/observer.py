@@ -521,6 +521,59 @@ def predicted(model: ObserverModel, feedback: np.ndarray, of_torques: np.ndarray
     return gains
 
 
+# --- How the gains change with the weights. A Riccati equation differentiated at its solution is a Lyapunov equation
+# with the matrix of its closed loop (implicit function theorem: Kao and Hennequin, arXiv:2011.11430).
+
+BY_DECADE = float(np.log(10))  # of a weight, over the weight
+
+
+def feedback_slopes(model: ObserverModel, made: Feedback, command_weight: float, change: float) -> np.ndarray:
+    """Of the state feedback's gains (2, k, x + fifo + e + w) by a decade of each of its weights."""
+    last, k = last_command(model), len(model.dynamometers)
+    by_command, by_change = BY_DECADE * command_weight, BY_DECADE * change
+    F, B, X, closed, on = made.F, made.B, made.X, made.closed, made.on
+    # Q, S and R together, seen along u = −F·x: a command costs FᵀF, its change (last + F)ᵀ(last + F)
+    price = np.stack([by_command * F.T @ F, by_change * (last + F).T @ (last + F)])
+    dX = summed(closed.T, closed, price)
+    dR = np.array([by_command, by_change])[:, None, None] * np.eye(k)
+    dS = np.stack([np.zeros_like(last), -by_change * last])
+    dF = np.linalg.solve(made.weight, B.T @ dX @ closed + dS - dR @ F)
+    bent = -np.swapaxes(B @ dF, 1, 2)  # of closedᵀ
+    gradient = summed(closed.T, on, bent @ (made.gradient @ on + X @ made.push) + closed.T @ dX @ made.push)
+    of_torques = B.T @ (dX @ made.push + gradient @ on) - (B.T @ dX @ B + dR) @ made.of_torques
+    return predicted(model, dF, np.linalg.solve(made.weight, of_torques))
+
+
+def filter_slopes(
+    model: ObserverModel, made: Filter, weights: Mapping[str, float], names: Sequence[str]
+) -> np.ndarray:  # fmt: skip
+    """Of the correction (w, n + e + v, y) by a decade of each of some weights (w) of the filter, given by name."""
+    n, v, root = model.states, len(made.shared), model.sample_time
+    count, o, y = len(names), len(made.L), len(made.C)
+    dQ, dR, across = np.zeros((count, o, o)), np.zeros((count, y, y)), np.zeros((count, v, n))
+    for i, name in enumerate(names):
+        square = 2 * BY_DECADE * weights[name] ** 2
+        dQ[i, n:, n:] = np.diag([square * root if drift == name else 0.0 for drift in model.drifts])
+        if name in model.noises:
+            columns = model.noises[name]
+            dQ[i, :n, :n] = square / root * columns[:n] @ columns[:n].T
+            across[i] = square / root * columns[n:] @ columns[:n].T
+        trusts = np.array([TRUST[kind] == name for kind in model.readings.kinds])
+        dR[i] = np.diag(np.where(trusts, square * model.readings.noise**2, 0.0))
+    A, C, P, L, left = made.A, made.C, made.P, made.L, made.left
+    on, gain = A @ left, A @ L
+    dP = summed(on, on.T, dQ + gain @ dR @ gain.T)
+    off = C @ dP @ C.T + dR
+    dL = np.swapaxes(np.linalg.solve(made.innovation, C @ dP - off @ L.T), 1, 2)
+    bent = -np.swapaxes(A @ dL @ C, 1, 2)  # of (A·left)ᵀ
+    V = model.bed.whole[n:, n:]
+    drive = made.from_rig @ (left @ dP - dL @ C @ P) @ A.T + V @ made.shared @ bent
+    drive[:, :, :n] += across
+    shared = summed(V, on.T, drive)
+    of_vehicle = np.linalg.solve(made.innovation, C @ np.swapaxes(shared, 1, 2) - off @ made.of_vehicle.T)
+    return np.concatenate([dL, np.swapaxes(of_vehicle, 1, 2)], axis=1)
+
+
 # --- Observer, prediction across the dead time and state feedback in one controller, for measured and unmeasured
 # torques.
 #

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from matching.match.beds import damping, damping_ratios
+from matching.match.loop import damping_ratios
 
 STEP = 1e-3
 
@@ -18,13 +18,6 @@ def test_ratios_of_swinging_poles_and_one_of_all_others():
     still = [0.9, 1e-4, 1e-4 * np.exp(1j), np.exp(STEP * (-0.2 + 0.9j))]  # real, forgotten, forgotten, a drift
     z = np.array([[pole(8.0, 0.02), pole(150.0, 0.6), pole(3.0, -0.01), *still]])
     assert damping_ratios(z, STEP)[0] == pytest.approx([0.02, 0.6, -0.01, 1, 1, 1, 1], rel=1e-9)
-
-
-def test_the_least_of_each_bed_and_its_largest_pole():
-    z = np.array([[pole(8.0, 0.02), pole(20.0, 0.3), 0.5], [0.99, 0.3, 0.2], [pole(5.0, -0.1), 0.1, 0.2]])
-    largest, least = damping(z, STEP)
-    assert least == pytest.approx([0.02, 1.0, -0.1])
-    assert largest == pytest.approx(np.exp([-0.16e-3 * np.pi * 2, np.log(0.99), 1e-3 * np.pi]), rel=1e-12)
 
 
 def test_a_slow_pair_swings_from_one_radian_a_second_on():

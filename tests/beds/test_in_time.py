@@ -8,7 +8,7 @@ import pytest
 from beds.plant_loop import bed_run, plant_model, vehicle_run
 from plant.marks import needs_compiler
 
-from matching.match.case import of_system
+from matching.match.case import DEFAULT_LIMITS, of_system
 from matching.match.case_file import load_case
 from matching.match.in_time import (
     ANGLE_OF_A_COUNT,
@@ -103,7 +103,7 @@ def test_the_table_has_every_row(table):
 
 def test_a_bed_that_runs_away_is_not_stable_and_one_at_its_torque_limit_is_far_off(small_case, law):
     runs, wrong = [BedRun(Imperfection(""), pulse(small_case, 600))], replace(law, K=-law.K)
-    free = replace(small_case, limits={"modulus_margin": 0.5})
+    free = replace(small_case, limits=DEFAULT_LIMITS)
     assert bed_motions(free, wrong, runs, SENSORS) == [None]
     limited, vehicle = bed_motions(small_case, wrong, runs, SENSORS)[0], vehicle_motions(small_case, runs, SENSORS)[0]
     assert np.abs(limited.commands).max() == 1500
@@ -113,7 +113,7 @@ def test_a_bed_that_runs_away_is_not_stable_and_one_at_its_torque_limit_is_far_o
 def test_one_that_runs_away_leaves_those_beside_it_as_they_are(small_case, law):
     torques = pulse(small_case, 600)
     wild = Imperfection("", {"dynamometers.dyno.torque_gain": -3.0})
-    small_case = replace(small_case, limits={"modulus_margin": 0.5})
+    small_case = replace(small_case, limits=DEFAULT_LIMITS)
     alone = bed_motions(small_case, law, [BedRun(Imperfection(""), torques)], SENSORS)[0]
     beside, gone = bed_motions(small_case, law, [BedRun(Imperfection(""), torques), BedRun(wild, torques)], SENSORS)
     assert gone is None

@@ -13,12 +13,14 @@ from small_bed import CASE, RIG, VEHICLE
 from matching.match.case_file import case_files, load_case
 from matching.match.loop import control_law, linear_bed
 from matching.match.match import match, with_simple_vehicle
+from matching.match.problem import problem_of
 from matching.match.responses import SimpleVehicle, fitted_simple_vehicle
 from matching.match.search import SearchSettings
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
 from modelling.linear.state_space import state_space
 from modelling.linear.steady_motion import speeds_of, torques_of
+from modelling.modal.modes import modes
 
 RIGID_BODY = """
 [inertias.wheel]
@@ -42,9 +44,9 @@ on = "body"
 """
 
 
-def written(folder, own):
+def written(folder, own, moved=""):
     texts = {"vehicle.toml": VEHICLE, "rig.toml": RIG, "own.toml": own}
-    texts["case.toml"] = CASE.replace("[loop]", '[residual_vehicle]\nmodel = "own.toml"\n[loop]')
+    texts["case.toml"] = CASE.replace("[loop]", '[residual_vehicle]\nmodel = "own.toml"\n[loop]') + moved
     for name, text in texts.items():
         (folder / name).write_text(text)
     return load_case(folder / "case.toml")
@@ -83,6 +85,17 @@ def test_a_rigid_body_comes_as_near_as_it_can_and_the_tyre_is_what_it_lacks(tmp_
     for name, text in case_files(fitted).items():
         (again / name).write_text(text)
     assert load_case(again / "case.toml").simple_vehicle.parameters["inertias.wheel.J"].value == pytest.approx(end)
+
+
+def test_what_moves_begins_at_the_fitted_values_and_is_weighted_by_the_emulated_modes(tmp_path, small_case):
+    """The user's tyre has another name than the vehicle's, and holds as much of the target mode's energy."""
+    moved = '[move]\n"residual_vehicle.shafts.rubber.stiffness" = { lower = 1000, upper = 20000 }\n'
+    case = written(tmp_path, AS_THE_VEHICLE.replace("tyre", "rubber"), moved)
+    fitted, _ = fitted_simple_vehicle(case)
+    (move,) = (move for move in fitted.moves if move.name.startswith("residual_vehicle."))
+    assert (move.start, move.planned) == pytest.approx((8000, 8000), rel=1e-3)
+    mode = modes(small_case.vehicle)[small_case.targets[0].mode - 1]
+    assert problem_of(fitted).shares[move.name] == pytest.approx(mode.potential["shafts.tyre"], rel=1e-2)
 
 
 def _fixed(system):

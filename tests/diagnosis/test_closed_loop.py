@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from matching.diagnosis.verdict import share_fed_back
+from matching.diagnosis.closed_loop import share_fed_back
 
 COUNT = 20_000
 

@@ -13,6 +13,7 @@ from matching.diagnosis.fit import base_problem, solve
 from matching.diagnosis.holdout import OtherRecordings
 from matching.diagnosis.result import _curve, discrepancy_curves, kept_table
 from matching.diagnosis.selection import Hypothesis, UnseenData
+from matching.diagnosis.settings import DiagnosisSettings
 from matching.report.diagnosis import discrepancy_figure
 from modelling.model_file import dumps, from_dict
 
@@ -91,11 +92,12 @@ def test_a_curve_is_kept_as_a_table_where_unseen_data_gain(curves):
     )
     fit = solve(*base_problem(whole.model.base, first))
     final = Hypothesis(ExtendedModel(whole.model.base, (), dict(fit.problem.bounds), fit.values), fit)
-    kept = kept_table(final, curves, UnseenData(OtherRecordings(second)))
+    unseen = UnseenData(OtherRecordings(second), DiagnosisSettings())
+    kept = kept_table(final, curves, unseen)
     assert (kept.effect.at, kept.over) == ("inertias.arm", "angle")
     assert kept.nrmse_after < 0.5 * kept.nrmse_before
     extended = whole.model.base.with_values(kept.values).with_effects(kept.effect)
     assert from_dict(tomllib.loads(dumps(extended))) == extended
-    assert kept_table(final, [replace(curves[0], repeats=0.1)], UnseenData(OtherRecordings(second))) is None
+    assert kept_table(final, [replace(curves[0], repeats=0.1)], unseen) is None
     wrong = replace(curves[0], torque=-curves[0].torque)
-    assert kept_table(final, [wrong], UnseenData(OtherRecordings(second))) is None
+    assert kept_table(final, [wrong], unseen) is None

@@ -9,7 +9,7 @@ from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.fit import base_problem, solve
 from matching.diagnosis.screening import fit_extended
-from matching.diagnosis.search import with_possible_causes
+from matching.diagnosis.search import simplified
 from matching.diagnosis.selection import Hypothesis
 from modelling.effects.friction_and_compliance import StribeckFriction
 from modelling.model_file import from_dict
@@ -63,14 +63,9 @@ def test_friction_that_cannot_fall_from_rest_is_plain_beside_the_dead_time(
 ) -> None:
     monkeypatch.setattr(StribeckFriction, "possible", lambda *_: False)  # as where its breakaway is below its sliding
     assert hypothesis.model.not_taken(hypothesis.fit) == "not_physical"
-    found = with_possible_causes(hypothesis)
+    found = simplified(hypothesis)
     assert found.places == {("coulomb_friction", "inertias.rotor"), ("dead_time", "inputs.motor")}
     assert not found.model.not_taken(found.fit)
     values = {name.rsplit(".", 1)[-1]: value for name, value in found.fit.values.items()}
     assert values["torque"] == pytest.approx(FRICTION, rel=0.02)
     assert values["delay"] == pytest.approx(DELAY, abs=5e-4)
-
-
-def test_a_possible_hypothesis_stays(hypothesis: Hypothesis, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(StribeckFriction, "possible", lambda *_: True)
-    assert with_possible_causes(hypothesis) is hypothesis

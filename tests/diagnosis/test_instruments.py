@@ -13,11 +13,10 @@ from plant.systems import Drive
 from scipy.signal import lfilter
 
 from matching.diagnosis.causes import ExtendedModel
+from matching.diagnosis.closed_loop import closed_loop_notes, instrumented_fit
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.fit import base_problem, solve
-from matching.diagnosis.search import instrumented_fit
 from matching.diagnosis.selection import Hypothesis
-from matching.diagnosis.verdict import closed_loop_notes
 from modelling.errors import InputError
 from modelling.model_file import dumps, from_dict
 from modelling.recordings.read import read_recording

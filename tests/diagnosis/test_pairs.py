@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis import search as pairs
 from matching.diagnosis.screening import ScreenedCandidate
-from matching.diagnosis.search import ScreenedPair, fitted_pairs, screened_pairs
+from matching.diagnosis.search import screened_pairs
+from matching.diagnosis.settings import DiagnosisSettings
 from modelling.effects.effect import Guess
 
 SIGNATURES = {"first": [1.0, 0.1, 0.0, 0.0], "second": [1.0, -0.1, 0.0, 0.0], "third": [0.0, 0.0, 1.0, 0.0]}
@@ -34,7 +34,7 @@ def test_two_that_hide_each_other_are_found_together_with_their_sizes() -> None:
     residual = np.array([0.0, 0.4, 0.01, 0.0])
     some = sorted((candidate(name, residual) for name in SIGNATURES), key=lambda one: -one.reduction)
     assert some[0].reduction < 0.02 * float(residual @ residual)
-    best = screened_pairs(screening(residual), some)[0]
+    best = screened_pairs(screening(residual), some, DiagnosisSettings())[0]
     sizes = {one.at: one.parameters["size"] for one in (best.first, best.second)}
     assert sizes == {"first": pytest.approx(2.0), "second": pytest.approx(-2.0)}
     assert best.reduction == pytest.approx(0.4**2)
@@ -43,32 +43,10 @@ def test_two_that_hide_each_other_are_found_together_with_their_sizes() -> None:
 def test_a_pair_whose_effects_do_not_exist_is_left_out() -> None:
     residual = np.array([0.0, 0.4, 0.01, 0.0])
     some = [candidate("first", residual), candidate("second", residual, positive=True)]
-    assert screened_pairs(screening(residual), some) == []
+    assert screened_pairs(screening(residual), some, DiagnosisSettings()) == []
 
 
 def test_no_pair_where_one_explains_almost_all() -> None:
     residual = np.array([3.0, 0.3, 0.2, 0.0])
     some = sorted((candidate(name, residual) for name in SIGNATURES), key=lambda one: -one.reduction)
-    assert screened_pairs(screening(residual), some) == []
-
-
-def test_a_pair_that_cannot_be_fitted_does_not_end_the_search(monkeypatch) -> None:
-    residual = np.array([0.0, 0.4, 0.01, 0.0])
-    first, second, third = (candidate(name, residual) for name in SIGNATURES)
-    causes = SimpleNamespace(causes=())
-
-    def with_cause(kind, at, *_):
-        return SimpleNamespace(causes=(SimpleNamespace(kind=kind, at=at),), with_cause=with_cause)
-
-    def fit(model, *_):
-        if model.causes[0].at == "second":
-            raise FloatingPointError
-        return "fitted"
-
-    monkeypatch.setattr(pairs, "replace", lambda *_, **__: SimpleNamespace(causes=(), with_cause=with_cause))
-    monkeypatch.setattr(pairs, "compilable", lambda models: True)
-    monkeypatch.setattr(pairs, "fit_extended", fit)
-    problem = SimpleNamespace(data=SimpleNamespace(sampling_interval=1.0), bounds={})
-    base = SimpleNamespace(fit=SimpleNamespace(problem=problem, values={}), model=causes)
-    some = [ScreenedPair(first, second, 3.0), ScreenedPair(second, third, 2.0)]
-    assert [one.fit for one in fitted_pairs(base, some, (), SimpleNamespace(take=lambda: True))] == ["fitted"]
+    assert screened_pairs(screening(residual), some, DiagnosisSettings()) == []

@@ -114,3 +114,15 @@ def test_torque_from_outside_is_not_explained(tmp_path: Path) -> None:
     assert answer["outside"]
     assert found.verdict == "unexplained" or all(cause.confidence < 0.5 for cause in found.causes)
     assert found.rest
+
+
+def test_friction_and_free_play_at_once_are_both_named_with_their_sizes(tmp_path: Path) -> None:
+    """A gap that begins too narrow would stay so, and a further spring would take its place."""
+    found, answer = diagnosed(tmp_path, "coulomb_friction", "backlash", seed=6, duration=6.0)
+    assert found.verdict == "explained"
+    causes = {(cause.kind, cause.at): cause for cause in found.causes}
+    assert set(causes) == {(one["kind"], one["at"]) for one in answer["causes"]}
+    for one in answer["causes"]:
+        for key, value in one["parameters"].items():
+            own = causes[one["kind"], one["at"]].parameters[key]
+            assert abs(own.value - value) < 4 * own.standard_uncertainty < 0.05 * value

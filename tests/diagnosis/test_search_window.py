@@ -4,11 +4,12 @@ import pytest
 from plant.case import make_case
 from plant.marks import needs_compiler
 
-from matching.diagnosis import search as search_window
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.fit import base_problem, solve
 from matching.diagnosis.holdout import split_holdout
+from matching.diagnosis.search import search_window
+from matching.diagnosis.settings import DiagnosisSettings
 from modelling.model_file import load
 from modelling.recordings.read import read_recording
 
@@ -31,15 +32,14 @@ def base(drag):
 
 
 def test_short_data_have_no_window(base) -> None:
-    assert search_window.search_window(base) is None
+    assert search_window(base, DiagnosisSettings().window) is None
 
 
-def test_answer_is_that_of_a_search_over_all(drag, monkeypatch) -> None:
+def test_answer_is_that_of_a_search_over_all(drag) -> None:
     system, recording = drag
     steps: list[str] = []
     whole = diagnose(system, [recording])
-    monkeypatch.setattr(search_window, "MOST_READINGS", 4000)
-    found = diagnose(system, [recording], progress=steps.append)
+    found = diagnose(system, [recording], progress=steps.append, settings=DiagnosisSettings(window=4000))
     assert any("time window" in step for step in steps)
     assert [(cause.kind, cause.at) for cause in found.causes] == [(cause.kind, cause.at) for cause in whole.causes]
     assert found.verdict == whole.verdict == "explained"

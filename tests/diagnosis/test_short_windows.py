@@ -10,9 +10,8 @@ from matching.diagnosis import holdout
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.fit import Fit, base_problem, fastest_rate, solve
 from matching.diagnosis.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other, split_holdout
-from matching.diagnosis.screening import window_uncertainties
-from matching.diagnosis.selection import Hypothesis
 from matching.diagnosis.statistics import estimates
+from matching.diagnosis.windows import window_uncertainties
 from modelling.equations.casadi_code import compiled
 from modelling.model_file import from_dict
 
@@ -93,12 +92,6 @@ def test_held_out_rest_begins_again_every_second(fit):
     residuals = holdout_residuals(RestartedRest(data, [280]).simulate(fit))
     assert sum(len(part) for part in residuals) == 120
     assert rms_by_sensor(residuals) == pytest.approx(1.0, abs=0.2)
-
-
-def hypothesis(causes, cost):
-    model = SimpleNamespace(causes=causes, values={})
-    fit = SimpleNamespace(cost=cost, values={}, problem=SimpleNamespace(data=SimpleNamespace(segments=[0])))
-    return Hypothesis(model, fit, 0.0)
 
 
 def test_the_rate_of_a_slow_rotor_is_its_drag_over_its_inertia():

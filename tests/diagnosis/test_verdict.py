@@ -14,7 +14,8 @@ NAN = float("nan")
 @pytest.mark.parametrize(("at_noise", "causes", "after_holdout", "verdict"), [
     (False, [], [0.5], "unexplained"),  # more than noise remains in the data that were fitted
     (False, ["lash"], [0.5], "unexplained"),
-    (True, [], [9.0], "adequate"),  # nothing but noise, and nothing had to be added
+    (True, [], [0.99 * RATIO], "adequate"),  # nothing but noise, and nothing had to be added
+    (True, [], [1.01 * RATIO], "unexplained"),  # something happens in the held-out data alone
     (True, ["lash"], [0.9, 0.99 * RATIO], "explained"),
     (True, ["lash"], [0.9, 1.01 * RATIO], "unexplained"),  # one sensor that was not fitted disagrees
     (True, ["lash"], [1.01 * RATIO, NAN], "unexplained"),
@@ -23,4 +24,8 @@ NAN = float("nan")
 ])  # fmt: skip
 def test_verdict(monkeypatch, at_noise, causes, after_holdout, verdict):
     monkeypatch.setattr(diagnosis, "at_noise", lambda final: at_noise)
-    assert diagnosis._verdict(SimpleNamespace(causes=causes), np.array(after_holdout)) == verdict
+    updated = [np.tile(np.array([after_holdout]), (4, 1))]
+    monkeypatch.setattr(diagnosis, "prediction", lambda *_: SimpleNamespace(updated=updated))
+    judge = SimpleNamespace(simulate=lambda fit: [])
+    final = SimpleNamespace(causes=causes, fit=None)
+    assert diagnosis._verdict(final, judge, np.array(after_holdout)) == verdict

@@ -50,16 +50,6 @@ def test_adjoint_belongs_to_the_weighting() -> None:
     assert forward == pytest.approx(np.sum(errors * weighting.weigh_transposed(weights, measured) * measured))
 
 
-def test_slow_and_fast_parts_of_an_error_count_half_each() -> None:
-    """At every frequency, the power of the one filter is the mean of those of the two whitenings it stands for."""
-    weighting, power = Weighting(np.array([0.999, 0.6, 0.0]), np.array([0.02, 2.0, 3.0])), np.array([0.5, 9.0, 9.0])
-    both = weighting.with_slow_part(power)
-    z = np.exp(-1j * np.linspace(0, np.pi, 50))[:, None]
-    fast = np.abs(1 - weighting.memory * z) ** 2 / weighting.scale**2
-    np.testing.assert_allclose(np.abs(1 - both.memory * z) ** 2 / both.scale**2, (fast + 1 / power) / 2, rtol=1e-9)
-    assert (both.memory <= weighting.memory).all()
-
-
 def test_power_left_of_a_known_process() -> None:
     """Power scale² of the innovation and scale²/(1 − memory²) of the error; their geometric mean."""
     rng, memory, scale = np.random.default_rng(8), 0.95, 4.0

@@ -194,9 +194,6 @@ def python(code, **environment):
     )
 
 
-HEAVY = ("numpy", "scipy", "sympy", "casadi", "matplotlib", "pint", "jinja2", "importlib.metadata")
-
-
 def test_import_modelling_is_light():
     loaded = python(["-c", "import sys, modelling; print(*sys.modules)"]).stdout.split()
     assert "modelling" in loaded

@@ -154,19 +154,6 @@ def _deflated(A):
     return Q @ A @ Q.T
 
 
-def margin(case, frequencies):
-    """Least singular value of I + L over frequencies in Hz, dead time exact."""
-    A, B, _, C = bed(case)
-    F, G, H, D = controller(case)
-    k, least = B.shape[1], np.inf
-    for s in 2j * np.pi * frequencies:
-        plant = C @ np.linalg.solve(s * np.eye(len(A)) - A, B)
-        control = H @ np.linalg.solve(s * np.eye(len(F)) - F, G) + D
-        size = np.linalg.svd(np.eye(k) - np.exp(-s * case.loop["dead_time"]) * control @ plant, compute_uv=False)[-1]
-        least = min(least, size)
-    return float(least)
-
-
 def vehicle_motion(case, torque, step):
     """Motor speed (t,) of the vehicle for a motor torque (t,) that is linear over steps."""
     A, pushes, speeds, _ = mechanics(case.vehicle)

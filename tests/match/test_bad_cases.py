@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 import tomli_w
-from hypothesis import strategies as st
 
 from matching.match.case import target_modes
 from matching.match.case_file import load_case
@@ -61,6 +60,8 @@ BAD = {
     "dead time true": (("loop", "dead_time"), True, "loop.dead_time"),
     "knows no list": (("loop", "knows"), "motor_torque", "loop.knows: is no list of names"),
     "knows a stranger": (("loop", "knows"), ["motor_torqe"], "motor_torque"),
+    "fixed neither true nor false": (("loop", "fixed"), 1, "loop.fixed: is neither true nor false"),
+    "fixed and moved": (("loop", "fixed"), True, "belongs to a fixed controller"),
     "no targets": (("targets",), [], "the case has none"),
     "target no number": (("targets", 0, "mode"), "shuffle", "is no mode number"),
     "target mode 0": (("targets", 0, "mode"), 0, "is no mode number"),
@@ -130,23 +131,3 @@ def test_targets_that_no_vehicle_has(mode, hint, tmp_path):
     with pytest.raises(InputError, match=hint) as caught:
         target_modes(load_case(file))
     assert "targets[1].mode" in str(caught.value)
-
-
-def places(data, way=()):
-    """Ways to every entry of nested tables and lists."""
-    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
-    for key, value in items:
-        yield (*way, key)
-        yield from places(value, (*way, key))
-
-
-CASES = {}
-for _name in ("road_to_rig", "compact_bev", "adapter_only"):
-    CASES[_name] = tomllib.loads((EXAMPLES / _name / "case.toml").read_text())
-    for _key in ("vehicle", "rig"):
-        CASES[_name][_key] = (EXAMPLES / _name / CASES[_name][_key]).resolve().as_posix()
-VALUES = st.one_of(
-    st.none(), st.booleans(), st.integers(-(10**20), 10**20), st.floats(), st.text(max_size=8),
-    st.lists(st.floats(), max_size=3), st.dictionaries(st.text(max_size=4), st.floats(), max_size=2),
-    st.sampled_from(["3 ms", "1 kg", "motor_torque", "side_left", "1e400", "left", "../vehicle.toml"]),
-)  # fmt: skip

@@ -8,9 +8,6 @@ from matching.match.case_file import load_case
 from matching.match.match import match
 from modelling.bed.vehicle import cut
 
-GRID = np.unique(np.concatenate([np.geomspace(1e-3, 500, 800), np.linspace(2, 150, 700)]))
-
-
 QUICK = (1,)
 
 

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from matching.match.beds import SHARES, Judge
+from matching.match.beds import SHARES, Judge, with_reduced_stiffness
 from matching.match.case import apply, requirements, target_modes
 from matching.match.case_file import load_case
 from matching.match.loop import controller_on, linear_bed, resolvent
 from matching.match.loop_modes import neutral_motions
-from matching.match.order import Delivered, is_better
+from matching.match.order import Delivered, Fresh, contributions, is_better
 from matching.match.problem import problem_of
+from matching.match.responses import error_figures
 from matching.match.search import Search, SearchSettings, end_at, keeps_all, search_for, solve
 from modelling.bed.controllers import STRUCTURES
 
@@ -91,7 +92,7 @@ def test_the_search_sees_the_damping_that_the_judge_sees_with_opened_shafts_too(
     case = apply(search.case, search.values(x))
     bed = linear_bed(case)
     judge = Judge(case, controller_on(bed), neutral_motions(bed), search.required)
-    values = [search._bed(case, number) for number in range(count, count + len(SHARES))]
+    values = [with_reduced_stiffness(case, {}, left) for left in SHARES]
     ratios = judge.dampings_of(values)[:, 0]
     for left, ratio in zip(SHARES, ratios, strict=True):
         room = search.rooms_at(x, np.zeros((1, search.positions.shape[1])), left)[0]
@@ -118,6 +119,31 @@ def test_a_stated_requirement_is_what_the_search_keeps():
     halved = search._rooms(x, at)
     for part in (3, 4):  # noise, roll-off: 1 − figure/allowed
         np.testing.assert_allclose(1 - halved[part], 2 * (1 - rooms[part]), rtol=1e-12)
+
+
+def test_a_fixed_observer_stays_and_the_rest_is_tuned_with_it():
+    case = case_in("observer")
+    moves = tuple(move for move in case.moves if not move.name.startswith("loop."))
+    case = replace(case, moves=moves, loop=replace(case.loop, fixed=True))
+    problem = problem_of(case)
+    search = search_for(case, problem.moves, problem.shares, problem.demands, FEW)
+    assert {name.split(".")[0] for name in search.names} == {"residual_vehicle", "rig"}
+    found = solve(search)
+    assert apply(case, found.values).loop.values == case.loop.values
+    assert found.end.merit < end_at(search, search.begin()).merit
+
+
+def test_contributions_are_the_errors_of_what_has_moved():
+    search = search_in("observer")
+    found, fresh = solve(search), Fresh(4, 0)
+    rows = contributions(search, found, fresh, {"all": fresh.delivered(search, found.end)})
+    assert [one.moved for one in rows] == ["nothing", "controller alone", "all"]
+    for one, x in zip(rows, (search.begin(), found.controller_alone.x, found.end.x), strict=True):
+        figures = error_figures(apply(search.case, search.values(x)))
+        assert (one.measured, one.unmeasured) == pytest.approx((figures.after, figures.unmeasured), rel=0.02)
+        assert one.drawn == 4
+    alone, planned = search.values(found.controller_alone.x), search.values(search.begin())
+    assert all(alone[name] == planned[name] for name in alone if not name.startswith("loop."))
 
 
 def delivered(errors, keeps=True) -> Delivered:

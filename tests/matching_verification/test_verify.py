@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from matching.match.bounds import lower_bound
+from matching.match.case import DEFAULT_LIMITS
 from matching.match.loop_modes import match_mode
 from matching.match.responses import error_figures
 from matching.match.verify import verify
@@ -92,7 +93,8 @@ def test_peaks_and_limits(verified, reference):
     assert not verified.violations
     tight = replace(
         reference,
-        limits={
+        limits=DEFAULT_LIMITS
+        | {
             "dynamometer_torque": 800.0,
             "shafts.flange_left.twist": 1e-3,
             "modulus_margin": 1e-3,

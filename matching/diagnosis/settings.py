@@ -1,0 +1,89 @@
+"""Every number that a diagnosis decides by, with unit, meaning and origin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """What a diagnosis decides by. "Trial": chosen on recordings that do not judge it (tests/campaign, seed 9311).
+
+    Attributes
+    ----------
+    most_causes : int
+        Causes that are named at most. A third one is rarely right (campaigns).
+    chance : float
+        Probability with which a cause that changes nothing is accepted; one-sided, of the block bootstrap.
+    slight_rise : float
+        Of a sensor's mean square on unseen data, up to which a rise does not matter: 2 % of its error.
+    blocks : int
+        Parts into which unseen data are cut for the bootstrap: longer than an oscillation, and enough to draw from.
+    draws : int
+        Of the bootstrap: the standard error of a probability of 1 % is then 0.2 %.
+    candidates, kinds : int
+        Most promising candidates that are refitted in a round, and further kinds, each at its most promising place.
+        Trial.
+    exchanged, pairs : int
+        Candidates that are refitted in the place of each of several causes, and pairs that are. Trial.
+    paired : int
+        Best candidates of which pairs are screened.
+    pair_gain : float
+        Decrease of χ² that a pair promises over that of the best candidate alone, from which it is looked at. Trial.
+    wider_gaps : tuple of float
+        Times the fitted free play, from which a fit over short windows begins again. Trial.
+    least_share : float
+        Of the misfit beyond noise that a cause has to explain: the vocabulary lacks the cause of what is left, and a
+        kind that takes a tenth of it stands for it only. Trial.
+    judged : int
+        Hypotheses of a round that are compared on unseen data, best first, before the search gives up.
+    explains_almost_all, promising : float
+        A round ends where a candidate explains this share of the misfit beyond noise and no other promises that share
+        of the best decrease of χ². Trial.
+    near_best : int
+    near_ratio : float
+        Hypotheses that are compared with sharper friction, and up to how many times the best's χ². Trial.
+    rounds : int
+        Of leaving out and exchanging causes.
+    windowed : int
+        Fits over short windows in a whole search, which take many times as long.
+    refits : int
+        Of a whole search: five rounds and as many exchanges.
+    search_share : float
+        Of the time that a diagnosis may take; the rest is for the final fit of the best and its rivals.
+    left_by_model : float
+        Times the noise that the best hypothesis leaves in one of several sensors, from which the model is taken as
+        imperfect and sensors are weighted by what it leaves: more than a noise that is stated too small.
+    far_from_noise : float
+        Times the noise that the base model leaves in a sensor, from which a search by noise weights is not begun:
+        an encoder that is said to be precise would decide everything. Trial.
+    window : int
+        Readings of all sensors in which causes are searched for: 37 s at 1 kHz and four sensors. Their size is fitted
+        to all data.
+    """
+
+    most_causes: int = 3
+    chance: float = 0.01
+    slight_rise: float = 0.04
+    blocks: int = 16
+    draws: int = 2000
+    candidates: int = 7
+    kinds: int = 5
+    exchanged: int = 4
+    pairs: int = 2
+    paired: int = 10
+    pair_gain: float = 1.2
+    wider_gaps: tuple[float, ...] = (1.6, 4.0)
+    least_share: float = 0.15
+    judged: int = 6
+    explains_almost_all: float = 0.9
+    promising: float = 0.4
+    near_best: int = 4
+    near_ratio: float = 2.0
+    rounds: int = 2
+    windowed: int = 4
+    refits: int = 60
+    search_share: float = 0.7
+    left_by_model: float = 3.0
+    far_from_noise: float = 100.0
+    window: int = 150_000
