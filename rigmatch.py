@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 MANOEUVRES = ("BackOut", "DriveAway", "Step", "Sweep", "TipIn")
 __all__ = [
     "BackOut", "DriveAway", "Step", "Sweep", "TipIn",
-    "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "map",
-    "match", "modes", "new", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty", "verify",
+    "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "load_result",
+    "map", "match", "modes", "new", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty",
+    "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         identify,
         load,
         load_case,
+        load_result,
         map,  # noqa: A004
         match,
         modes,

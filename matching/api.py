@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from matching.match.map import Axis, Map
     from matching.match.result import MatchResult
     from matching.match.tolerance import Tolerance
+    from matching.saved import SavedResult
     from matching.uncertainty.result import Uncertainty
     from modelling.bed.manoeuvres import Manoeuvre
     from modelling.linear.state_space import Response
@@ -104,9 +105,10 @@ def load_case(path: File) -> Case:
 
 
 def new(directory: File) -> list[Path]:
-    """Write a commented case to start from: vehicle, rig and case, every key with a comment, ready to run.
+    """Write a commented case to start from, ready to run: vehicle, rig and case; a budget and a fidelity case.
 
-    Nothing is overwritten.
+    The folder schemas holds JSON schemas of model, case, budget, fidelity and channel files. An editor that knows TOML
+    completes and checks a file by the schema that its first line names. Nothing is overwritten.
 
     Parameters
     ----------
@@ -125,21 +127,12 @@ def new(directory: File) -> list[Path]:
 
     Examples
     --------
-    >>> [path.name for path in rm.new("my_bed")]
-    ['README.md', 'case.toml', 'rig.toml', 'vehicle.toml']
+    >>> [path.name for path in rm.new("my_bed") if path.suffix == ".toml"]
+    ['budget.toml', 'case.toml', 'fidelity.toml', 'rig.toml', 'vehicle.toml']
     """
-    from importlib.resources import files
+    from matching.schemas import write_starter
 
-    from modelling.writing import write_all
-
-    target = Path(directory)
-    if target.is_dir() and any(target.iterdir()):
-        raise InputError(str(target), "is not empty", "name a new or an empty directory")
-    if target.exists() and not target.is_dir():
-        raise InputError(str(target), "is a file", "name a new or an empty directory")
-    starter = {part.name: part.read_text(encoding="utf-8") for part in files("matching").joinpath("starter").iterdir()}
-    write_all(target, dict(sorted(starter.items())))
-    return [target / name for name in sorted(starter)]
+    return write_starter(Path(directory))
 
 
 def show(file: System | Case | File) -> Figure:
@@ -216,9 +209,51 @@ def read_recording(path: File, model: System | File, channels: File | None = Non
     return read(Path(path), system_of(model), None if channels is None else read_channels(channels))
 
 
+def load_result(path: File) -> SavedResult:
+    """Read a result that a command or ``save`` wrote.
+
+    Parameters
+    ----------
+    path : path
+        Its folder, or the result's file (JSON) in it.
+
+    Returns
+    -------
+    SavedResult
+        Every entry of the file as an attribute, as the result itself has them, with ``to_dict()``, ``to_dataframe()``
+        and ``save()``; printed as the command prints it. The tuned case of a match is ``rm.load_case(folder /
+        "case.toml")``.
+
+    Raises
+    ------
+    InputError
+        If there is no result, or the folder holds several.
+
+    Examples
+    --------
+    >>> folder = rm.modes("examples/road_to_rig/vehicle.toml").save("modes_of_vehicle")
+    >>> saved = rm.load_result(folder)
+    >>> print(f"{saved.modes[1].frequency:.3f} Hz, {saved.modes[1].symmetry}")
+    1.600 Hz, antisymmetric
+    """
+    from matching.saved import load_result as read
+
+    return read(Path(path))
+
+
 def system_of(model: System | File) -> System:
     """A model, read where a path stands for it; raises as :func:`load` does."""
     return load(model) if isinstance(model, str | PathLike) else model
+
+
+def in_si(value: float | str, unit: str, name: str, *, positive: bool = False) -> float:
+    """An argument that is a quantity, a number in SI or a text such as "20 s"."""
+    from modelling.units import in_unit, to_si
+
+    number = to_si(value, unit, name)
+    if positive and number <= 0:
+        raise InputError(name, f"{value} is not possible", f"give a number above 0{in_unit(unit)}")
+    return number
 
 
 def path_of(path: File | None) -> Path | None:
@@ -251,7 +286,7 @@ def recording_of(recording: Recording | File, system: System, channels: File | N
 # --- What a drivetrain does: modes, frequency responses, motions.
 
 
-def modes(model: System | File, values: Mapping[str, float] | None = None, *, damped: bool = False) -> Modes:
+def modes(model: System | File, values: Mapping[str, float | str] | None = None, *, damped: bool = False) -> Modes:
     """Modes of a model: frequencies, energy shares, left/right symmetry (Eqs. 1–8 of the paper).
 
     Of more than 300 degrees of freedom the lowest 100 modes. The command writes modes.json and, with --out, modes.svg
@@ -261,8 +296,8 @@ def modes(model: System | File, values: Mapping[str, float] | None = None, *, da
     ----------
     model : System or path
         Model file (TOML).
-    values : mapping of str to float, optional
-        Replace those of the model by name, SI, e.g. ``{"shafts.link.stiffness": 400}``.
+    values : mapping of str to float or str, optional
+        Replace those of the model by name, SI or with a unit, e.g. ``{"shafts.link.stiffness": "0.4 kN*m/rad"}``.
     damped : bool
         Damped modes with damping ratios, at the operating point; else undamped.
 
@@ -286,18 +321,19 @@ def modes(model: System | File, values: Mapping[str, float] | None = None, *, da
     from modelling.modal.modes import damped_modes
     from modelling.modal.modes import modes as undamped
 
-    return (damped_modes if damped else undamped)(system_of(model), values)
+    system = system_of(model)
+    return (damped_modes if damped else undamped)(system, None if values is None else system.in_si(values))
 
 
-def response(model: System | File, frequencies: np.ndarray) -> Response:
+def response(model: System | File, frequencies: Sequence[float | str] | np.ndarray) -> Response:
     """Frequency responses of all sensors to all inputs.
 
     Parameters
     ----------
     model : System or path
         A model.
-    frequencies : ndarray (f,)
-        Hz.
+    frequencies : ndarray (f,), or sequence of float or str
+        Hz, or with a unit, such as "2 Hz" or "600 1/min".
 
     Returns
     -------
@@ -316,9 +352,12 @@ def response(model: System | File, frequencies: np.ndarray) -> Response:
     >>> response.values.shape  # frequencies, sensors, inputs
     (3, 3, 1)
     """
+    import numpy as np
+
     from modelling.linear.state_space import response as of
 
-    return of(system_of(model), frequencies)
+    hertz = [in_si(each, "Hz", "frequencies") if isinstance(each, str) else each for each in frequencies]
+    return of(system_of(model), np.asarray(hertz, dtype=float))
 
 
 def simulate(
@@ -552,7 +591,8 @@ def fidelity(
 def explore(*files: File, out: File = "out/explore", port: int = 0, browser: bool = False) -> Explorer:
     """Open models, cases, recordings and budgets in the browser, or inside a notebook as the last line of a cell.
 
-    Click a part of the drivetrain and change it: modes and responses follow. Match, drop recordings, judge budgets. The
+    Click a part of the drivetrain and change it: modes and responses follow. Match, drop recordings, judge budgets. New
+    files and copies are made in the folder it was started in, and nowhere else. The
     page is served to this machine only, at an address with a secret in it, until Ctrl-C. Files change only by Save.
 
     Parameters
@@ -588,7 +628,7 @@ def explore(*files: File, out: File = "out/explore", port: int = 0, browser: boo
     from matching.explore.files import opened, required_packages, starter
 
     required_packages()
-    workspace = opened([str(file) for file in files] or [starter(Path(out))], str(out))
+    workspace = opened([str(file) for file in files] or starter(Path(out)), str(out))
     from matching.explore.page import Explorer
 
     explorer = Explorer(workspace, port)
@@ -640,8 +680,8 @@ def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
 
 
 def excite(
-    case: Case | File, *, proof: bool = False, duration: float = 20.0, margin: float = 0.2, speed: float | None = None,
-    limit: Mapping[str, float | str] | None = None, beds: int = 20, seed: int = 0,
+    case: Case | File, *, proof: bool = False, duration: float | str = 20.0, margin: float | str = 0.2,
+    speed: float | str | None = None, limit: Mapping[str, float | str] | None = None, beds: int = 20, seed: int = 0,
 ) -> ExcitationPlan | Proof:  # fmt: skip
     """Plan the recording that identifies what a match depends on most, within the limits of the bed.
 
@@ -657,12 +697,12 @@ def excite(
         Directory or result.json of a match, or a case file (TOML).
     proof : bool
         Plan the proof of the controlled bed instead: compared torques, emulation on, as long as the verdict needs.
-    duration : float
-        Length in s.
-    margin : float
+    duration : float or str
+        Length in s, or with a unit.
+    margin : float or str
         Share of every limit that stays unused.
-    speed : float, optional
-        Steady rotor speed in rad/s; by default a quarter of the limit.
+    speed : float or str, optional
+        Steady rotor speed in rad/s, or with a unit, such as "400 rpm"; by default a quarter of the limit.
     limit : mapping of str to float or str, optional
         Largest torque (N·m) of an input that is no dynamometer's, INPUT=TORQUE; by default that of the manoeuvre.
     beds : int
@@ -690,26 +730,29 @@ def excite(
 
     tuned = tuned_case_of(case)
     if proof:
-        return plan_proof(tuned, steady_speed(tuned) if speed is None else speed, seed)
+        return plan_proof(tuned, steady_speed(tuned) if speed is None else in_si(speed, "rad/s", "speed"), seed)
     return plan_excitation(tuned, excitation_order(duration, margin, speed, limit, beds, seed))
 
 
 def excitation_order(
-    duration: float, margin: float, speed: float | None, limit: Mapping[str, float | str] | None, beds: int, seed: int
+    duration: float | str,
+    margin: float | str,
+    speed: float | str | None,
+    limit: Mapping[str, float | str] | None,
+    beds: int,
+    seed: int,
 ) -> ExcitationOrder:
     """The wishes of :func:`excite` in SI; raises as it does."""
     from matching.bed.excite import ExcitationOrder
-    from modelling.units import to_si
 
-    torques = {name: to_si(value, "N*m", f"limit {name}") for name, value in (limit or {}).items()}
-    if wrong := next((name for name, torque in torques.items() if torque <= 0), None):
-        raise InputError(f"limit {wrong}", "is not possible", "a torque greater than 0 is needed")
-    return ExcitationOrder(duration, margin, speed, torques, beds, seed)
+    torques = {name: in_si(value, "N*m", f"limit {name}", positive=True) for name, value in (limit or {}).items()}
+    steady = None if speed is None else in_si(speed, "rad/s", "speed")
+    return ExcitationOrder(in_si(duration, "s", "duration"), in_si(margin, "1", "margin"), steady, torques, beds, seed)
 
 
 def identify(
     case: Case | File, vehicle: Sequence[File] = (), bed: Sequence[File] = (), *,
-    diagnosis_limit: float | None = None, tell: Callable[[str], None] | None = None,
+    diagnosis_limit: float | str | None = None, tell: Callable[[str], None] | None = None,
 ) -> FromRecordings:  # fmt: skip
     """Find out from recordings what vehicle and bed really are: a case with their values and uncertainties.
 
@@ -726,8 +769,9 @@ def identify(
         Recordings of the vehicle on the road.
     bed : sequence of paths
         Recordings of the bed without emulation.
-    diagnosis_limit : float, optional
-        A diagnosis that takes longer (s) ends with its best answer so far, and says so; by default no limit.
+    diagnosis_limit : float or str, optional
+        A diagnosis that takes longer (s, or with a unit) ends with its best answer so far, and says so; by default no
+        limit.
     tell : callable, optional
         Is called with a line of text at every step.
 
@@ -749,7 +793,8 @@ def identify(
     from matching.bed.identify import identify as run
 
     on_the_road, on_the_bed = ([Path(path) for path in paths] for paths in (vehicle, bed))
-    return run(tuned_case_of(case), on_the_road, on_the_bed, tell or (lambda _: None), diagnosis_limit)
+    limit = None if diagnosis_limit is None else in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True)
+    return run(tuned_case_of(case), on_the_road, on_the_bed, tell or (lambda _: None), limit)
 
 
 def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:
@@ -793,8 +838,8 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
 
 def commission(
     case: File, bed: File, out: File, *, vehicle_recording: Sequence[File] = (), rounds: int = 3,
-    duration: float = 12.0, speed: float | None = None, diagnosis_limit: float = 600.0, seed: int = 0,
-    workers: int | None = None, follow: float | None = None, tell: Callable[[str], None] | None = None,
+    duration: float | str = 12.0, speed: float | str | None = None, diagnosis_limit: float | str = 600.0, seed: int = 0,
+    workers: int | None = None, follow: float | str | None = None, tell: Callable[[str], None] | None = None,
 ) -> Commissioning:  # fmt: skip
     """Go the whole way onto the bed: match, run, verify; then excite, record, diagnose and match again.
 
@@ -815,18 +860,18 @@ def commission(
         Recordings of the vehicle on the road: its model is diagnosed on them before the first match.
     rounds : int
         Rounds at most.
-    duration : float
-        Length of the excitation in s.
-    speed : float, optional
-        Rotor speed of the excitation in rad/s; by default a quarter of the limit.
-    diagnosis_limit : float
-        A diagnosis that takes longer (s) ends with its best answer so far, and says so.
+    duration : float or str
+        Length of the excitation in s, or with a unit.
+    speed : float or str, optional
+        Rotor speed of the excitation in rad/s, or with a unit; by default a quarter of the limit.
+    diagnosis_limit : float or str
+        A diagnosis that takes longer (s, or with a unit) ends with its best answer so far, and says so.
     seed : int
         Seed of the matches.
     workers : int, optional
         Processes; by default one a core.
-    follow : float, optional
-        With a folder: wait for each recording, and follow it until it has not grown for so many s.
+    follow : float or str, optional
+        With a folder: wait for each recording, and follow it until it has not grown for so long (s, or with a unit).
     tell : callable, optional
         Is called with the name of each step.
 
@@ -846,13 +891,22 @@ def commission(
     >>> result.status  # doctest: +SKIP
     """
     from matching.bed.commission import Circle, CommissionOrder
-    from matching.bed.excite import ExcitationOrder
     from modelling.resources import cores
 
     vehicle = tuple(Path(path) for path in vehicle_recording)
-    excitation = ExcitationOrder(duration=duration, speed=speed)
-    order = CommissionOrder(rounds, excitation, seed, workers or cores(), follow, vehicle, diagnosis_limit)
+    excitation = commission_excitation(duration, speed)
+    limit = in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True)
+    still = None if follow is None else in_si(follow, "s", "follow", positive=True)
+    order = CommissionOrder(rounds, excitation, seed, workers or cores(), still, vehicle, limit)
     return Circle(Path(out), Path(bed), order, tell or (lambda _: None)).run(Path(case))
+
+
+def commission_excitation(duration: float | str, speed: float | str | None) -> ExcitationOrder:
+    """The wishes of :func:`commission` for an excitation in SI; raises as it does."""
+    from matching.bed.excite import ExcitationOrder
+
+    steady = None if speed is None else in_si(speed, "rad/s", "speed")
+    return ExcitationOrder(duration=in_si(duration, "s", "duration"), speed=steady)
 
 
 # --- What a test bed can be tuned to: a match, over two quantities, over tolerances.
@@ -976,7 +1030,7 @@ def map(  # noqa: A001
 # more than six parameters: the options of the command
 def tolerance(
     case: Case | File, draws: int = 10_000, executor: Executor | None = None, *, seed: int = 0,
-    added: Mapping[str, float] | None = None, workers: int | None = None, record: File | None = None,
+    added: Mapping[str, float | str] | None = None, workers: int | None = None, record: File | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Tolerance:  # fmt: skip
     """Spread of margin, modes and response errors of a match over tolerances of the bed.
@@ -995,7 +1049,7 @@ def tolerance(
     executor, record, progress : see :func:`map`
     seed : int
         Seed of the draws.
-    added : mapping of str to float, optional
+    added : mapping of str to float or str, optional
         Relative tolerance of a further quantity of rig or loop, e.g. loop.dead_time=0.2, or of many by a quoted
         pattern, e.g. "rig.*.stiffness=0.05"; repeatable.
     workers : int, optional
@@ -1025,4 +1079,11 @@ def tolerance(
     from matching.worker_pool import executor_of
 
     with nullcontext(executor) if executor else executor_of(workers) as pool:
-        return run(case_of(case), draws, pool, seed=seed, added=added, record=path_of(record), progress=progress)
+        return run(
+            case_of(case), draws, pool, seed=seed, added=shares_of(added), record=path_of(record), progress=progress
+        )
+
+
+def shares_of(added: Mapping[str, float | str] | None) -> dict[str, float]:
+    """The tolerances of :func:`tolerance` as numbers, by quantity."""
+    return {name: in_si(share, "1", f"tolerance {name}") for name, share in (added or {}).items()}

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import inspect
-import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -18,7 +17,6 @@ from modelling.errors import InputError
 
 NOT_TYPED = ("Callable", "Executor")  # parameters of these types exist in Python only
 FROM_ZERO = ("seed", "port")  # whole numbers that may be 0; all others count from 1
-DURATIONS = ("follow", "diagnosis_limit")  # positive times in s
 SHORT = {"draws": "-n"}  # one-letter names that scripts rely on
 OPTIONS = {"added": "tolerance"}  # options whose name differs from the parameter's
 _SECTION = re.compile(r"\n\s*(Parameters|Returns|Raises|Examples)\n\s*-{3,}\n")
@@ -108,8 +106,10 @@ def _looks(name: str, kind: str, stated: str, parameter: inspect.Parameter) -> d
         return {"choices": [int(value) for value in values] if values[0].isdigit() else values}
     if kind.startswith("int"):
         return {"type": count(0 if name in FROM_ZERO else 1), "metavar": "N"}
+    if kind.startswith("float | str"):  # the function reads its unit
+        return {"metavar": "VALUE"}
     if kind.startswith("float"):
-        return {"type": seconds if name in DURATIONS else float, "metavar": "S" if name in DURATIONS else "X"}
+        return {"type": float, "metavar": "X"}
     metavar = {"channels": "FILE", "fmu": "FILE", "out": "DIR", "x": "QUANTITY", "y": "QUANTITY"}.get(name)
     if not several:
         return {"metavar": metavar or name.upper()}
@@ -166,17 +166,6 @@ def count(least: int) -> Callable[[str], int]:
         return number
 
     return whole
-
-
-def seconds(text: str) -> float:
-    """Type of an argument that is a positive time in s."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of seconds")
-    return value
 
 
 def completed(parser: argparse.ArgumentParser, dest: str, names: Callable[[argparse.Namespace], Iterable[str]]) -> None:

@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from matching import api
-from matching.arguments import called, completed, pairs, seconds
+from matching.arguments import called, completed, pairs
+from matching.saved import SavedResult
+from modelling import display
 from modelling.errors import InputError
 from modelling.toml import read_toml
 
@@ -28,19 +30,29 @@ if TYPE_CHECKING:
 Arguments = argparse.Namespace
 
 
+def _saved(result: Any, arguments: Arguments, made: Any = None) -> dict[str, Any]:
+    """The content of a result's file, after it and its other files were written."""
+    from modelling.display import files
+    from modelling.writing import write_results
+
+    return write_results(arguments.out, *files(result, str(arguments.out), made))
+
+
 # --- Begin, and look
 
 
 def run_new(arguments: Arguments) -> dict[str, Any]:
     """Write the starter case."""
     written = called(api.new, arguments)
-    return {"directory": arguments.directory, "files": sorted(path.name for path in written)}
+    names = [path.relative_to(arguments.directory).as_posix() for path in written]
+    return {"directory": arguments.directory, "files": sorted(names)}
 
 
 def new_summary(result: dict[str, Any]) -> str:
     """What to do next."""
-    here = result["directory"]
-    return f"{here}: {', '.join(result['files'])}\nnext: rigmatch match {here}/case.toml --out {here}/out"
+    here, files = result["directory"], [name for name in result["files"] if "/" not in name]
+    next_one = f"rigmatch match {here}/case.toml --out {here}/out"
+    return f"{here}: {', '.join(files)}, and schemas/ for your editor\nnext: {next_one}"
 
 
 def show_arguments(parser: argparse.ArgumentParser) -> None:
@@ -132,7 +144,7 @@ def run_explore(arguments: argparse.Namespace) -> dict[str, Any]:
     from matching.explore.files import opened, required_packages, starter
 
     required_packages()
-    workspace = opened(arguments.files or [starter(Path(arguments.out))], arguments.out)
+    workspace = opened(arguments.files or starter(Path(arguments.out)), arguments.out)
     print("preparing the page …", file=sys.stderr, flush=True)
 
     from bokeh.settings import settings
@@ -194,8 +206,11 @@ def run_modes(arguments: argparse.Namespace) -> dict[str, Any]:
             result["what_if"] = {"changes": changes, "modes": rows}
     except InputError as error:
         raise InputError(f"{arguments.model}: {error.where}".rstrip(": "), error.wrong, error.right) from None
-    title = system.title or str(arguments.model)
-    files = _figures(analysed, title) if arguments.out is not None else {}
+    files: dict[str, str | bytes] = {}
+    if arguments.out is not None:
+        from matching.report.modes import modes_files
+
+        *_, files = modes_files(analysed, title=system.title or str(arguments.model))
     return write_results(arguments.out or ".", "modes.json", result, files)
 
 
@@ -226,16 +241,6 @@ def _add_reduced(result: dict[str, Any], system: System, analysed: Modes) -> Non
     at_reference = reduced(analysed, speed_ratios(system))
     for entry, mass, stiffness in zip(result["modes"], at_reference.modal_mass, at_reference.modal_stiffness):
         entry |= {"modal_mass": float(mass), "modal_stiffness": float(stiffness)}
-
-
-def _figures(analysed: Modes, title: str) -> dict[str, str | bytes]:
-    from matching.report.common import VEHICLE, image
-    from matching.report.modes import Column, energy_figure, shares_figure
-
-    return {
-        "modes.svg": image(energy_figure([Column(title, VEHICLE, analysed)])),
-        "energy_shares.svg": image(shares_figure(analysed, title)),
-    }
 
 
 def _changes(assignments: list[str], system: System) -> dict[str, float]:
@@ -291,9 +296,8 @@ SMALLEST_TOLERANCE = 1e-9  # share of a reading's range; below, rounding decides
 
 def run_simulate(arguments: Arguments) -> dict[str, Any]:
     """Simulate and write files; the result object holds what was run, and the misfit by sensor."""
-    from matching.report.common import image, simulation_figure
+    from matching.report.common import simulation_files
     from modelling.linear.steady_motion import is_linear
-    from modelling.recordings.read import csv_text
     from modelling.writing import write_all
 
     tolerance = arguments.tolerance
@@ -304,10 +308,8 @@ def run_simulate(arguments: Arguments) -> dict[str, Any]:
     recording = api.read_recording(arguments.recording, system, arguments.channels)
     done = api.simulate(system, recording, start=arguments.start, tolerance=tolerance)
     misfit = {name: _misfit(done[name], recording[name], done.units[name]) for name in recording.sensors(system)}
-    files: dict[str, str | bytes] = {"simulated.csv": csv_text(done.time, done.readings, done.units)}
-    if done.readings:
-        measured = {name: recording[name] for name in done.readings if name in recording.channels}
-        files["simulated.svg"] = image(simulation_figure(done, measured))
+    measured = {name: recording[name] for name in done.readings if name in recording.channels}
+    *_, files = simulation_files(done, measured=measured)
     write_all(arguments.out, files)
     return {
         "model": arguments.model,
@@ -375,15 +377,12 @@ def run_match(arguments: Arguments) -> dict[str, Any]:
         aside.prepare("matching.report.match", "matching.report.curves", "bokeh.plotting")
         with steps("match", OF_A_MATCH) as tell:
             matched = match(case, arguments.seed, arguments.starts, tell, beds=arguments.beds, aside=aside)
-        from matching.report.match import content, page, pictures
+        from matching.report.match import files, pictures
 
         drawing = aside.begin(pictures, matched)
-        made, result = provenance(matched.case, arguments.seed), content(matched)
-        drawn, moving = drawing.result()
-    files: dict[str, str | bytes] = {"report.html": page(matched, drawn, moving, made, arguments.out)}
-    files |= {f"figures/{name}.svg": image for name, image in drawn.items()}
-    files |= case_files(matched.tuned)
-    return write_results(arguments.out, "result.json", result | {"made_by": made.to_dict()}, files)
+        return write_results(
+            arguments.out, *files(matched, arguments.out, provenance(matched.case, arguments.seed), drawing)
+        )
 
 
 def study_arguments(parser: argparse.ArgumentParser) -> None:
@@ -413,18 +412,12 @@ def _studied(study: Callable[..., Any], name: str, arguments: Arguments, **more:
 def run_map(arguments: Arguments) -> dict[str, Any]:
     """Draw the map."""
     from matching.match.map import axis
-    from matching.report.common import image, provenance
-    from matching.report.studies import map_figure, map_page
-    from modelling.writing import write_results
+    from matching.report.common import provenance
 
     case = api.load_case(arguments.case)
     axes = {name: axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y")}
     study, record = _studied(api.map, "map", arguments, case=case, **axes)
-    drawn = map_figure(study)
-    picture = image(drawn)
-    files: dict[str, str | bytes] = {"map.svg": picture, "map.png": image(drawn, "png")}
-    files["report.html"] = map_page(study, drawn, picture, provenance(case, arguments.seed))
-    written = write_results(arguments.out, "map.json", study.to_dict(), files)
+    written = _saved(study, arguments, provenance(case, arguments.seed))
     record.unlink(missing_ok=True)
     return written
 
@@ -448,17 +441,11 @@ def map_summary(result: dict[str, Any]) -> str:
 
 def run_tolerance(arguments: Arguments) -> dict[str, Any]:
     """Study the tolerances."""
-    from matching.report.common import image, provenance
-    from matching.report.studies import plot_tolerance, tolerance_page
-    from modelling.writing import write_results
+    from matching.report.common import provenance
 
-    case, added = api.load_case(arguments.case), _tolerances(arguments)
+    case, added = api.load_case(arguments.case), pairs(arguments.added or [], "--tolerance")
     study, record = _studied(api.tolerance, "tolerance", arguments, case=case, added=added)
-    drawn = plot_tolerance(study)
-    picture = image(drawn)
-    report = tolerance_page(study, drawn, picture, provenance(case, arguments.seed))
-    files: dict[str, str | bytes] = {"tolerance.svg": picture, "report.html": report}
-    written = write_results(arguments.out, "tolerance.json", study.to_dict(), files)
+    written = _saved(study, arguments, provenance(case, arguments.seed))
     record.unlink(missing_ok=True)
     return written
 
@@ -467,19 +454,8 @@ def check_tolerance(arguments: Arguments) -> dict[str, str]:
     """For ``--check``: whether the study covers the case, and what varies exists; names no further file."""
     from matching.match.tolerance import what_varies
 
-    what_varies(api.load_case(arguments.case), _tolerances(arguments))
+    what_varies(api.load_case(arguments.case), api.shares_of(pairs(arguments.added or [], "--tolerance")))
     return {}
-
-
-def _tolerances(arguments: Arguments) -> dict[str, float]:
-    shares = {}
-    for name, text in pairs(arguments.added or [], "--tolerance").items():
-        try:
-            shares[name] = float(text)
-        except ValueError:
-            wrong = f"'{name}={text}' is no NAME=SHARE"
-            raise InputError("--tolerance", wrong, "write e.g. loop.dead_time=0.2") from None
-    return shares
 
 
 # --- Find what a model lacks
@@ -489,9 +465,8 @@ def run_diagnose(arguments: Arguments) -> dict[str, Any]:
     """Diagnose and write files; figures for the browser and static ones are made by two processes."""
     from matching.diagnosis.loggers import read_loggers
     from matching.progress import steps
-    from matching.report.diagnosis import acting_figures, content, page, pictures
+    from matching.report.diagnosis import acting_figures, files
     from matching.worker_pool import beside
-    from modelling.model_file import dumps
     from modelling.recordings.read import read_channels
     from modelling.resources import cores
     from modelling.writing import write_results
@@ -507,13 +482,8 @@ def run_diagnose(arguments: Arguments) -> dict[str, Any]:
             system, recordings, holdout, keep_rest=arguments.keep_rest, budget=arguments.budget, tell=tell
         )
         tell("report")
-        moving = aside.begin(acting_figures, found.pictured, system)
-        result, drawn = content(found), pictures(found.pictured, system)
-        units = {sensor.name: sensor.unit for sensor in system.sensors}
-        report = page(result, system.title, units, drawn, moving.result(), _made(arguments))
-    files: dict[str, str | bytes] = {"report.html": report, "extended.toml": dumps(found.extended)}
-    files |= {f"figures/{name}.svg": picture for name, picture in drawn.items()}
-    return write_results(arguments.out, "diagnosis.json", result, files)
+        moving = aside.begin(acting_figures, found.pictured, found.extended)
+        return write_results(arguments.out, *files(found, arguments.out, _made(arguments), moving))
 
 
 def _made(arguments: Arguments) -> Any:
@@ -532,22 +502,9 @@ def _made(arguments: Arguments) -> Any:
 
 def run_uncertainty(arguments: Arguments) -> dict[str, Any]:
     """Evaluate the budget and write files."""
-    from matching.report.common import image, made_from
-    from matching.report.evidence import contributions, ishikawa, uncertainty_page, uncertainty_summary
-    from modelling.writing import file_stem, write_results
+    from matching.report.common import made_from
 
-    found = called(api.uncertainty, arguments)
-    answer, prefixes, figures = found.to_dict(), list[str](), dict[str, Any]()
-    for result in found.measurands:
-        prefix = f"{file_stem(result.measurand.name)}_" if len(found.measurands) > 1 else ""
-        prefixes.append(f"{prefix}{len(prefixes) + 1}_" if prefix in prefixes else prefix)
-        figures[f"{prefixes[-1]}contributions"] = contributions(result)
-        figures[f"{prefixes[-1]}ishikawa"] = ishikawa(result)
-    images = {name: image(figure) for name, figure in figures.items()}
-    files: dict[str, str | bytes] = {"uncertainty.txt": uncertainty_summary(answer)}
-    files |= {f"{name}.svg": content for name, content in images.items()}
-    files["uncertainty.html"] = uncertainty_page(found, figures, images, made_from(arguments.budget, arguments.seed))
-    return write_results(arguments.out, "uncertainty.json", answer, files)
+    return _saved(called(api.uncertainty, arguments), arguments, made_from(arguments.budget, arguments.seed))
 
 
 def check_uncertainty(arguments: argparse.Namespace) -> dict[str, str]:
@@ -564,21 +521,9 @@ def check_uncertainty(arguments: argparse.Namespace) -> dict[str, str]:
 
 def run_fidelity(arguments: Arguments) -> dict[str, Any]:
     """Judge the fidelity case and write files."""
-    from matching.report.common import image, made_from
-    from matching.report.evidence import attribution_figure, bands_figure, delay_curve, fidelity_page, fidelity_summary
-    from modelling.writing import write_results
+    from matching.report.common import made_from
 
-    judged = called(api.fidelity, arguments)
-    answer, figures = judged.to_dict(), {"delay": delay_curve(judged)}
-    if judged.attribution is not None:
-        figures["attribution"] = attribution_figure(judged)
-    if judged.bands:
-        figures["bands"] = bands_figure(judged)
-    images = {name: image(figure) for name, figure in figures.items()}
-    files: dict[str, str | bytes] = {f"{name}.svg": content for name, content in images.items()}
-    files["fidelity.txt"] = fidelity_summary(answer)
-    files["fidelity.html"] = fidelity_page(judged, figures, images, made_from(arguments.case, arguments.seed))
-    return write_results(arguments.out, "fidelity.json", answer, files)
+    return _saved(called(api.fidelity, arguments), arguments, made_from(arguments.case, arguments.seed))
 
 
 # --- Go onto the bed
@@ -586,23 +531,7 @@ def run_fidelity(arguments: Arguments) -> dict[str, Any]:
 
 def run_excite(arguments: Arguments) -> dict[str, Any]:
     """Plan the excitation and write files."""
-    from matching.bed.excite import ExcitationPlan, excitation_csv
-    from matching.bed.proof import proof_csv
-    from matching.report.bed import excitation
-    from matching.report.common import image
-    from modelling.writing import strict_json, write_all
-
-    plan = called(api.excite, arguments)
-    result = plan.to_dict()
-    if not isinstance(plan, ExcitationPlan):
-        write_all(arguments.out, {"proof.json": strict_json(result), "excitation.csv": proof_csv(plan)})
-        return result
-    files: dict[str, str | bytes] = {
-        "excite.json": strict_json(result), "excitation.csv": excitation_csv(plan),
-        "figures/excitation.svg": image(excitation(plan)),
-    }  # fmt: skip
-    write_all(arguments.out, files)
-    return result
+    return _saved(called(api.excite, arguments), arguments)
 
 
 def check_excite(arguments: Arguments) -> dict[str, str]:
@@ -620,12 +549,9 @@ def check_excite(arguments: Arguments) -> dict[str, str]:
 def run_identify(arguments: Arguments) -> dict[str, Any]:
     """Identify and write files."""
     from matching.progress import steps
-    from modelling.writing import write_all
 
     with steps("identify") as tell:
-        known = called(api.identify, arguments, tell=tell)
-    write_all(arguments.out, known.files())
-    return known.to_dict()
+        return _saved(called(api.identify, arguments, tell=tell), arguments)
 
 
 def check_identify(arguments: argparse.Namespace) -> dict[str, str]:
@@ -639,20 +565,11 @@ def check_identify(arguments: argparse.Namespace) -> dict[str, str]:
     return recordings_read(tuned_case(arguments.case).tuned, vehicle, bed)
 
 
-def identify_summary(result: dict[str, Any]) -> str:
-    """What the recordings say, a few lines each."""
-    from matching.report.bed import identification_lines
-
-    return "\n".join(
-        f"{name}: {line}" for name, part in result.items() if part is not None for line in identification_lines(part)
-    )
-
-
 def verify_arguments(parser: argparse.ArgumentParser) -> None:
     """Whether recordings that grow are followed."""
     parser.add_argument(
-        "--follow", type=seconds, metavar="S",
-        help="judge again while the recordings grow, until none has grown for so many s",
+        "--follow", metavar="VALUE",
+        help="judge again while the recordings grow, until none has grown for so long (s, or with a unit)",
     )  # fmt: skip
 
 
@@ -660,6 +577,8 @@ def run_verify(arguments: Arguments) -> dict[str, Any]:
     """Judge and write files."""
     from modelling.recordings.read import read_channels
 
+    if arguments.follow is not None:
+        arguments.follow = api.in_si(arguments.follow, "s", "--follow", positive=True)
     case = api.tuned_case_of(arguments.case)
     channels = read_channels(arguments.channels) if arguments.channels else None
     if arguments.follow is None:
@@ -674,34 +593,21 @@ def _judged(
     from matching.bed.commission import why_short
     from matching.bed.verify import judge, read_recordings
     from matching.progress import steps
-    from matching.report.bed import curve_data, responses, verification_page, verification_steps
-    from matching.report.common import image, made_from, with_recordings
-    from matching.report.curves import acting
+    from matching.report.bed import verification_files
+    from matching.report.common import made_from, with_recordings
     from modelling.writing import write_results
 
     verification = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
-    result = verification.to_dict()
+    reason = None
     if arguments.follow is None:  # nobody at the bed waits for minutes
         with steps("verify") as tell:
             reason = why_short(case, verification, recordings, channels, tell)
-        result["diagnosis"] = None if reason is None else reason.to_dict()
-    figure = responses(verification)
-    drawn = {"responses": image(figure)}
     made = made_from(case.path, None, ("vehicle", "rig"))
     made = with_recordings(made, zip(arguments.recordings, recordings, strict=True))
-    data = {"responses": curve_data(verification.curves)}
-    files: dict[str, str | bytes] = {
-        "report.html": verification_page(
-            result,
-            drawn,
-            acting({"responses": figure}),
-            made,
-            data,
-            verification_steps(result, arguments.case, str(arguments.out)),
-        )
-    }
-    files |= {f"figures/{name}.svg": content for name, content in drawn.items()}
-    return write_results(arguments.out, "verification.json", result, files)
+    why = None if reason is None else reason.to_dict()
+    return write_results(
+        arguments.out, *verification_files(verification, str(arguments.out), made, arguments.case, why)
+    )
 
 
 def _followed(arguments: argparse.Namespace, case: Case, channels: Mapping[str, Channel] | None) -> dict[str, Any]:
@@ -735,35 +641,29 @@ def _followed(arguments: argparse.Namespace, case: Case, channels: Mapping[str, 
 def run_commission(arguments: Arguments) -> dict[str, Any]:
     """Go round and write files."""
     from matching.progress import steps
-    from matching.report.bed import commissioning_figures, commissioning_page, next_steps
-    from matching.report.common import image, made_from
-    from matching.report.curves import acting
-    from modelling.writing import strict_json, write_all
+    from matching.report.bed import commissioning_files
+    from matching.report.common import made_from
+    from modelling.writing import write_results
 
     with steps("commission") as step:
         tell = step if arguments.follow is None else _said
         commissioning = called(api.commission, arguments, tell=tell)
     case = Path(arguments.case)
     made = made_from(case / "case.toml" if case.is_dir() else case, arguments.seed, ("vehicle", "rig"))
-    result, figures = commissioning.to_dict(), commissioning_figures(commissioning)
-    images = {name: image(figure) for name, figure in figures.items()}
-    steps_now = next_steps(result, arguments.case, str(arguments.out))
-    page = commissioning_page(result, made, images, acting(figures) if figures else {}, steps_now)
-    write_all(arguments.out, {"commission.json": strict_json(result), "report.html": page})
-    return result
+    return write_results(arguments.out, *commissioning_files(commissioning, str(arguments.out), made, arguments.case))
 
 
 def check_commission(arguments: argparse.Namespace) -> dict[str, str]:
     """For ``--check``: what the bed is, and what the vehicle's recordings hold, by file."""
     from pathlib import Path
 
-    from matching.bed.excite import ExcitationOrder, check_order
+    from matching.bed.excite import check_order
     from matching.bed.identify import recordings_read
     from matching.bed.simulated_bed import FmuBed, check_bed
     from matching.export import tuned_case
 
     case, bed = tuned_case(arguments.case).tuned, Path(arguments.bed)
-    check_order(case, ExcitationOrder(duration=arguments.duration, speed=arguments.speed))
+    check_order(case, api.commission_excitation(arguments.duration, arguments.speed))
     check_bed(bed)
     contents = {arguments.bed: "a folder for recordings of the bed"}
     if bed.is_file():
@@ -1059,7 +959,8 @@ COMMANDS: dict[str, Command] = {
         check=check_excite,
     ),
     "identify": Command(
-        BED, api.identify, run_identify, EXAMPLES["identify"], summary=identify_summary, check=check_identify,
+        BED, api.identify, run_identify, EXAMPLES["identify"], summary=_summary("bed", "identification_summary"),
+        check=check_identify,
     ),
     "verify": Command(
         BED, api.verify, run_verify, EXAMPLES["verify"], summary=_summary("bed", "verification_summary"),
@@ -1070,3 +971,11 @@ COMMANDS: dict[str, Command] = {
         "commissioning_summary"), check=check_commission, page="report.html", out=None, required=("bed", "out"),
     ),
 }  # fmt: skip
+
+
+@display.text.register
+def saved_text(saved: SavedResult) -> str:
+    """A result that was read again, as its command prints it."""
+    summary = COMMANDS[saved.command].summary
+    assert summary is not None
+    return summary(saved.content)

@@ -1,17 +1,24 @@
-"""How results are displayed: as a figure, as text, as HTML in a notebook; and their arrays with labels.
+"""How results are displayed: as a figure, as text, as HTML in a notebook; as tables, labelled arrays and files.
 
 Results do not know how they are drawn. ``matching.report`` registers a function a class with :func:`plot`,
-:func:`text` and :func:`html`. It is imported the first time a result is displayed, by the provider that the package
-``matching`` registers here.
+:func:`text`, :func:`html` and :func:`files`. It is imported the first time a result is displayed, by the provider that
+the package ``matching`` registers here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from functools import singledispatch
+from pathlib import Path
 from typing import Any
 
-from modelling.errors import InputError
+from modelling.errors import InputError, unknown
+from modelling.writing import write_all, write_results
+
+# Name and content of a result's file (no name: there is none), and its other files: page, figures, models.
+ResultFiles = tuple[str, dict[str, Any], dict[str, str | bytes]]
+LONGEST_REPR = 120  # characters: a line of a terminal
 
 _providers: list[Callable[[type], None]] = []
 
@@ -27,10 +34,72 @@ class Displayed:
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
         cls._repr_pretty_ = Displayed._repr_pretty_  # type: ignore[method-assign]  # IPython looks in the class first
+        cls.__repr__ = Displayed.__repr__  # type: ignore[method-assign]  # a dataclass would print every array
 
     def plot(self) -> Any:
         """This result as a Matplotlib figure, without any global state."""
         return plot(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the result's file holds, SI."""
+        raise NotImplementedError
+
+    def to_dataframe(self, table: str | None = None) -> Any:
+        """A table of the result.
+
+        Parameters
+        ----------
+        table : str, optional
+            Which one: the place of a list of tables in :meth:`to_dict`, e.g. ``"vehicle.modes"``; by default the first.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row an entry, SI; the names of nested entries are joined by points.
+
+        Raises
+        ------
+        InputError
+            If there is no such table (the line names those there are), or pandas is not installed.
+        """
+        return data_frame(self.to_dict(), table)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write what the command writes: the result's file, its report and figures.
+
+        Parameters
+        ----------
+        folder : path
+            Made where it does not exist; :func:`rigmatch.load_result` reads it again.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written to.
+        """
+        name, content, others = files(self, str(folder))
+        if name:
+            write_results(folder, name, content, others)
+        else:
+            write_all(folder, others)
+        return Path(folder)
+
+    def __repr__(self) -> str:
+        """One line: texts and numbers as they are, of everything else how many entries it has."""
+        said = []
+        for field in dataclasses.fields(self) if dataclasses.is_dataclass(self) else ():  # type: ignore[var-annotated]
+            value: Any = getattr(self, field.name) if field.repr else None
+            if isinstance(value, str | int | float):
+                said.append(f"{field.name}={value!r}")
+            elif isinstance(value, Sized) and len(value):
+                said.append(f"{field.name}[{len(value)}]")
+        line = f"{type(self).__name__}({', '.join(said)})"
+        return line if len(line) <= LONGEST_REPR else f"{line[: LONGEST_REPR - 2]}…)"
 
     def __str__(self) -> str:
         return text(self)
@@ -73,6 +142,17 @@ def animation(result: Any) -> Any:
     return _registered(animation, result)(result)
 
 
+@singledispatch
+def files(result: Any, folder: str, made: Any = None) -> ResultFiles:
+    """What :meth:`Displayed.save` writes to a folder, whose name a page shows in its commands.
+
+    ``made`` says on the page what the result was made from. Raises as :func:`plot` does.
+    """
+    view: Any = _registered(files, result)
+    answer: ResultFiles = view(result, folder, made)
+    return answer
+
+
 def _registered(function: Any, result: Any) -> Callable[[Any], Any]:
     """The view registered for the class of a result, after the providers were asked to import it."""
     for provider in _providers:
@@ -83,6 +163,43 @@ def _registered(function: Any, result: Any) -> Callable[[Any], Any]:
         name = type(result).__name__
         raise InputError(name, "has no view yet", "import matching, which brings the figures and tables")
     return view
+
+
+def tables(content: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Every list of tables of a result's content with its place, those of the top first."""
+    for key, value in content.items():
+        if isinstance(value, list) and value and all(isinstance(row, Mapping) for row in value):
+            yield f"{place}{key}", value
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            yield from tables(value, f"{place}{key}.")
+
+
+def data_frame(content: Mapping[str, Any], table: str | None) -> Any:
+    """A table of a result's content as a pandas DataFrame; raises as :meth:`Displayed.to_dataframe`."""
+    found = dict(tables(content))
+    if not found or table not in (None, *found):
+        raise unknown(table or "a table", list(found), "to_dataframe")
+    rows = found[table or next(iter(found))]
+    return _optional_package("pandas", "to_dataframe").json_normalize(rows)
+
+
+def series_frame(over: Any, name: str, columns: Mapping[str, Any], units: Mapping[str, str] | None = None) -> Any:
+    """Columns (t,) over a named index (t,) as a pandas DataFrame; raises as :meth:`Displayed.to_dataframe`."""
+    pandas = _optional_package("pandas", "to_dataframe")
+    frame = pandas.DataFrame(dict(columns), index=pandas.Index(over, name=name))
+    frame.attrs["units"] = dict(units or {})
+    return frame
+
+
+def _optional_package(name: str, method: str) -> Any:
+    from importlib import import_module
+
+    try:
+        return import_module(name)
+    except ImportError:
+        right = 'in rigmatch\'s folder: pip install -e ".[notebooks]", or use to_dict()'
+        raise InputError(method, f"{name} is not installed", right) from None
 
 
 def labelled(
@@ -101,14 +218,7 @@ def labelled(
     InputError
         If xarray is not installed.
     """
-    try:
-        import xarray
-    except ImportError:
-        raise InputError(
-            "to_xarray",
-            "xarray is not installed",
-            'in rigmatch\'s folder: pip install -e ".[notebooks]", or use to_dict()',
-        ) from None
+    xarray = _optional_package("xarray", "to_xarray")
     return xarray.Dataset(
         {name: (tuple(dimensions), values, {"units": unit}) for name, (dimensions, values, unit) in variables.items()},
         {name: (name, values, {"units": unit} if unit else {}) for name, (values, unit) in coordinates.items()},

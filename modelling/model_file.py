@@ -18,7 +18,7 @@ from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 # --- Files
 
-_KEYS = {
+KEYS = {
     "inertias": {"J", "drag"},
     "shafts": {"between", "ratio", "stiffness", "damping"},
     "gears": {"between", "ratio"},
@@ -26,7 +26,8 @@ _KEYS = {
     "inputs": {"on", "measures", "reference"},
     "sensors": {"measures", "of", "uncertainty"},
 }
-_TOP = {"title", "reference", "mirror", "effects", *TABLES}
+QUANTITY_KEYS = ({"value"}, {"value", "lower", "upper"}, {"value", "tolerance"})  # of a quantity that is a table
+TOP = {"title", "reference", "mirror", "effects", *TABLES}
 
 
 def load(path: str | Path) -> System:
@@ -55,9 +56,9 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
     InputError
         One line that names file and key.
     """
-    check_file(data, _TOP, where, "model")
+    check_file(data, TOP, where, "model")
     try:
-        return System(
+        system = System(
             inertias=tuple(_parts(data, "inertias", where, _inertia)),
             shafts=tuple(_parts(data, "shafts", where, _shaft)),
             gears=tuple(_parts(data, "gears", where, _gear)),
@@ -69,10 +70,55 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
             title=title(data, where),
             reference=text(data, "reference", where, ""),
         )
+        _check_shafts_turn(system)
+        return system
     except InputError as fault:
         if fault.where.startswith(where):
             raise
         raise InputError(f"{where}: {fault.where}" if fault.where else where, fault.wrong, fault.right) from None
+
+
+ROUNDED = 1e-6  # relative: below it the ratios round a loop contradict each other by the digits that a file states only
+
+
+def _check_shafts_turn(system: System) -> None:
+    """Refuse a loop of shafts and gears whose ratios contradict each other: whatever turns would wind it up."""
+    edges = [(f"gears.{gear.name}", gear.between, gear.ratio.value) for gear in system.gears]
+    edges += [(f"shafts.{own.name}", own.between, own.ratio.value if own.ratio else 1.0) for own in system.shafts]
+    tree: dict[str, list[tuple[str, float]]] = {part.name: [] for part in system.inertias}
+    leader = {name: name for name in tree}  # of the inertias joined so far, by halving paths
+    speed: dict[str, float] = {}
+    closing = []
+
+    def joined(name: str) -> str:
+        while leader[name] != name:
+            leader[name] = name = leader[leader[name]]
+        return name
+
+    for place, (first, second), ratio in edges:
+        if joined(first) == joined(second):
+            closing.append((place, first, second, ratio))
+            continue
+        leader[joined(first)] = joined(second)
+        tree[first].append((second, 1 / ratio))
+        tree[second].append((first, ratio))
+    for root in tree:
+        waiting = [] if root in speed else [root]
+        speed.setdefault(root, 1.0)
+        while waiting:
+            here = waiting.pop()
+            for other, factor in tree[here]:
+                if other not in speed:
+                    speed[other] = speed[here] * factor
+                    waiting.append(other)
+    for place, first, second, ratio in closing:
+        if place.startswith("shafts.") and abs(speed[first] - ratio * speed[second]) > ROUNDED * abs(speed[first]):
+            wrong = (
+                f"locks the drivetrain: without twist {first} turns {speed[first] / speed[second]:.6g} times as fast as"
+            )
+            raise InputError(
+                place, f"{wrong} {second} by the other way, {ratio:.6g} times by this shaft", "check the ratios"
+            )
 
 
 def _parts(data: Mapping[str, Any], table: str, where: str, make: Callable[[str, dict, str], Any]) -> list:
@@ -82,7 +128,7 @@ def _parts(data: Mapping[str, Any], table: str, where: str, make: Callable[[str,
     components = []
     for name, content in parts.items():
         place = f"{where}: {table}.{name}"
-        components.append(make(name, check_keys(content, _KEYS[table], place), place))
+        components.append(make(name, check_keys(content, KEYS[table], place), place))
     return components
 
 
@@ -225,7 +271,7 @@ def quantity(value: Any, si: str, where: str) -> Quantity:
     if not isinstance(value, dict):
         return Quantity(to_si(value, si, where))
     keys = set(value)
-    if keys not in ({"value"}, {"value", "lower", "upper"}, {"value", "tolerance"}):
+    if keys not in QUANTITY_KEYS:
         raise InputError(
             where,
             f"has the keys {', '.join(sorted(map(str, keys))) or 'none'}",
@@ -284,7 +330,7 @@ def to_dict(system: System) -> dict[str, Any]:
         data["reference"] = system.reference
     for table in TABLES:
         if parts := getattr(system, table):
-            data[table] = {part.name: _fields(part, _KEYS[table]) for part in parts}
+            data[table] = {part.name: _fields(part, KEYS[table]) for part in parts}
     if system.mirror:
         data["mirror"] = {"pairs": [list(pair) for pair in system.mirror]}
     if system.effects:

@@ -14,7 +14,7 @@ from modelling import display
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind, members, shared_place
 from modelling.errors import InputError, listed, unknown
-from modelling.units import INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS, in_unit
+from modelling.units import INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 # --- A number in SI with the range it is known to lie in.
 
@@ -606,17 +606,25 @@ class System(Components):
                     return part
         raise unknown(place, list(self.places()), "")
 
-    def with_values(self, values: Mapping[str, float], *, designed: bool = False) -> System:
-        """The same system at other parameter values; ``designed`` so, their ranges go with them.
+    def in_si(self, values: Mapping[str, float | str]) -> dict[str, float]:
+        """Values of parameters by name, SI or texts with a unit, all in SI; raises as :meth:`with_values`."""
+        for name in values:
+            if name not in self.parameters:
+                raise unknown(name, list(self.parameters), "")
+        return {
+            name: to_si(value, self.units[name], name) if isinstance(value, str) else value
+            for name, value in values.items()
+        }
+
+    def with_values(self, values: Mapping[str, float | str], *, designed: bool = False) -> System:
+        """The same system at other parameter values (as :meth:`in_si`); ``designed`` so, their ranges go with them.
 
         Raises
         ------
         InputError
             If a name is unknown or a value impossible.
         """
-        for name in values:
-            if name not in self.parameters:
-                raise unknown(name, list(self.parameters), "")
+        values = self.in_si(values)
         tables: dict[str, Any] = {
             table: tuple(_with_values(part, f"{table}.{part.name}", values, designed) for part in getattr(self, table))
             for table in TABLES_WITH_QUANTITIES

@@ -117,6 +117,14 @@ RECORDINGS = {".csv", ".txt", ".dat", ".tsv", ".mf4", ".mdf", ".mat", ".parquet"
 _DECIMAL_COMMA = re.compile(r"=\s*(-?\d+),(\d+)\s*(?:#|$)")
 
 
+def kind_of(tables: Mapping[str, Any], where: str) -> str:
+    """The kind of a file by the keys that only it has, as in :data:`KINDS`; raises ``InputError`` where none fits."""
+    for kind, (marks, _) in KINDS.items():
+        if not marks.isdisjoint(tables):
+            return kind
+    raise InputError(where, "is no file of rigmatch", f"a {', '.join(KINDS)} is expected")
+
+
 def key_place(where: str, key: str) -> str:
     """How an error names a key: ``file.toml: key`` at the top of a file, ``file.toml: table.key`` in a table."""
     return f"{where}.{key}" if ": " in where else f"{where}: {key}"

@@ -6,17 +6,7 @@ The page is not written, and the site not built, where a reader knows a key that
 from collections.abc import Iterable, Mapping
 
 from matching import fidelity as case_file
-from matching.match import case_file as case
-from matching.match.case import LIMIT_UNITS
-from matching.match.case_file import KEYS as OPERATING_POINT
-from matching.uncertainty import budget as budget_file
-from matching.uncertainty import budget as inputs
-from modelling import model_file as files
-from modelling.bed.bed import HARDWARE
-from modelling.bed.controllers import STRUCTURES
-from modelling.recordings import read as channels
-from modelling.units import QUANTITY_UNITS
-from site_pages.key_meanings import (
+from matching.key_meanings import (
     BUDGET,
     CASE,
     CHANNEL,
@@ -30,6 +20,16 @@ from site_pages.key_meanings import (
     MODEL_TABLES,
     OPERATING,
 )  # fmt: skip
+from matching.match import case_file as case
+from matching.match.case import LIMIT_UNITS
+from matching.match.case_file import KEYS as OPERATING_POINT
+from matching.uncertainty import budget as budget_file
+from matching.uncertainty import budget as inputs
+from modelling import model_file as files
+from modelling.bed.bed import HARDWARE
+from modelling.bed.controllers import STRUCTURES
+from modelling.recordings import read as channels
+from modelling.units import QUANTITY_UNITS
 
 TOP = """# Keys of input files
 
@@ -41,14 +41,14 @@ are for, with examples: [Files](../files.md). `--check` reads a file, says what 
 
 def keys_page() -> str:
     """One section a kind of file."""
-    model = [_table(f"[{table}.NAME]", known, MODEL_TABLES[table]) for table, known in files._KEYS.items()]
+    model = [_table(f"[{table}.NAME]", known, MODEL_TABLES[table]) for table, known in files.KEYS.items()]
     structures = [_structure(name, structure.quantities) for name, structure in STRUCTURES.items()]
     return "\n".join(
         [
             TOP,
-            "## Model", "", _table("The file", files._TOP, MODEL), *model,
+            "## Model", "", _table("The file", files.TOP, MODEL), *model,
             "Effects: [Effects](effects.md).", "",
-            "## Case", "", _table("The file", case._TOP, CASE),
+            "## Case", "", _table("The file", case.TOP, CASE),
             "### [loop]", "",
             "`structure`, `knows` (inputs of the rig whose torque the controller measures), `measures` (sensors that "
             "reach the controller beside the dynamometers'), `fixed` (true: no search moves the controller), and:", "",

@@ -25,6 +25,7 @@ from matching.diagnosis.statistics import Estimate
 from matching.match.case import LARGEST_SHARE, Box, Case, Move, Uncertain
 from matching.match.case_file import case_files
 from modelling.bed.vehicle import cut
+from modelling.display import Displayed
 from modelling.effects.effect import place_in_words
 from modelling.errors import InputError
 from modelling.model_file import dumps
@@ -389,7 +390,7 @@ def _ended_early(limit: TimeLimit) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class FromRecordings:
+class FromRecordings(Displayed):
     """A case known from recordings of bed and vehicle, each None where it was not recorded."""
 
     case: Case

@@ -345,6 +345,10 @@ h1 { font-size: 1.3rem; margin: .3em 0; } h2 { font-size: 1.1rem; margin: .9em 0
 summary { cursor: pointer; } img { max-width: 100%; }
 @media (max-width: 700px) { .scrolls td:last-child { min-width: 11em; } }
 @media (max-width: 700px) { .picture { overflow-x: auto; } .picture img { max-width: none; min-width: 620px; } }
+@media (prefers-color-scheme: dark) {
+  :host { color: #e8e8e8; } .wrong { color: #ff9a9a; } pre { background: #2b2b2b; } a { color: #7cc4f5; }
+  th, td { border-bottom-color: #555; } .picture img { background: #fff; }
+}
 """
 
 
@@ -885,6 +889,7 @@ export function render({ model, el }) {
 .drawing svg { display: block; height: auto; }
 .zoom { display: flex; gap: 4px; justify-content: flex-end; padding: 2px 0; }
 .zoom button { width: 30px; height: 26px; border: 1px solid #888; border-radius: 4px; background: #fff; }
+@media (prefers-color-scheme: dark) { .zoom button { background: #333; color: #eee; } }
 .part[data-part] { cursor: pointer; }
 .part .box { stroke-width: 0.03; }
 .part[data-part]:hover .box { stroke: #888; }
@@ -932,6 +937,7 @@ export function render({ model }) {
     _stylesheets = [
         """
 label { display: flex; flex-direction: column; padding: 0 5px; font: 15px/1.45 system-ui, sans-serif; color: #1a1a1a; }
+@media (prefers-color-scheme: dark) { label { color: #e8e8e8; } }
 input { width: 100%; accent-color: #0072B2; }
 """
     ]
@@ -982,6 +988,9 @@ export function render({ model }) {
 div { display: flex; flex-wrap: wrap; gap: 4px; border-bottom: 1px solid #888; }
 button { font: 15px/1.4 system-ui, sans-serif; padding: 6px 14px; border: 1px solid #888; border-bottom: none;
   border-radius: 4px 4px 0 0; background: #f0f0f0; color: #1a1a1a; cursor: pointer; }
+div { counter-reset: step; }
+button::before { counter-increment: step; content: counter(step) ". "; }
+@media (prefers-color-scheme: dark) { button { background: #333; color: #eee; } }
 button[aria-selected="true"] { background: #0072B2; color: #fff; border-color: #0072B2; }
 button:focus-visible { outline: 3px solid #000; outline-offset: 1px; }
 """

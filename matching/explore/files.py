@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -10,15 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from matching.match.case import Case, limit_units
-from matching.match.case_file import case_files, case_from_tables, is_case, load_case
+from matching.match.case_file import case_files, case_from_tables, load_case
 from matching.match.map import held_at, quantities
+from modelling.bed.bed import HARDWARE
 from modelling.effects.effect import shared_place
 from modelling.errors import InputError, unknown
-from modelling.fidelity.measures import DYNAMIC_DOMAINS, MEASUREMENT_DOMAIN
 from modelling.model_file import from_dict
 from modelling.recordings.readers import READERS
 from modelling.system import TABLES_WITH_QUANTITIES
-from modelling.toml import read_toml
+from modelling.toml import kind_of, read_toml
 from modelling.units import factor
 from modelling.writing import write_all
 
@@ -41,6 +43,8 @@ class Document:
         self.path = Path(path)
         read_toml(self.path)  # one line that says what is wrong, and the limits of size
         self._texts = [self.path.read_bytes().decode()]
+
+        self._together: list[list[Document]] = [[]]  # documents that each text was changed with
 
     @property
     def text(self) -> str:
@@ -80,24 +84,33 @@ class Document:
         """Put another value at a place."""
         self.change_text(self.replaced(keys, value))
 
-    def change_text(self, text: str) -> None:
-        """Take a whole text as a change."""
+    def change_text(self, text: str, together: list[Document] | None = None) -> None:
+        """Take a whole text as a change; ``together``: a list of the documents that are undone with this one."""
         if text != self.text:
             self._texts.append(text)
+            self._together.append([] if together is None else together)
 
     def undo(self) -> bool:
-        """Take the last change back; whether there was one."""
+        """Take the last change back, that of other documents made together with it, too; whether there was one."""
         if len(self._texts) == 1:
             return False
-        self._texts.pop()
+        together = self._together[-1]
+        for document in together or [self]:
+            if document is self or (together and document._together[-1] is together):
+                document._texts.pop()
+                document._together.pop()
+                document.read_again()
         return True
+
+    def read_again(self) -> None:
+        """Follow the text after it was taken back."""
 
     def save(self) -> None:
         """Write the file; it is whole at every moment."""
         if self.path.read_bytes().decode() != self._texts[0]:
             raise InputError(str(self.path), "was changed by another program since it was opened", "open it again")
         write_all(self.path.parent, {self.path.name: self.text.encode()})
-        self._texts = [self.text]
+        self._texts, self._together = [self.text], [[]]
 
 
 def edited(text: str, values: Mapping[Keys, Any]) -> str:
@@ -145,7 +158,14 @@ class ModelDocument(Document):
     def changes(self) -> dict[str, tuple[float, float]]:
         """Saved and present value (SI) of every quantity that differs, by name."""
         before, after = self._saved.parameters, self.system.parameters
-        return {name: (before[name].value, after[name].value) for name in after if before[name] != after[name]}
+        both = [name for name in after if name in before]
+        return {name: (before[name].value, after[name].value) for name in both if before[name] != after[name]}
+
+    @property
+    def other_parts(self) -> tuple[list[str], list[str]]:
+        """Parts that were added and removed since the file was saved, as ``shafts.link``."""
+        before, after = list(self._saved.places()), list(self.system.places())
+        return [name for name in after if name not in before], [name for name in before if name not in after]
 
     @property
     def changed_parts(self) -> frozenset[str]:
@@ -169,11 +189,21 @@ class ModelDocument(Document):
         rounded = float(f"{value / scale:.{DIGITS}g}")
         self._set(name, f"{rounded:g} {unit}" if unit else rounded)
 
-    def undo(self) -> bool:
-        """Take the last change back; whether there was one."""
-        undone = super().undo()
+    def read_again(self) -> None:
+        """Follow the text after it was taken back."""
         self.system = from_dict(self.content, str(self.path))
-        return undone
+
+    def take(self, text: str, together: list[Document] | None = None) -> None:
+        """Take a whole text as a change; raises ``InputError`` where it is no model; then nothing changed."""
+        before = self.text
+        self.change_text(text, together)
+        try:
+            self.read_again()
+        except InputError:
+            if self.text != before:
+                self._texts.pop()
+                self._together.pop()
+            raise
 
     def save(self) -> None:
         """Write the file; raises as :meth:`Document.save` does."""
@@ -184,15 +214,7 @@ class ModelDocument(Document):
         keys = self._keys(name)
         if isinstance(self._value_in_file(keys), Mapping):
             keys = (*keys, "value")
-        text = self.replaced(keys, value)
-        before = self.system
-        self.change_text(text)
-        try:
-            self.system = from_dict(self.content, str(self.path))
-        except InputError:
-            Document.undo(self)
-            self.system = before
-            raise
+        self.take(self.replaced(keys, value))
 
     def _bare(self, name: str) -> Any:
         value = self._value_in_file(self._keys(name))
@@ -226,9 +248,17 @@ def part_of(name: str) -> str:
     return f"{table}.{rest.partition('.')[0]}" if table in (*TABLES_WITH_QUANTITIES, "inputs", "sensors") else name
 
 
+_COMMA = re.compile(r"([-+]?\d+),(\d+)(\s*[^\s,]*)")
+
+
 def number_or_text(text: str) -> float | int | str:
-    """What a user wrote as TOML has it: a number where it is one, else text with a unit."""
+    """What a user wrote as TOML has it: a number where it is one, else text with a unit; a decimal comma is a point.
+
+    Three digits after a comma may be thousands: such a text stays as it is, and the reader refuses it.
+    """
     bare = text.strip()
+    if (comma := _COMMA.fullmatch(bare)) and (len(comma[2]) != 3 or comma[1].lstrip("+-") == "0"):
+        bare = f"{comma[1]}.{comma[2]}{comma[3]}"
     for kind in (int, float):
         try:
             return kind(bare)
@@ -248,6 +278,8 @@ class Workspace:
     ----------
     out : Path
         Folder for results.
+    home : Path
+        The folder in which the page opens and writes files: where it was started.
     models : dict of str to ModelDocument
         ``vehicle`` and ``rig`` of a case, or ``model``.
     case : Document or None
@@ -264,6 +296,7 @@ class Workspace:
     budget: Document | None = None
     fidelity: Document | None = None
     leave: Callable[[], None] = field(default=lambda: None, repr=False)
+    home: Path = field(default_factory=Path.cwd)
 
     @property
     def unsaved(self) -> list[Path]:
@@ -276,6 +309,40 @@ class Workspace:
         others = (self.case, self.budget, self.fidelity)
         return [*self.models.values(), *(each for each in others if each is not None)]
 
+    def open(self, file: Path) -> None:
+        """Open a file beside the others, in place of one of the same kind.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, or the one that it replaces has changes that are not saved.
+        """
+        if file.suffix.lower() in READERS:
+            if not file.is_file():
+                raise InputError(str(file), "does not exist", "name an existing file")
+            self.recordings = [file, *(each for each in self.recordings if each != file)]
+            return
+        kind = kind_of(read_toml(file), str(file))
+        replaced = {"budget": [self.budget], "fidelity case": [self.fidelity]}.get(
+            kind, [self.case, *self.models.values()]
+        )
+        for document in replaced:
+            if document is not None and document.changed:
+                raise InputError(str(document.path), "has changes that are not saved", "save them or undo them first")
+        if kind == "budget":
+            self.budget = Document(file)
+        elif kind == "fidelity case":
+            self.fidelity = Document(file)
+        elif kind == "case":
+            load_case(file)
+            content = read_toml(file)
+            models = {role: ModelDocument(file.parent / content[role]) for role in ROLES}
+            self.case, self.models = Document(file), models
+        elif kind == "model":
+            self.case, self.models = None, {"model": ModelDocument(file)}
+        else:
+            raise InputError(str(file), f"is a {kind}", "open it in the tab Measurement")
+
     def load_case(self) -> Case:
         """The case as it is saved."""
         if self.case is None:
@@ -284,15 +351,15 @@ class Workspace:
 
 
 def opened(paths: Sequence[str | Path], out: str | Path) -> Workspace:
-    """The workspace of some files: models, cases, recordings, budgets, fidelity cases."""
+    """The workspace of some files: models, cases, recordings, budgets, fidelity cases; of recordings several."""
     workspace = Workspace(Path(out))
     for file in map(Path, paths):
-        if file.suffix.lower() in READERS:
-            if not file.is_file():
-                raise InputError(str(file), "does not exist", "name an existing file")
-            workspace.recordings.append(file)
-        else:
-            _open_table(workspace, file)
+        before = workspace.documents
+        workspace.open(file)
+        if any(document not in workspace.documents for document in before):
+            kind = kind_of(read_toml(file), str(file))
+            raise InputError(str(file), f"is a second {kind}", "open one of each kind")
+    workspace.recordings.reverse()  # the first one named is shown
     return workspace
 
 
@@ -302,36 +369,85 @@ def required_packages() -> None:
         raise InputError(", ".join(missing), "is not installed", 'in rigmatch\'s folder: pip install -e ".[explore]"')
 
 
-def starter(out: Path) -> Path:
-    """The starter case in a folder ``case`` there; it is written where it is not yet."""
+def starter(out: Path) -> list[Path]:
+    """Case, budget and fidelity case of `rigmatch new` in a folder ``case`` there; made where it is not yet."""
+    from matching.schemas import write_starter
+
     folder = out / "case"
     if not (folder / "case.toml").exists():
-        parts = files("matching").joinpath("starter").iterdir()
-        write_all(folder, {part.name: part.read_text(encoding="utf-8") for part in parts})
-    return folder / "case.toml"
+        write_starter(folder)
+    return [folder / f"{kind}.toml" for kind in ("case", "budget", "fidelity")]
 
 
-def _open_table(workspace: Workspace, file: Path) -> None:
-    content = read_toml(file)
-    if not content.keys().isdisjoint({"measurand", "measurands"}):
-        _only_one(workspace.budget, file, "budget")
-        workspace.budget = Document(file)
-    elif not content.keys().isdisjoint({*DYNAMIC_DOMAINS, MEASUREMENT_DOMAIN}):
-        _only_one(workspace.fidelity, file, "fidelity case")
-        workspace.fidelity = Document(file)
-    elif is_case(content):
-        _only_one(workspace.case or next(iter(workspace.models.values()), None), file, "case or model")
-        load_case(file)
-        workspace.case = Document(file)
-        workspace.models = {role: ModelDocument(file.parent / content[role]) for role in ("vehicle", "rig")}
-    else:
-        _only_one(workspace.case or next(iter(workspace.models.values()), None), file, "case or model")
-        workspace.models = {"model": ModelDocument(file)}
+# --- New files, files to open and copies, all within the folder that the page was started in.
+
+MOST_LISTED = 300  # files that are offered: a longer list is not read; a path can be typed
+TEMPLATES = {"case": "case.toml", "model": "vehicle.toml", "budget": "budget.toml", "fidelity case": "fidelity.toml"}
 
 
-def _only_one(present: Document | None, file: Path, kind: str) -> None:
-    if present is not None:
-        raise InputError(str(file), f"is a second {kind}", "open one of each kind")
+def within(home: Path, name: str) -> Path:
+    """A path below the folder, from a name relative to it; raises ``InputError`` for one that leads out of it."""
+    path = (home / name.strip()).resolve()
+    if not name.strip() or not path.is_relative_to(home.resolve()) or path == home.resolve():
+        raise InputError(name or "name", f"lies outside {home}", "name a file in the folder the page was started in")
+    return path
+
+
+def listed(home: Path) -> list[str]:
+    """Files below the folder that can be opened, relative to it, nearest first; hidden folders are left out."""
+    found: list[str] = []
+    for folder, folders, names in os.walk(home):
+        folders[:] = sorted(name for name in folders if not name.startswith((".", "__")))
+        paths = [Path(folder, name) for name in sorted(names)]
+        found += [str(path.relative_to(home)) for path in paths if path.suffix.lower() in (".toml", *READERS)]
+        if len(found) > MOST_LISTED:
+            break
+    return sorted(found[:MOST_LISTED], key=lambda name: (name.count(os.sep), name))
+
+
+def new_file(home: Path, kind: str, name: str) -> Path:
+    """Write a new case (a folder of that name with its models), model, budget or fidelity case; its file to open."""
+    from matching.schemas import write_starter
+
+    place = within(home, name)
+    if kind == "case":
+        write_starter(place)
+        return place / TEMPLATES[kind]
+    place = place.with_suffix(".toml")
+    _check_new(place)
+    text = files("matching").joinpath("starter", TEMPLATES[kind]).read_text(encoding="utf-8")
+    write_all(place.parent, {place.name: text.partition("\n")[2]})  # without the line that names a schema beside it
+    return place
+
+
+def save_as(workspace: Workspace, kind: str, name: str) -> Path:
+    """Write a copy of what is open, as it is shown: of a case a folder with all that it names; what is to be opened."""
+    place = within(workspace.home, name)
+    if kind == "case":
+        if workspace.case is None:
+            raise InputError("", "no case file is open", "open one")
+        if place.exists():
+            raise InputError(str(place), "exists", "name a new folder")
+        folder, content = workspace.case.path.parent, workspace.case.content
+        names = _named_files(content)
+        moved = {keys: Path(file).name for keys, file in names.items()} | {(role,): f"{role}.toml" for role in ROLES}
+        texts: dict[str, str | bytes] = {f"{role}.toml": workspace.models[role].text for role in ROLES}
+        texts |= {Path(file).name: (folder / file).read_bytes() for file in names.values()}
+        write_all(place, texts | {"case.toml": edited(workspace.case.text, moved)})
+        return place / "case.toml"
+    place = place.with_suffix(".toml")
+    _check_new(place)
+    known = {"model": workspace.models.get("model"), "budget": workspace.budget, "fidelity case": workspace.fidelity}
+    document = known[kind]
+    if document is None:
+        raise InputError("", f"no {kind} is open", "open one")
+    write_all(place.parent, {place.name: document.text})
+    return place
+
+
+def _check_new(place: Path) -> None:
+    if place.exists():
+        raise InputError(str(place), "exists", "give another name")
 
 
 # --- The open files as the page shows them, for a command to read: where something is not saved, copies.
@@ -482,7 +598,8 @@ class CaseForm:
     def addable(self) -> list[str]:
         """Quantities that might move and do not yet."""
         moving = {name for move in self.case.moves for name in move.together}
-        return [name for name in quantities(self.case) if name not in moving]
+        fixed = moving | {f"loop.{name}" for name in HARDWARE}  # what the bed has is no choice of the match
+        return [name for name in quantities(self.case) if name not in fixed]
 
     @property
     def statable(self) -> dict[str, str]:

@@ -260,4 +260,4 @@ def measurement_tab(workspace: Workspace) -> Any:
     """The tab's content, also without a model."""
     if workspace.models:
         return MeasurementTab(workspace).panel()
-    return pn.Column(heading("Measurement"), paragraph("Open a model beside it: rigmatch explore MODEL RECORDING"))
+    return pn.Column(heading("Measurement"), paragraph("Open a model under Files first."))

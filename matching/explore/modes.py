@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import panel as pn
+import param
 
 from matching.explore import common
 from matching.explore.common import (
@@ -33,6 +34,7 @@ from matching.explore.common import (
     table,
 )
 from matching.explore.files import Document, Workspace, part_of, write_case, write_model
+from matching.explore.parts import ADDABLE, add_part, remove_part, rename_part
 from matching.report.common import amount, hertz, number, spaced, unit
 from matching.report.drivetrain import LEGEND, Marks, Picture, drivetrain_svg
 from modelling.errors import InputError
@@ -57,6 +59,16 @@ class DrivetrainTab:
             view.param.watch(partial(self._picked, role), "picked")
         self.chooser.param.watch(lambda event: self.select(*event.new), "value")
         self.same = EquivalentBox(self._equivalent())
+        self.kind = pn.widgets.Select(name="Add", options=list(ADDABLE), width=250)
+        self.named = pn.widgets.TextInput(name="called", width=180)
+        self.other = pn.widgets.Select(name="and, for a shaft or gear", width=250)
+        self.add, self.remove, self.rename = (
+            pn.widgets.Button(name=name, width=150) for name in ("Add", "Remove the part", "Rename the part")
+        )
+        self.new_name = pn.widgets.TextInput(name="New name", width=180)
+        self.add.on_click(lambda _: self.editing.do(self._add))
+        self.remove.on_click(lambda _: self.editing.do(self._remove))
+        self.rename.on_click(lambda _: self.editing.do(self._rename))
         self.select(*self.chooser.value)
 
     def panel(self) -> Any:
@@ -73,9 +85,27 @@ class DrivetrainTab:
             self.editing.message,
             self.changes,
             self.editing.buttons(),
+            heading("Parts", 2),
+            paragraph("A new part sits at the part that is chosen above. With a part goes what hangs on it."),
+            pn.FlexBox(self.kind, self.named, self.other, self.add, align_items="end"),
+            pn.FlexBox(self.new_name, self.rename, self.remove, align_items="end"),
             self.same,
             sizing_mode=WIDE,
         )
+
+    def _add(self) -> str:
+        at = self._part.partition(".")[2]
+        add_part(self.workspace.models[self._role], self.kind.value, self.named.value, at, self.other.value or "")
+        return f"{self.named.value} was added to {self._role}; not saved yet"
+
+    def _remove(self) -> str:
+        gone = remove_part(self.workspace.models[self._role], self._part)
+        return f"Removed from {self._role}, not saved yet: {', '.join(gone)}"
+
+    def _rename(self) -> str:
+        changed = rename_part(self.workspace, self._role, self._part, self.new_name.value)
+        self._part = f"{self._part.partition('.')[0]}.{self.new_name.value.strip()}"
+        return f"Renamed in {', '.join(changed)}; not saved yet"
 
     def select(self, role: str, part: str) -> None:
         """Show the values of a part."""
@@ -83,6 +113,7 @@ class DrivetrainTab:
         if self.chooser.value != (role, part):
             self.chooser.value = (role, part)
             return
+        offer(self.other, {spaced(own.name): own.name for own in self.workspace.models[role].system.inertias})
         lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
 
@@ -101,6 +132,9 @@ class DrivetrainTab:
             for role, document in self.workspace.models.items()
             for name, (before, after) in document.changes.items()
         ]
+        for role, document in self.workspace.models.items():
+            for word, places in zip(("new", "removed"), document.other_parts, strict=True):
+                rows += [html(f"{spaced(role)}: {word}: {place}") for place in places]
         listed = "".join(f"<li>{row}</li>" for row in rows)
         self.same.set(self._equivalent())
         self.changes.object = f"<p>Not saved:</p><ul>{listed}</ul>" if rows else "<p>Everything is saved.</p>"
@@ -108,6 +142,14 @@ class DrivetrainTab:
     def after_change(self) -> None:
         """Show values that were changed here or elsewhere."""
         self._pictures.clear()
+        groups = self._groups()
+        if groups != self.chooser.groups:
+            parts = list(groups[self._role].values())
+            self._part = self._part if (self._role, self._part) in parts else parts[0][1]
+            with param.parameterized.discard_events(self.chooser):
+                self.chooser.param.update(groups=groups, value=(self._role, self._part))
+            self.chooser.param.trigger("groups", "value")
+            offer(self.other, {spaced(own.name): own.name for own in self.workspace.models[self._role].system.inertias})
         lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
 
@@ -119,7 +161,7 @@ class DrivetrainTab:
     def _groups(self) -> dict[str, dict[str, tuple[str, str]]]:
         groups = {}
         for role, document in self.workspace.models.items():
-            names = dict.fromkeys(part_of(name) for name in document.system.parameters)
+            names = dict.fromkeys([*map(part_of, document.system.parameters), *document.system.places()])
             groups[role] = {f"{role}: {spaced(name.replace('.', ' '))}": (role, name) for name in names}
         return groups
 
@@ -154,9 +196,8 @@ class DrivetrainTab:
 
     def _picked(self, role: str, event: Any) -> None:
         part = event.new.rpartition(" ")[0]
-        if any(part_of(name) == part for name in self.workspace.models[role].system.parameters):
-            self.select(role, part)
-        else:
+        self.select(role, part)
+        if not any(part_of(name) == part for name in self.workspace.models[role].system.parameters):
             self.editing.message.say(f"{spaced(part)} has no values")
 
     def _undo(self) -> bool:

@@ -49,6 +49,7 @@ from matching.explore.common import (
     uncertainty,
 )
 from matching.explore.files import (
+    TEMPLATES,
     CaseForm,
     Document,
     Field,
@@ -57,7 +58,10 @@ from matching.explore.files import (
     case_path,
     case_tables,
     fields,
+    listed,
+    new_file,
     number_or_text,
+    save_as,
     set_field,
     write_case,
     write_case_at,
@@ -429,7 +433,7 @@ class MatchTab:
 
 def without_case() -> Any:
     """The tab's content where no case is open."""
-    return pn.Column(heading("Match"), paragraph("Open a case to match it: rigmatch explore CASE"), sizing_mode=WIDE)
+    return pn.Column(heading("Match"), paragraph("Open or make a case under Files to match it."), sizing_mode=WIDE)
 
 
 # --- The tab *Validity*: an uncertainty budget and a fidelity case as tables that can be edited, with their figures.
@@ -521,8 +525,47 @@ def validity(workspace: Workspace) -> Any:
 
         parts.append(EditedTable("XiL fidelity", workspace.fidelity, same, judge_fidelity).panel())
     if not parts:
-        parts.append(paragraph("Open a budget or a fidelity case: rigmatch explore BUDGET FIDELITY_CASE"))
+        parts.append(paragraph("Open or make a budget or a fidelity case under Files."))
     return pn.Column(*parts, sizing_mode=WIDE)
+
+
+# --- The line above the tabs: new files, files to open, copies.
+
+
+class FilesBar:
+    """Files of the folder that the page was started in; ``opened`` is called when another file is open."""
+
+    def __init__(self, workspace: Workspace, opened: Callable[[], None]):
+        self.workspace, self._opened = workspace, opened
+        self.file = pn.widgets.Select(name="File of this folder", options=listed(workspace.home), width=320)
+        self.kind = pn.widgets.Select(name="Kind", options=list(TEMPLATES), width=140)
+        self.name = pn.widgets.TextInput(name="Name in this folder", width=200)
+        self.open, self.new, self.copy = (
+            pn.widgets.Button(name=name, width=110) for name in ("Open", "New", "Save as")
+        )
+        self.message = Message()
+        self.open.on_click(lambda _: self._do(lambda: self.workspace.home / self.file.value))
+        self.new.on_click(lambda _: self._do(lambda: new_file(workspace.home, self.kind.value, self.name.value)))
+        self.copy.on_click(lambda _: self._do(lambda: save_as(workspace, self.kind.value, self.name.value)))
+
+    def panel(self) -> Any:
+        """What is open, and the fields."""
+        names = [document.path.name for document in self.workspace.documents]
+        names += [path.name for path in self.workspace.recordings]
+        return pn.Card(
+            pn.FlexBox(self.file, self.open, align_items="end"),
+            pn.FlexBox(self.kind, self.name, self.new, self.copy, align_items="end"),
+            self.message,
+            title=f"Files: {', '.join(names)}", collapsed=bool(names), sizing_mode=WIDE, margin=(4, 5),
+        )  # fmt: skip
+
+    def _do(self, make: Callable[[], Path]) -> None:
+        try:
+            self.workspace.open(make())
+        except InputError as error:
+            self.message.say(str(error), wrong=True)
+            return
+        self._opened()
 
 
 # --- Server
@@ -568,6 +611,26 @@ class SafeHeaders(OutputTransform):
 def page(workspace: Workspace) -> Any:
     """The whole page; one that was opened before is emptied."""
     workspace.leave()
+    whole, own = pn.Column(sizing_mode=WIDE), pn.state.curdoc
+
+    def show_files() -> None:
+        """Everything anew, as the open files are."""
+        bar = FilesBar(workspace, show_files)
+        whole[:] = [heading("rigmatch", 1), bar.panel(), *_tabs(workspace)]
+
+    def empty() -> None:
+        whole[:] = [
+            heading("rigmatch", 1),
+            paragraph("These files are open in another window now. Reload to go on here."),
+        ]
+
+    show_files()
+    workspace.leave = partial(own.add_next_tick_callback, empty) if own is not None else empty
+    return whole
+
+
+def _tabs(workspace: Workspace) -> tuple[Any, Any]:
+    """The row of tabs, and the content of the one that is open."""
     makers = _makers(workspace)
     names, made = list(makers), dict[str, Any]()
     bar, content = TabBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE)
@@ -591,16 +654,7 @@ def page(workspace: Workspace) -> Any:
 
     bar.param.watch(lambda event: show(event.new), "active")
     show(0)
-    whole, own = pn.Column(heading("rigmatch", 1), bar, content, sizing_mode=WIDE), pn.state.curdoc
-
-    def empty() -> None:
-        whole[:] = [
-            heading("rigmatch", 1),
-            paragraph("These files are open in another window now. Reload to go on here."),
-        ]
-
-    workspace.leave = partial(own.add_next_tick_callback, empty) if own is not None else empty
-    return whole
+    return bar, content
 
 
 def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:

@@ -115,6 +115,7 @@ def _bounds(case: Case, move: Move) -> dict[str, float]:
 
 # --- Reading the loop and the dynamometers of a case file.
 
+DYNAMOMETER_KEYS = ("torque_input", "torque_sensor", "speed_sensor", "follows")
 SMALLEST_GAIN = 0.1  # of a dynamometer's torque: a smaller one is no calibration but a mistake
 
 
@@ -179,13 +180,12 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
         raise InputError(f"{where}: dynamometers", "the case has none", "write [dynamometers.NAME] for each")
     inputs, sensors = {part.name: part for part in rig.inputs}, {part.name: part for part in rig.sensors}
     cuts = {cut.shaft: cut for cut in residual.interfaces}
-    keys = ("torque_input", "torque_sensor", "speed_sensor", "follows")
     for name in tables:
         place = f"dynamometers.{name}"
-        table = table_of(tables, name, f"{where}: dynamometers", {*keys, "torque_gain"})
-        texts = [text_of(table, key, f"{where}: {place}") for key in keys]
+        table = table_of(tables, name, f"{where}: dynamometers", {*DYNAMOMETER_KEYS, "torque_gain"})
+        texts = [text_of(table, key, f"{where}: {place}") for key in DYNAMOMETER_KEYS]
         choices = [list(known) for known in (inputs, sensors, sensors, cuts)]
-        for key, value, known in zip(keys, texts, choices, strict=True):
+        for key, value, known in zip(DYNAMOMETER_KEYS, texts, choices, strict=True):
             if value not in known:
                 raise unknown(value, known, f"{where}: {place}.{key}")
         for key, value, measures in (("torque_sensor", texts[1], "torque"), ("speed_sensor", texts[2], "speed")):
@@ -209,7 +209,7 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
 
 # --- Which quantities of a case may move, and reading which of them do.
 
-_KEYS = {"start", "planned", "lower", "upper"}
+MOVE_KEYS = {"start", "planned", "lower", "upper"}
 
 
 def read_moves(
@@ -226,7 +226,7 @@ def read_moves(
         if loop.fixed and name.startswith("loop."):
             raise InputError(place, "belongs to a fixed controller", "take it out, or fixed = true of [loop]")
         start, unit, together = places[name]
-        if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= _KEYS:
+        if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= MOVE_KEYS:
             raise InputError(
                 place, "has no bounds", "write { lower = …, upper = … }, and start = … if it shall start elsewhere"
             )
@@ -469,7 +469,7 @@ def _with_road_load(vehicle: System, bodies: list[str], load: Any, radius: float
 
 TOLERANCES = {"tolerance": 0.1, "unmeasured_tolerance": 0.3}  # response errors that are still called matched
 UNLIKE = 10.0  # ratio of a shared quantity's values from which it can hardly be the same hardware
-_TOP = {
+TOP = {
     "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",
     "operating_point", "uncertainty", "residual_vehicle",
 }  # fmt: skip
@@ -488,7 +488,7 @@ def load_case(path: str | Path) -> Case:
 def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for beside ``where``."""
     path = Path(where)
-    check_file(data, _TOP, where, "case")
+    check_file(data, TOP, where, "case")
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
     _check_not_swapped(data, vehicle, rig, where)
     try:

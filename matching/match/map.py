@@ -79,7 +79,9 @@ def axis(case: Case, text: str, where: str = "") -> Axis:
         values = _range(span, unit, where, name)
     if any(a >= b for a, b in pairwise(values)):
         raise InputError(
-            where, f"{span!r} is no row of rising values of {name}", "let every value be given once, least first"
+            where,
+            f"{span!r} is no row of rising values of {name}",
+            "give every value once, least first, with decimal points",
         )
     if len(values) > MOST_VALUES:
         raise InputError(where, f"{len(values)} values of {name} are too many", f"2 … {MOST_VALUES} are needed")

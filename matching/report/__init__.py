@@ -3,9 +3,12 @@
 from importlib import import_module
 
 VIEWS = {
+    "matching.saved.SavedResult": "matching.commands",
     "matching.bed.verify.BedVerification": "matching.report.bed",
     "matching.bed.commission.Commissioning": "matching.report.bed",
     "modelling.modal.result.Mode": "matching.report.modes",
+    "matching.bed.identify.FromRecordings": "matching.report.bed",
+    "matching.bed.proof.Proof": "matching.report.bed",
     "matching.bed.excite.ExcitationPlan": "matching.report.bed",
     "matching.diagnosis.result.Diagnosis": "matching.report.diagnosis",
     "matching.match.result.MatchResult": "matching.report.match",

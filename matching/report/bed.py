@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from matching.bed.commission import Commissioning
-from matching.bed.excite import ExcitationPlan
-from matching.bed.proof import Proof
+from matching.bed.excite import ExcitationPlan, excitation_csv
+from matching.bed.identify import FromRecordings
+from matching.bed.proof import Proof, proof_csv
 from matching.bed.verify import COVERAGE_FACTOR, BedVerification, FunctionCurves
 from matching.report.common import (
     BAND,
@@ -25,6 +26,7 @@ from matching.report.common import (
     embedded,
     environment,
     figure,
+    image,
     in_address,
     number,
     plain_ticks,
@@ -32,6 +34,7 @@ from matching.report.common import (
     styled,
     unit,
 )
+from matching.report.curves import acting
 from modelling import display
 
 # --- The curves of a verification's figure as a table (CSV), to be calculated with.
@@ -325,6 +328,19 @@ def _(verification: BedVerification) -> Figure:
     return responses(verification)
 
 
+@display.files.register
+def verification_files(
+    verification: BedVerification, folder: str, made: Provenance | None = None, case: str = "CASE",
+    diagnosis: Mapping[str, Any] | None = None,
+) -> display.ResultFiles:  # fmt: skip
+    """``verification.json``, report and figure; why the bed is short, and the case for the commands of the page."""
+    result, figure = {**verification.to_dict(), "diagnosis": diagnosis}, responses(verification)
+    images, data = {"responses": image(figure)}, {"responses": curve_data(verification.curves)}
+    steps = verification_steps(result, case, folder)
+    report = verification_page(result, images, acting({"responses": figure}), made, data, steps)
+    return "verification.json", result, {"report.html": report, "figures/responses.svg": images["responses"]}
+
+
 @display.text.register
 def _(verification: BedVerification) -> str:
     return verification_summary(verification.to_dict())
@@ -367,6 +383,12 @@ def ending(result: Mapping[str, Any]) -> list[str]:
     if result["best_round"]:
         lines.append(f"The controller with the least error on the bed: {result['best_round']}_export/controller.fmu.")
     return lines
+
+
+def identification_summary(result: Mapping[str, Any]) -> str:
+    """What the recordings say, a few lines each."""
+    parts = {name: result[name] for name in ("bed", "vehicle") if result[name] is not None}
+    return "\n".join(f"{name}: {line}" for name, part in parts.items() for line in identification_lines(part))
 
 
 def identification_lines(identification: Mapping[str, Any]) -> list[str]:
@@ -514,6 +536,26 @@ def rounds_figure(result: Mapping[str, Any]) -> Figure:
 # --- Views of a commissioning.
 
 
+@display.plot.register
+def _(result: Commissioning) -> Figure:
+    return rounds_figure(result.to_dict())
+
+
+@display.files.register
+def commissioning_files(
+    result: Commissioning, folder: str, made: Provenance | None = None, case: str = "CASE"
+) -> display.ResultFiles:
+    """``commission.json`` and report; the folders of the rounds stay where they are."""
+    entries, figures = result.to_dict(), commissioning_figures(result)
+    images = {name: image(drawn) for name, drawn in figures.items()}
+    steps = next_steps(entries, case, folder)
+    return (
+        "commission.json",
+        entries,
+        {"report.html": commissioning_page(entries, made, images, acting(figures) if figures else {}, steps)},
+    )
+
+
 @display.text.register
 def _(result: Commissioning) -> str:
     return commissioning_summary(result.to_dict())
@@ -634,6 +676,33 @@ def proof_summary(result: Mapping[str, Any]) -> str:
 @display.plot.register
 def _(plan: ExcitationPlan) -> Figure:
     return excitation(plan)
+
+
+@display.files.register
+def _(plan: ExcitationPlan, folder: str, made: Any = None) -> display.ResultFiles:
+    return "excite.json", plan.to_dict(), {
+        "excitation.csv": excitation_csv(plan), "figures/excitation.svg": image(excitation(plan)),
+    }  # fmt: skip
+
+
+@display.files.register
+def _(proof: Proof, folder: str, made: Any = None) -> display.ResultFiles:
+    return "proof.json", proof.to_dict(), {"excitation.csv": proof_csv(proof)}
+
+
+@display.text.register
+def _(known: FromRecordings) -> str:
+    return identification_summary(known.to_dict())
+
+
+@display.html.register
+def _(known: FromRecordings) -> str:
+    return _paragraphs(identification_summary(known.to_dict()))
+
+
+@display.files.register
+def _(known: FromRecordings, folder: str, made: Any = None) -> display.ResultFiles:
+    return "identification.json", known.to_dict(), dict(known.files())
 
 
 @display.text.register

@@ -7,6 +7,7 @@ import csv
 import functools
 import hashlib
 import io
+import itertools
 import math
 import os
 import re
@@ -36,6 +37,7 @@ from modelling import display
 from modelling.equations.lagrange import Sign, derive, known_zeros, signs
 from modelling.errors import VERSION
 from modelling.linear.state_space import Response
+from modelling.recordings.read import csv_text
 from modelling.simulation.stepping import Simulation
 from modelling.system import System
 from modelling.toml import read_toml
@@ -694,6 +696,20 @@ def plot_response(response: Response) -> Figure:
     return fig
 
 
+@display.files.register
+def response_files(response: Response, folder: str, made: Any = None) -> display.ResultFiles:
+    """Modulus and phase over frequency as CSV and as a figure; no result file, as JSON has no complex numbers."""
+    head, columns = ["frequency [Hz]"], [response.frequencies]
+    for sensor, source in itertools.product(response.sensors, response.inputs):
+        head += [f"{sensor} / {source}, modulus [SI per N*m]", f"{sensor} / {source}, phase [deg]"]
+        columns += [np.abs(response[sensor, source]), np.degrees(np.angle(response[sensor, source]))]
+    others: dict[str, str | bytes] = {
+        "response.csv": csv_table(head, zip(*columns, strict=True)),
+        "response.svg": image(plot_response(response)),
+    }
+    return "", {}, others
+
+
 @display.text.register
 def response_text(response: Response) -> str:
     """Where every response is largest."""
@@ -763,6 +779,17 @@ def simulation_figure(simulation: Simulation, measured: Mapping[str, np.ndarray]
 def plot_simulation(simulation: Simulation) -> Figure:
     """Every reading over time."""
     return simulation_figure(simulation)
+
+
+@display.files.register
+def simulation_files(
+    simulation: Simulation, folder: str = "", made: Any = None, measured: Mapping[str, np.ndarray] | None = None
+) -> display.ResultFiles:
+    """Every reading over time as CSV and as a figure, recorded ones (t,) by sensor behind them; no result file."""
+    others: dict[str, str | bytes] = {"simulated.csv": csv_text(simulation.time, simulation.readings, simulation.units)}
+    if simulation.readings:
+        others["simulated.svg"] = image(simulation_figure(simulation, measured))
+    return "", {}, others
 
 
 @display.text.register

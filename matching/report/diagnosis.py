@@ -41,6 +41,7 @@ from modelling import display
 from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_words, shared_place
 from modelling.escape import html
+from modelling.model_file import dumps
 from modelling.system import Sensor, System
 
 # --- What the figures of a diagnosis share: line styles, the sensors they show, and axes in multiples of the noise.
@@ -966,6 +967,18 @@ def plot(diagnosis: Diagnosis) -> Figure:
     """Measurement, base model and extended model on data that no fit used."""
     with styled():
         return holdout_figure(diagnosis.plot_data.holdout, views(diagnosis.extended, diagnosis.plot_data))
+
+
+@display.files.register
+def files(diagnosis: Diagnosis, folder: str, made: Provenance | None = None, moving: Any = None) -> display.ResultFiles:
+    """``diagnosis.json``, report, figures and the extended model; ``moving`` is a task of :func:`acting_figures`."""
+    system, entries = diagnosis.extended, content(diagnosis)
+    drawn = pictures(diagnosis.pictured, system)
+    moving = acting_figures(diagnosis.pictured, system) if moving is None else moving.result()
+    units = {sensor.name: sensor.unit for sensor in system.sensors}
+    others: dict[str, str | bytes] = {"report.html": page(entries, system.title, units, drawn, moving, made)}
+    others |= {"extended.toml": dumps(diagnosis.extended)}
+    return "diagnosis.json", entries, others | {f"figures/{name}.svg": picture for name, picture in drawn.items()}
 
 
 @display.text.register

@@ -19,6 +19,7 @@ from matching.report.common import (
     ScreenPoint,
     StudyPage,
     csv_table,
+    image,
     number,
     percent,
     preformatted,
@@ -32,6 +33,7 @@ from matching.uncertainty.result import MeasurandResult, Row, Uncertainty
 from modelling import display
 from modelling.fidelity.measures import delay_fidelity
 from modelling.units import printed
+from modelling.writing import file_stem
 
 # --- Figures of a fidelity case: fidelity over delay (Fig. 6), what is lost to which cause, and at which frequencies.
 
@@ -345,6 +347,21 @@ def plot_fidelity(fidelity: XilFidelity) -> Figure:
     return delay_curve(fidelity) if fidelity.attribution is None else attribution_figure(fidelity)
 
 
+@display.files.register
+def fidelity_files(fidelity: XilFidelity, folder: str, made: Provenance | None = None) -> display.ResultFiles:
+    """``fidelity.json``, table, page and figures."""
+    figures = {"delay": delay_curve(fidelity)}
+    if fidelity.attribution is not None:
+        figures["attribution"] = attribution_figure(fidelity)
+    if fidelity.bands:
+        figures["bands"] = bands_figure(fidelity)
+    answer, images = fidelity.to_dict(), {name: image(drawn) for name, drawn in figures.items()}
+    others: dict[str, str | bytes] = {f"{name}.svg": picture for name, picture in images.items()}
+    others["fidelity.txt"] = fidelity_summary(answer)
+    others["fidelity.html"] = fidelity_page(fidelity, figures, images, made)
+    return "fidelity.json", answer, others
+
+
 @display.text.register
 def fidelity_text(fidelity: XilFidelity) -> str:
     """Total and partial fidelities with their uncertainty."""
@@ -644,6 +661,22 @@ def _improvements(wish: dict[str, Any]) -> list[str]:
 def plot_uncertainty(uncertainty: Uncertainty) -> Figure:
     """Contributions of the inputs to the first measurand."""
     return contributions(uncertainty.measurands[0])
+
+
+@display.files.register
+def uncertainty_files(found: Uncertainty, folder: str, made: Provenance | None = None) -> display.ResultFiles:
+    """``uncertainty.json``, table, page, and the figures of every measurand."""
+    answer, prefixes, figures = found.to_dict(), list[str](), dict[str, Figure]()
+    for result in found.measurands:
+        prefix = f"{file_stem(result.measurand.name)}_" if len(found.measurands) > 1 else ""
+        prefixes.append(f"{prefix}{len(prefixes) + 1}_" if prefix in prefixes else prefix)
+        figures[f"{prefixes[-1]}contributions"] = contributions(result)
+        figures[f"{prefixes[-1]}ishikawa"] = ishikawa(result)
+    images = {name: image(drawn) for name, drawn in figures.items()}
+    others: dict[str, str | bytes] = {"uncertainty.txt": uncertainty_summary(answer)}
+    others |= {f"{name}.svg": picture for name, picture in images.items()}
+    others["uncertainty.html"] = uncertainty_page(found, figures, images, made)
+    return "uncertainty.json", answer, others
 
 
 @display.text.register

@@ -13,6 +13,7 @@ from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case, Compared, Requirements
+from matching.match.case_file import case_files
 from matching.match.in_time import TruthInTime
 from matching.match.loop import bed_set, controller_of, frequency_response
 from matching.match.loop import return_difference as sampled_difference
@@ -42,6 +43,7 @@ from matching.report.common import (
     image,
     in_address,
     legend_above,
+    made_from,
     number,
     percent,
     plain_ticks,
@@ -1223,6 +1225,17 @@ def plot(result: MatchResult) -> Figure:
 def said(result: MatchResult) -> str:
     """The verdict, then the most important figures."""
     return summary(content(result))
+
+
+@display.files.register
+def files(result: MatchResult, folder: str, made: Provenance | None = None, drawing: Any = None) -> display.ResultFiles:
+    """``result.json``, report, figures, tuned case; ``drawing`` is a task of :func:`pictures` that was begun before."""
+    made = made or made_from(result.case.path, None, ("vehicle", "rig"))
+    entries = content(result) | {"made_by": made.to_dict()}
+    drawn, moving = pictures(result) if drawing is None else drawing.result()
+    others: dict[str, str | bytes] = {"report.html": page(result, drawn, moving, made, folder)}
+    others |= {f"figures/{name}.svg": picture for name, picture in drawn.items()}
+    return "result.json", entries, others | case_files(result.tuned)
 
 
 @display.html.register

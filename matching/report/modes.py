@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from matching.report.common import ABSENT, LIMIT, VEHICLE, aligned, environment, figure, spaced, styled, table
+from matching.report.common import ABSENT, LIMIT, VEHICLE, aligned, environment, figure, image, spaced, styled, table
 from modelling import display, escape
 from modelling.display import Displayed
 from modelling.equations import lagrange
@@ -90,10 +90,11 @@ class ModeAnimation(Displayed):
             discs=discs, width=width, height=height, title=title, meaning=MEANING, period=PERIOD_S, colour=self.colour
         )
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path) -> Path:
         """Write the drawing to a file; any browser shows it."""
         standalone = self.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)  # a page needs none
         Path(path).write_text(standalone, encoding="utf-8")
+        return Path(path)
 
 
 @display.text.register
@@ -354,6 +355,16 @@ def _tint(colour: str, strength: float) -> tuple[float, ...]:
 def plot_modes(modes: Modes) -> Figure:
     """Energy shares of all modes, %."""
     return shares_figure(modes)
+
+
+@display.files.register
+def modes_files(modes: Modes, folder: str = "", made: Any = None, title: str = "") -> display.ResultFiles:
+    """``modes.json`` and figures."""
+    others: dict[str, str | bytes] = {
+        "modes.svg": image(energy_figure([Column(title, VEHICLE, modes)])),
+        "energy_shares.svg": image(shares_figure(modes, title)),
+    }
+    return "modes.json", modes.to_dict(), others
 
 
 @display.text.register

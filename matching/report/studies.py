@@ -34,6 +34,7 @@ from matching.report.common import (
     csv_table,
     enough_digits,
     figure,
+    image,
     number,
     percent,
     practical,
@@ -295,6 +296,15 @@ def _error(point: Point) -> float:
 # --- Views of a map: the response error that a match reaches over two quantities.
 
 
+@display.files.register
+def map_files(result: Map, folder: str, made: Provenance | None = None) -> display.ResultFiles:
+    """``map.json``, report and figure."""
+    drawn = map_figure(result)
+    picture = image(drawn)
+    others: dict[str, str | bytes] = {"map.svg": picture, "map.png": image(drawn, "png")}
+    return "map.json", result.to_dict(), others | {"report.html": map_page(result, drawn, picture, made)}
+
+
 @display.plot.register
 def plot_map(result: Map) -> Figure:
     """Response error over both quantities."""
@@ -427,6 +437,18 @@ TOLERANCE_CAPTION = (
 WORST_DRIVERS = 4  # on the first screen
 LEAST_SHARE = 0.05  # of a variance, from which a tighter tolerance pays
 LOW, HIGH = 0.05, 0.95
+
+
+@display.files.register
+def tolerance_files(study: Tolerance, folder: str, made: Provenance | None = None) -> display.ResultFiles:
+    """``tolerance.json``, report and figure."""
+    drawn = plot_tolerance(study)
+    picture = image(drawn)
+    others: dict[str, str | bytes] = {
+        "tolerance.svg": picture,
+        "report.html": tolerance_page(study, drawn, picture, made),
+    }
+    return "tolerance.json", study.to_dict(), others
 
 
 def tolerance_page(study: Tolerance, figure: Figure, image: bytes, made: Provenance | None = None) -> str:

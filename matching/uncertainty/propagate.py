@@ -536,7 +536,8 @@ def wanted_uncertainty(text: str, measurand: Measurand, where: str = "budget") -
     try:
         number = float(parts[0])
     except ValueError as error:
-        raise InputError(where, f"'{text}' is no quantity", f"write like 0.5 {measurand.unit.text}") from error
+        wrong = "has a decimal comma" if "," in parts[0] else "is no quantity"
+        raise InputError(where, f"'{text}' {wrong}", f"write like 0.5 {measurand.unit.text}") from error
     return unit.difference_to_si(number)
 
 

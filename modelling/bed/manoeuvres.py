@@ -51,6 +51,9 @@ class Manoeuvre:
     def __post_init__(self) -> None:
         for entry in dataclasses.fields(self):
             value = getattr(self, entry.name)
+            if isinstance(value, str):  # with a unit, such as "100 N*m"
+                value = to_si(value, UNITS[entry.name], entry.name)
+                object.__setattr__(self, entry.name, value)
             if not math.isfinite(value):
                 raise InputError(entry.name, "is not finite", "write a finite number")
             if entry.name not in ("amplitude", "offset", "creep") and value < 0:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from modelling.display import Displayed, labelled
+from modelling.display import Displayed, labelled, series_frame
 from modelling.errors import InputError, unknown
 from modelling.linear.elements import elements
 from modelling.linear.linearise import Linear, deflated, linearise
@@ -125,6 +125,11 @@ class Response(Displayed):
     def to_dict(self) -> dict[str, dict[str, np.ndarray]]:
         """``{sensor: {input: (f,)}}``."""
         return {sensor: {source: self[sensor, source] for source in self.inputs} for sensor in self.sensors}
+
+    def to_dataframe(self, table: str | None = None) -> Any:  # there is one table
+        """The complex responses over frequency (pandas DataFrame), a column a pair ``sensor / input``."""
+        columns = {f"{sensor} / {source}": self[sensor, source] for sensor in self.sensors for source in self.inputs}
+        return series_frame(self.frequencies, "frequency [Hz]", columns)
 
     def to_xarray(self) -> Any:
         """The responses over frequency, sensor and input (xarray Dataset, complex).

@@ -53,6 +53,7 @@ from modelling.units import LARGEST, factor, signal_unit, to_si
 # without a column of time.
 
 KEYS = ("channel", "unit", "sign", "factor", "group", "period")
+FILE_KEYS = ("channels", "header", "sampling_rate")
 CHANNEL_UNITS = ("rad/s", "N*m", "rad", "rad/s^2", "s")  # SI units of sensors, inputs and time
 
 
@@ -88,8 +89,8 @@ def read_channels(path: str | PathLike[str]) -> ChannelFile:
     path = Path(path)
     data = read_toml(path)
     for key in data:
-        if key not in ("channels", "header", "sampling_rate"):
-            raise unknown(key, ["channels", "header", "sampling_rate"], f"{path}")
+        if key not in FILE_KEYS:
+            raise unknown(key, list(FILE_KEYS), f"{path}")
     table = data.get("channels", {})
     if not isinstance(table, dict) or (not table and len(data) <= ("channels" in data)):
         raise InputError(f"{path}: channels", "is missing or empty", 'write [channels] with NAME = "channel" rows')

@@ -587,6 +587,10 @@ def read_table(
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    if suffix == ".toml":
+        raise InputError(
+            str(path), "is a model or case file, where a recording is expected", "check the order of files"
+        )
     if suffix not in READERS:
         raise InputError(str(path), f"{suffix or 'no suffix'!r} is no known format", f"read are {', '.join(READERS)}")
     try:

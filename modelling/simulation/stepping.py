@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from modelling.display import Displayed, labelled
+from modelling.display import Displayed, labelled, series_frame
 from modelling.equations.casadi_code import Model
 from modelling.equations.lagrange import STICK_SPEED
 from modelling.errors import InputError
@@ -65,6 +65,10 @@ class Simulation(Displayed):
     def to_dict(self) -> dict[str, list[float]]:
         """Time and readings as plain lists."""
         return {"time": self.time.tolist()} | {name: value.tolist() for name, value in self.readings.items()}
+
+    def to_dataframe(self, table: str | None = None) -> Any:  # there is one table
+        """The readings over time (pandas DataFrame); ``attrs["units"]`` holds their SI units."""
+        return series_frame(self.time, "time [s]", self.readings, self.units)
 
     def to_xarray(self) -> Any:
         """The readings over time (xarray Dataset).

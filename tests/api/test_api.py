@@ -64,9 +64,70 @@ def test_results_are_frozen_and_show_themselves(name, recording):
     assert max(map(len, printed)) < 250
     assert type(result).__name__ not in printed[0]
     assert pretty(result) == str(result)  # in IPython, too: not every field of every array
+    assert repr(result).startswith(f"{type(result).__name__}(")
+    assert len(repr(result)) <= 120
     content = result.to_dict()
     if name != "response":  # complex numbers, which JSON has not
         assert json.loads(strict_json(content))
+
+
+@pytest.mark.parametrize("name", [name for name in RESULTS if name not in ("response", "simulate")])
+def test_a_saved_result_is_read_again(name, recording, tmp_path):
+    """Entries, table and text are those of the result; saved again, it has the same files."""
+    result = RESULTS[name](recording)
+    saved = rm.load_result(result.save(tmp_path / "out"))
+    assert str(saved) == str(result)
+    assert saved.to_dict() == json.loads(strict_json(result.to_dict())) | {"files": saved.files}
+    assert saved.to_dataframe().equals(rm.load_result(saved.save(tmp_path / "again")).to_dataframe())
+    assert sorted(path.name for path in (tmp_path / "again").iterdir()) == sorted(saved.files)
+
+
+def test_tables_of_results_hold_their_numbers(recording, tmp_path):
+    found = rm.modes(VEHICLE)
+    frame = found.to_dataframe()
+    np.testing.assert_array_equal(frame["frequency"], found.frequencies)
+    with pytest.raises(InputError, match="mode"):
+        found.to_dataframe("shapes")
+    motion = rm.simulate(EXAMPLES / "compact_bev" / "rig.toml", recording)
+    frame = motion.to_dataframe()
+    name = next(iter(motion.readings))
+    np.testing.assert_array_equal(frame[name], motion[name])
+    assert frame.attrs["units"][name] == motion.units[name]
+    assert (motion.save(tmp_path) / "simulated.csv").is_file()
+    responses = rm.response(VEHICLE, [1.0, 8.0])
+    pair = responses.sensors[0], responses.inputs[0]
+    np.testing.assert_array_equal(responses.to_dataframe()[" / ".join(pair)], responses[pair])
+    assert (responses.save(tmp_path) / "response.csv").is_file()
+
+
+def test_what_is_no_saved_result_is_said(tmp_path):
+    for content, said in ((None, "is no result"), ("{", "is not JSON"), ("[]", "is no table")):
+        if content:
+            (tmp_path / "map.json").write_text(content)
+        with pytest.raises(InputError, match=said):
+            rm.load_result(tmp_path)
+    (tmp_path / "modes.json").write_text("{}")
+    with pytest.raises(InputError, match="holds 2 results"):
+        rm.load_result(tmp_path)
+
+
+def test_quantities_may_be_texts_with_units():
+    """The same as numbers in SI, wherever a quantity is an argument."""
+    name = "shafts.side_left.stiffness"
+    np.testing.assert_array_equal(
+        rm.modes(VEHICLE, {name: "8 kN*m/rad"}).frequencies, rm.modes(VEHICLE, {name: 8e3}).frequencies
+    )
+    assert rm.load(VEHICLE).with_values({name: "8 kN*m/rad"}).parameters[name].value == 8e3
+    np.testing.assert_allclose(rm.response(VEHICLE, ["60 1/min", "10 Hz"]).frequencies, [1.0, 10.0])
+    assert rm.TipIn(amplitude="0.1 kN*m", rise_time="50 ms") == rm.TipIn(amplitude=100.0, rise_time=0.05)
+    for wrong in ({name: "8 kg"}, {name: "8,5 kN*m/rad"}):
+        with pytest.raises(InputError, match=name):
+            rm.modes(VEHICLE, wrong)
+    with pytest.raises(InputError, match="rise_time"):
+        rm.TipIn(amplitude=100.0, rise_time="50 N")
+    for arguments, said in (({"duration": "20 N"}, "duration"), ({"speed": "4 m"}, "speed")):
+        with pytest.raises(InputError, match=said):
+            rm.excite(EXAMPLES / "compact_bev" / "case.toml", **arguments)
 
 
 def test_every_command_has_its_function_and_every_function_is_offered():

@@ -210,3 +210,41 @@ def test_a_file_is_dropped_simulated_and_diagnosed_and_the_extended_model_kept(t
         page.get_by_text("written:", exact=False).wait_for()
         assert complaints == []
     assert (tmp_path / "bench_extended.toml").exists()
+
+
+def test_a_case_is_made_changed_renamed_and_saved_without_a_file(tmp_path):
+    """New, add, rename, undo, remove, save, a copy: with an empty folder at the beginning."""
+    browser_path()
+    import tomllib
+
+    with served(explored(), out=tmp_path / "out") as address, opened_page(address) as (page, complaints):
+        page.get_by_role("button", name="Files:").click()
+        page.get_by_label("Name in this folder").fill("../mine")
+        page.get_by_role("button", name="New", exact=True).click()
+        page.get_by_text("lies outside", exact=False).wait_for()
+        page.get_by_label("Name in this folder").fill("mine")
+        page.get_by_role("button", name="New", exact=True).click()
+        page.get_by_text(f"rigmatch show {tmp_path / 'mine'}", exact=False).first.wait_for()
+        page.get_by_label("Part", exact=True).select_option("rig: inertias rotor")
+        page.get_by_label("called").fill("flywheel")
+        page.get_by_role("button", name="Add", exact=True).click()
+        page.get_by_text("flywheel was added to rig", exact=False).wait_for()
+        page.get_by_label("Part", exact=True).select_option("rig: inertias flywheel")
+        page.get_by_label("J [kg·m²]").wait_for()
+        page.get_by_label("New name").fill("disc")
+        page.get_by_role("button", name="Rename the part").click()
+        page.get_by_text("Renamed in rig.toml", exact=False).wait_for()
+        field = page.get_by_label("J [kg·m²]")
+        field.fill("0,25")
+        field.press("Enter")
+        page.get_by_text("inertias.disc.J is 0,25", exact=False).wait_for()
+        page.get_by_role("button", name="Save", exact=True).click()
+        page.get_by_text("Saved: rig.toml", exact=False).wait_for()
+        rig = tomllib.loads((tmp_path / "mine" / "rig.toml").read_text())
+        assert rig["inertias"]["disc"]["J"] == 0.25
+        assert "disc" in rig["shafts"]["flywheel_shaft"]["between"]
+        page.get_by_role("button", name="Remove the part").click()
+        page.get_by_text("Removed from rig", exact=False).wait_for()
+        page.get_by_role("button", name="Undo").click()
+        page.get_by_text("Everything is saved.").wait_for()
+        assert complaints == []

@@ -54,9 +54,9 @@ def test_a_second_page_empties_the_first(tmp_path):
 
     workspace = opened([ROOT / "examples" / "diagnosis" / "model.toml"], tmp_path)
     first = page(workspace)
-    assert len(first) == 3
+    assert len(first) == 4  # heading, files, tabs, content
     second = page(workspace)
-    assert len(second) == 3
+    assert len(second) == 4
     assert "open in another window" in first[-1].object
 
 
@@ -73,7 +73,7 @@ def test_a_tab_is_made_when_it_is_opened_and_kept(tmp_path):
     from matching.explore.page import page
 
     model = ROOT / "examples" / "diagnosis" / "model.toml"
-    _, bar, content = page(opened([model], tmp_path))
+    _, _, bar, content = page(opened([model], tmp_path))
     first = content[0]
     bar.active = 1
     assert content[0] is not first
@@ -170,7 +170,7 @@ def test_a_slider_that_is_moved_outside_a_server_shows_its_value_at_once(tmp_pat
     from matching.explore.files import opened, starter
     from matching.explore.modes import ModesTab
 
-    tab = ModesTab(opened([starter(tmp_path)], tmp_path / "out"))
+    tab = ModesTab(opened(starter(tmp_path), tmp_path / "out"))
     low, high = tab.slider.start, tab.slider.end
     tab.slider.value = (low + high) / 2
     assert tab.trial.values == {tab.quantity.value: (low + high) / 2}

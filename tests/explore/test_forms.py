@@ -64,7 +64,8 @@ def test_a_quantity_begins_to_move_and_stays_again(form):
     form.hold(name)
     assert [move.name for move in form.case.moves] == names
     with pytest.raises(InputError, match="did you mean"):
-        form.move("loop.lead_tim")
+        form.move("rig.inertias.adapter.drg")
+    assert not {"loop.dead_time", "loop.sample_time"} & set(form.addable)  # what the bed has
 
 
 def test_a_limit_is_stated(form):

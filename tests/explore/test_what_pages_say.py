@@ -27,7 +27,7 @@ MAP = {
 
 
 def files(folder):
-    return [starter(folder), ROOT / "examples" / "gum" / "mass.toml", ROOT / "examples" / "fidelity" / "tab2.toml"]
+    return [starter(folder)[0], ROOT / "examples" / "gum" / "mass.toml", ROOT / "examples" / "fidelity" / "tab2.toml"]
 
 
 def said(panel):
@@ -63,7 +63,7 @@ def test_every_tab_bears_all_that_its_page_holds_to_be_changed(tmp_path):
 
 @pytest.fixture
 def asked(tmp_path):
-    workspace = opened([starter(tmp_path)], tmp_path / "out")
+    workspace = opened(starter(tmp_path), tmp_path / "out")
     return MatchTab(workspace, workspace.case, lambda: None).map
 
 

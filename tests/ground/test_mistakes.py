@@ -57,6 +57,12 @@ def test_of_a_case(folder, capsys, pattern, by, said):
             ["simulate", "road.csv", "vehicle.toml", "--out", "out"],
             "is a recording, where a model or case file is expected",
         ),
+        (["diagnose", "vehicle.toml", "rig.toml", "--out", "out"], "is a model or case file, where a recording is"),
+        (["excite", "case.toml", "--duration", "20,5", "--out", "out"], "write a decimal point: '20.5'"),
+        (
+            ["tolerance", "case.toml", "--tolerance", "loop.dead_time=0,2", "--out", "out"],
+            "write a decimal point: '0.2'",
+        ),
     ],
 )
 def test_of_files_in_each_others_place(folder, capsys, words, said):
@@ -72,3 +78,43 @@ def test_a_shared_part_that_differs_tenfold_is_said_first(folder, capsys):
     assert "is 9000 in the vehicle and 90000 N*m/rad in the rig" in load_case(folder / "case.toml").notes[0]
     assert main(["match", "case.toml", "--check"]) == 0
     assert "the same part?" in capsys.readouterr().out
+
+
+LOOP = """
+[inertias]
+a = {J = 1}
+b = {J = 1}
+c = {J = 1}
+[inputs]
+torque = {on = "a"}
+[shafts]
+ab = {between = ["a", "b"], stiffness = 100}
+bc = {between = ["b", "c"], stiffness = 100, ratio = 2}
+"""
+
+
+@pytest.mark.parametrize("closing", ["[shafts.ac]\nstiffness = 50", "[gears.ac]"])
+def test_a_loop_that_contradicts_itself_locks_the_drive(tmp_path, capsys, closing):
+    """a turns twice as fast as c; a loop that agrees has a rigid-body mode."""
+    path = tmp_path / "loop.toml"
+    path.write_text(f'{LOOP}{closing}\nbetween = ["a", "c"]\nratio = 1\n')
+    assert main(["modes", str(path)]) == 2
+    assert "locks the drivetrain" in capsys.readouterr().err
+    path.write_text(path.read_text().replace("ratio = 1\n", "ratio = 2\n"))
+    assert main(["modes", str(path), "--out", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split()[:2] == ["1", "0"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "at", "said"),
+    [
+        ("coulomb_friction", "shafts.rotor_shaft", "acts? at .* but at inertias; there act .*hysteresis"),
+        ("backlash", "inertias.motor", "but at shafts; there act .*coulomb_friction"),
+        ("dead_time", "inertias.motor", "but at inputs"),
+    ],
+)
+def test_an_effect_at_the_wrong_kind_of_place(folder, capsys, kind, at, said):
+    with (folder / "rig.toml").open("a", encoding="utf-8") as file:
+        file.write(f'\n[[effects]]\nkind = "{kind}"\nat = "{at}"\n')
+    assert main(["modes", "rig.toml"]) == 2
+    assert re.search(said, capsys.readouterr().err)

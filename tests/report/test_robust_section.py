@@ -10,7 +10,10 @@ from matching.report.match import beds_figure, error_rows, requirement_rows
 
 BEDS = BedsCheck(4, 3, 3, 0.005, 0.01, (0.1, 0.2, 0.3), (0.2, 0.3, 0.4))
 
-LOOP, REQUIRED = LoopFigures(0.49, 20.0, 0.4, {"left": 19.0, "right": 21.0}), Requirements(0.01, 0.5, 16.0, 100.0, 20.0)
+LOOP, REQUIRED = (
+    LoopFigures(0.49, 20.0, 0.4, {"left": 19.0, "right": 21.0}),
+    Requirements(0.01, 0.5, 0.5, 16.0, 0.5, 100.0, 20.0),
+)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,131 @@
+"""Parts added, removed and renamed on the drawing: the file stays a model, and comments stay."""
+
+import pytest
+
+pytest.importorskip("tomlkit", reason="the packages of the explorer are not installed")
+
+
+import rigmatch as rm
+from matching.explore.files import (
+    ModelDocument,
+    case_tables,
+    listed,
+    new_file,
+    number_or_text,
+    opened,
+    save_as,
+    within,
+    write_case,
+)
+from matching.explore.parts import ADDABLE, add_part, remove_part, rename_part
+from matching.match.case_file import case_from_tables, load_case
+from modelling.errors import InputError
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    rm.new(tmp_path / "case")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "case"
+
+
+@pytest.fixture
+def rig(folder):
+    return ModelDocument(folder / "rig.toml")
+
+
+def test_an_inertia_on_a_shaft_is_added_and_removed_again(rig):
+    before = rig.text
+    add_part(rig, "inertia on a shaft", "flywheel", "rotor")
+    assert rig.system["inertias.flywheel"].J.value == rig.system["inertias.rotor"].J.value
+    assert rig.system["shafts.flywheel_shaft"].between == ("rotor", "flywheel")
+    assert "# of the dynamometer" in rig.text
+    assert rig.other_parts[0] == ["inertias.flywheel", "shafts.flywheel_shaft"]
+    assert set(remove_part(rig, "inertias.flywheel")) == {"inertias.flywheel", "shafts.flywheel_shaft"}
+    assert "inertias.flywheel" not in rig.system.places()
+    assert rig.undo()
+    assert rig.undo()
+    assert rig.text == before
+
+
+@pytest.mark.parametrize(("kind", "at", "other"), [
+    ("shaft between inertias", "motor", "rotor"), ("gear between inertias", "motor", "rotor"),
+    ("torque on an inertia", "adapter", ""), ("speed sensor of an inertia", "adapter", ""),
+    ("torque sensor of a shaft", "rotor_shaft", ""),
+])  # fmt: skip
+def test_other_parts_are_added_or_refused_with_the_reason(rig, kind, at, other):
+    before = rig.text
+    if "between" in kind:  # it closes a loop over the reduction: nothing could turn
+        with pytest.raises(InputError, match="locks"):
+            add_part(rig, kind, "bypass", at, other)
+        assert rig.text == before
+        return
+    add_part(rig, kind, "new_one", at, other)
+    assert f"{ADDABLE[kind]}.new_one" in rig.system.places()
+    with pytest.raises(InputError, match="exists"):
+        add_part(rig, kind, "new_one", at, other)
+    with pytest.raises(InputError, match="is no name"):
+        add_part(rig, kind, "new one", at, other)
+
+
+def test_what_hangs_on_a_part_goes_with_it(rig):
+    gone = remove_part(rig, "inertias.rotor")
+    assert set(gone) == {
+        "inertias.rotor",
+        "shafts.flange",
+        "inputs.dyno",
+        "sensors.rotor_speed",
+        "sensors.flange_torque",
+    }
+    assert not set(gone) & set(rig.system.places())
+
+
+@pytest.mark.parametrize(("place", "new"), [
+    ("shafts.side_shafts", "half_shafts"), ("inputs.motor_torque", "drive"), ("sensors.motor_speed", "n_motor"),
+    ("inertias.motor", "engine"), ("shafts.flange", "hub"), ("inputs.dyno", "machine"), ("gears.reduction", "gear"),
+])  # fmt: skip
+def test_a_renamed_part_is_renamed_in_every_file_of_the_case(folder, place, new):
+    """The case stays the same problem: the same moves and targets, and the renamed part where the old one was."""
+    workspace = opened([folder / "case.toml"], folder / "out")
+    texts = [document.text for document in workspace.documents]
+    rename_part(workspace, "rig", place, new)
+    case = case_from_tables(case_tables(workspace, workspace.case.content), str(workspace.case.path))
+    table = place.partition(".")[0]
+    assert f"{table}.{new}" in case.rig.places()
+    assert place not in (*case.rig.places(), *case.vehicle.places())
+    before = load_case(folder / "case.toml")
+    assert len(case.moves) == len(before.moves)
+    assert len(case.compared) == len(before.compared)
+    assert load_case(write_case(workspace)).limits.keys() == case.limits.keys()
+    assert workspace.models["rig"].undo()  # once, and every file is as before
+    assert [document.text for document in workspace.documents] == texts
+
+
+def test_files_are_made_opened_and_copied_within_the_folder_only(folder, tmp_path):
+    home = tmp_path
+    for name in ("../x", "/etc/passwd", "", ".", "a/../.."):
+        with pytest.raises(InputError, match="outside"):
+            within(home, name)
+    workspace = opened([folder / "case.toml"], folder / "out")
+    for kind in ("model", "budget", "fidelity case"):
+        path = new_file(home, kind, f"my_{kind[:5].strip()}")
+        workspace.open(path)
+        with pytest.raises(InputError, match="exists"):
+            new_file(home, kind, f"my_{kind[:5].strip()}")
+    assert workspace.case is None
+    workspace.open(new_file(home, "case", "second"))
+    workspace.models["rig"].set_text("inertias.rotor.J", "2,5")
+    with pytest.raises(InputError, match="not saved"):
+        workspace.open(folder / "case.toml")
+    copied = save_as(workspace, "case", "third")
+    assert load_case(copied).rig.parameters["inertias.rotor.J"].value == 2.5
+    assert load_case(home / "second" / "case.toml").rig.parameters["inertias.rotor.J"].value != 2.5
+    assert {"my_model.toml", "second/case.toml", "third/case.toml"} <= set(listed(home))
+
+
+@pytest.mark.parametrize(("text", "value"), [
+    ("0,05", 0.05), ("1,5 kN*m", "1.5 kN*m"), ("-2,25", -2.25), ("0,125", 0.125), ("1,000", "1,000"),
+    ("1,5 t vehicle", "1,5 t vehicle"), ("3", 3), ("30 km/h", "30 km/h"),
+])  # fmt: skip
+def test_decimal_commas_are_understood_where_they_are_one(text, value):
+    assert number_or_text(text) == value
