@@ -1,7 +1,8 @@
 """The campaign that judges a diagnosis on what it was not tuned on.
 
 ``python -m tests.campaign.fresh make DIR --cases 60 --seed 8201`` makes recordings; ``… run DIR --seconds 900``
-diagnoses them one after another and goes on where it was stopped; ``… table DIR`` prints what the answers are worth.
+diagnoses them one after another and goes on where it was stopped; ``… table DIR`` prints what the answers are worth,
+``… picture DIR`` draws it.
 """
 
 import argparse
@@ -97,13 +98,39 @@ def table(every: list[dict[str, Any]]) -> dict[str, Any]:
     return out
 
 
+def picture(every: list[dict[str, Any]], path: Path) -> None:
+    """Draw what was named first against what was hidden, and the reliability of the confidences."""
+    from matplotlib.figure import Figure
+
+    from tests.campaign.picture import confusion_axes, reliability_axes
+    from tests.campaign.score import confidences
+
+    rows = [row | {"order": _order(row["answer"])} for row in every if "found" in row]
+    figure = Figure(figsize=(13, 7), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.4, 1))
+    confusion_axes(left, rows)
+    reliability_axes(right, confidences(rows))
+    figure.savefig(path, dpi=100)
+
+
+def _order(answer: dict[str, Any]) -> dict[str, Any]:
+    """What was hidden, as the scores of the other campaigns take it."""
+    if not answer["causes"]:
+        return {"category": "clean", "effects": []}
+    cause, outside = answer["causes"][0], answer["category"] == "outside"
+    kind = cause["kind"]
+    if kind == "lag":
+        kind = ("input" if cause["at"].startswith("inputs") else "sensor") + "_lag"
+    return {"category": "outside" if outside else "single", "effects": [kind]}
+
+
 def _hidden(cause: dict[str, Any], row: dict[str, Any], matches: Any) -> bool:
     return any(matches(cause, one) for one in row["answer"]["causes"])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("work", choices=["make", "run", "table"])
+    parser.add_argument("work", choices=["make", "run", "table", "picture"])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--record", type=Path, help="rows, one a line; beside the folder if not given")
     parser.add_argument("--cases", type=int, default=60)
@@ -115,6 +142,8 @@ def main() -> None:
         make(given.folder, given.cases, given.seed)
     elif given.work == "run":
         run(given.folder, record, given.seconds)
+    elif given.work == "picture":
+        picture(rows(record), given.folder.with_suffix(".png"))
     else:
         print(json.dumps(table(rows(record)), indent=1))
 

@@ -23,14 +23,14 @@ def picture(rows: list[dict[str, Any]], figures: dict[str, Any], path: Path) -> 
         f"({figures['seconds_each']:g} s each, seed {figures['seed']}, {figures['date']}, commit {figures['commit']})"
     )
     grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1), height_ratios=(1, 1, 0.8))
-    _confusion(figure.add_subplot(grid[:, 0]), rows)
-    _reliability(figure.add_subplot(grid[0, 1]), confidences(made))
+    confusion_axes(figure.add_subplot(grid[:, 0]), rows)
+    reliability_axes(figure.add_subplot(grid[0, 1]), confidences(made))
     _coverage(figure.add_subplot(grid[1, 1]), [row for row in made if row["order"]["category"] == "single"])
     _criteria(figure.add_subplot(grid[2, 1]), figures)
     figure.savefig(path, dpi=90)
 
 
-def _confusion(axes: Any, rows: list[dict[str, Any]]) -> None:
+def confusion_axes(axes: Any, rows: list[dict[str, Any]]) -> None:
     """Counts of what was hidden against what was named first."""
     hidden, named, counts = confusion(rows)
     axes.imshow(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1), cmap="Blues", vmin=0, vmax=1, aspect="auto")
@@ -45,7 +45,7 @@ def _confusion(axes: Any, rows: list[dict[str, Any]]) -> None:
     axes.set_title("Kind named first (two hidden effects: see the criteria)", fontsize=10)
 
 
-def _reliability(axes: Any, pairs: list[tuple[float, bool]]) -> None:
+def reliability_axes(axes: Any, pairs: list[tuple[float, bool]]) -> None:
     """How often causes are right, by the confidence they were given with, with 95 % intervals (Wilson 1927)."""
     for low, high in pairwise([0.0, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0001]):
         own = [(p, good) for p, good in pairs if low <= p < high]
