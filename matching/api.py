@@ -434,7 +434,7 @@ def simulate(
 def diagnose(
     model: System | File, recordings: Sequence[Recording | File] | Recording | File,
     holdout: Sequence[Recording | File] | Recording | File | None = None, *, channels: File | None = None,
-    keep_rest: bool = False, budget: float | None = None, tell: Callable[[str], None] | None = None,
+    keep_rest: bool = False, time_limit: float | None = None, tell: Callable[[str], None] | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what a model lacks, from recordings: name the cause, extend the model, measure the gain.
 
@@ -455,7 +455,7 @@ def diagnose(
         File that says what the channels are called in the recordings (TOML).
     keep_rest : bool
         Keep the torque that no cause explains as a table in the extended model, if unseen data gain by it.
-    budget : float, optional
+    time_limit : float, optional
         Seconds that it may take; then it answers the best so far, and a note says so. Without one an answer never
         depends on the speed of the machine.
     tell : callable, optional
@@ -486,9 +486,9 @@ def diagnose(
         [what] if isinstance(what, str | PathLike | Recording) else list(what or ()) for what in (recordings, holdout)
     )
     read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
-    if budget is not None and not budget > 0:
-        raise InputError("budget", f"{budget:g} s is out of range", "give a positive number of seconds")
-    return run(system, read, judge, tell or (lambda _: None), keep_rest, budget=budget)
+    if time_limit is not None and not time_limit > 0:
+        raise InputError("time_limit", f"{time_limit:g} s is out of range", "give a positive number of seconds")
+    return run(system, read, judge, tell or (lambda _: None), keep_rest, time_limit=time_limit)
 
 
 def uncertainty(

@@ -479,7 +479,7 @@ def run_diagnose(arguments: Arguments) -> dict[str, Any]:
     )
     with steps("diagnose") as tell, beside(cores()) as aside:
         found = api.diagnose(
-            system, recordings, holdout, keep_rest=arguments.keep_rest, budget=arguments.budget, tell=tell
+            system, recordings, holdout, keep_rest=arguments.keep_rest, time_limit=arguments.time_limit, tell=tell
         )
         tell("report")
         moving = aside.begin(acting_figures, found.pictured, found.extended)
@@ -740,11 +740,13 @@ def parameters_of_model(path: str | Path) -> list[str]:
 def quantities_of_case(path: str | Path) -> list[str]:
     """Names of a case's quantities that can be set, as :func:`matching.match.map.quantities` has them."""
     data = read_toml(path)
-    vehicle, rig = (_completed_parameters(read_toml(Path(path).parent / data[key])) for key in ("vehicle", "rig"))
+    own = data.get("residual_vehicle", {}).get("model")
+    files = [data["vehicle"], data["rig"], *([own] if own else [])]
+    vehicle, rig, *simple = (_completed_parameters(read_toml(Path(path).parent / file)) for file in files)
     loop = data["loop"]
     of_loop = dict.fromkeys((*LOOP, *STRUCTURES.get(loop["structure"], ())))
     return [
-        *(f"residual_vehicle.{name}" for name in vehicle if name not in rig),
+        *(f"residual_vehicle.{name}" for name in (simple[0] if simple else vehicle) if name not in rig),
         *(f"rig.{name}" for name in rig if name not in vehicle),
         *(f"loop.{name}" for name in of_loop),
     ]

@@ -114,7 +114,7 @@ def _model() -> Schema:
 def _loop(structure: str) -> Schema:
     known = {**HARDWARE, **STRUCTURES[structure].quantities}
     keys = {name: quantity(own.unit) | {"description": f"{own.meaning}; {own.unit}"} for name, own in known.items()}
-    named = {"structure": {"const": structure}, "knows": NAMES, "measures": NAMES}
+    named = {"structure": {"const": structure}, "knows": NAMES, "measures": NAMES, "fixed": {"type": "boolean"}}
     return table(named | keys, () if structure == DEFAULT else ("structure",))
 
 

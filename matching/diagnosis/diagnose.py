@@ -236,7 +236,7 @@ def diagnose(
     keep_rest: bool = False,
     pictured: Callable[[Pictured], None] = lambda _: None,
     settings: DiagnosisSettings | None = None,
-    budget: float | None = None,
+    time_limit: float | None = None,
 ) -> Diagnosis:
     """Find out what a model lacks against recordings of the system.
 
@@ -254,16 +254,16 @@ def diagnose(
     pictured : callable
         Is given what the figures show before the causes are judged.
     settings : DiagnosisSettings, optional
-    budget : float, optional
+    time_limit : float, optional
         Seconds that it may take; then it answers the best so far, and a note says so.
     """
     settings = settings or DiagnosisSettings()
-    if budget is None:
+    if time_limit is None:
         return _diagnosed(system, recordings, holdout, progress, keep_rest, pictured, settings)
-    with limited(budget) as limit:
+    with limited(time_limit) as limit:
         found = _diagnosed(system, recordings, holdout, progress, keep_rest, pictured, settings)
     if limit.ended_at:
-        found.notes.append(f"cut short after its budget of {budget:g} s: the best answer so far")
+        found.notes.append(f"cut short after {time_limit:g} s: the best answer so far")
     return found
 
 

@@ -1377,8 +1377,9 @@ def solve(
 
 def is_stable(search: Search, x: np.ndarray) -> bool:
     """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
-    poles = closed_poles(search.hardware(x).beds_at(search.positions), search.controller(x))
-    return all(inside_unit_circle(z, search.neutral) for z in poles)
+    hardware, controller = search.hardware(x), search.controller(x)
+    sets = (side_by_side([bed_of(hardware.case, {})]), hardware.beds_at(search.positions))
+    return all(inside_unit_circle(z, search.neutral) for beds in sets for z in closed_poles(beds, controller))
 
 
 def _calmer(search: Search, x: np.ndarray) -> np.ndarray | None:

@@ -702,7 +702,8 @@ def _(known: FromRecordings) -> str:
 
 @display.files.register
 def _(known: FromRecordings, folder: str, made: Any = None) -> display.ResultFiles:
-    return "identification.json", known.to_dict(), dict(known.files())
+    name = "identification.json"
+    return name, known.to_dict(), {file: text for file, text in known.files().items() if file != name}
 
 
 @display.text.register

@@ -75,7 +75,7 @@ def test_the_innermost_limit_counts_and_outside_there_is_none(clock):
 
 
 def test_an_answer_that_was_cut_short_says_so(monkeypatch):
-    for budget, cut in ((1.0, True), (1e9, False)):
+    for seconds, cut in ((1.0, True), (1e9, False)):
         clock = Clock(monkeypatch)
-        found = diagnose(from_dict(MODEL), [late_speed()], None, clock.tell, budget=budget)
+        found = diagnose(from_dict(MODEL), [late_speed()], None, clock.tell, time_limit=seconds)
         assert any("cut short" in note for note in found.notes) is cut

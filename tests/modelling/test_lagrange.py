@@ -227,7 +227,7 @@ def test_equations_read_as_latex():
         ({"a": (["m", "n"], 2.0), "b": (["m", "n"], 2.0)}, "says again"),
         ({"a": (["m", "n"], 2.0), "b": (["m", "n"], 3.0)}, "locks"),
         ({"a": (["m", "n"], 2.0), "b": (["n", "o"], 3.0), "c": (["o", "m"], 1.0)}, "locks"),
-        ({"a": (["m", "n"], 2.0), "b": (["n", "o"], 3.0), "c": (["m", "o"], 6.0)}, "says again"),
+        ({"a": (["m", "n"], 2.0), "b": (["n", "o"], 3.0), "c": (["m", "o"], 6.0)}, "locks the drivetrain"),
     ],
 )
 def test_gears_that_lock_or_repeat(gears, message):

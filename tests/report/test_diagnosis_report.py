@@ -61,8 +61,8 @@ def run(folder: Path) -> tuple[str, list]:
     """What the command prints; the diagnosis that it draws, with the figures by name."""
     drawn: list = []
 
-    def kept(system, *arguments):
-        found = diagnose(system, *arguments)
+    def kept(system, *arguments, **options):
+        found = diagnose(system, *arguments, **options)
         drawn.extend((found, figures(found.pictured, system)))
         return found
 
