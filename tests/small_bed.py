@@ -2,11 +2,19 @@
 
 from pathlib import Path
 
-VEHICLE = """
-[inertias.motor]
+MOTOR = """[inertias.motor]
 J = 0.5
 drag = 0.01
-[inertias.wheel]
+"""
+SENSORS = """[sensors.motor_speed]
+measures = "speed"
+of = "motor"
+[sensors.side_torque]
+measures = "torque"
+of = "side"
+"""
+VEHICLE = f"""
+{MOTOR}[inertias.wheel]
 J = 1.0
 [inertias.body]
 J = 40
@@ -23,18 +31,9 @@ damping = 30
 on = "motor"
 [inputs.road]
 on = "body"
-[sensors.motor_speed]
-measures = "speed"
-of = "motor"
-[sensors.side_torque]
-measures = "torque"
-of = "side"
-"""
-RIG = """
-[inertias.motor]
-J = 0.5
-drag = 0.01
-[inertias.adapter]
+{SENSORS}"""
+RIG = f"""
+{MOTOR}[inertias.adapter]
 J = 0.05
 [inertias.rotor]
 J = 0.9
@@ -51,24 +50,15 @@ damping = 10
 on = "motor"
 [inputs.dyno]
 on = "rotor"
-[sensors.motor_speed]
-measures = "speed"
-of = "motor"
-[sensors.side_torque]
-measures = "torque"
-of = "side"
-[sensors.flange_torque]
+{SENSORS}[sensors.flange_torque]
 measures = "torque"
 of = "flange"
 [sensors.rotor_speed]
 measures = "speed"
 of = "rotor"
 """
-AXLE = """
-[inertias.motor]
-J = 0.5
-drag = 0.01
-[inertias.cage]
+AXLE = f"""
+{MOTOR}[inertias.cage]
 J = 0.3
 [inertias.wheel_left]
 J = 0.6
@@ -100,13 +90,7 @@ damping = 20
 on = "motor"
 [inputs.road]
 on = "body_left"
-[sensors.motor_speed]
-measures = "speed"
-of = "motor"
-[sensors.side_torque]
-measures = "torque"
-of = "side"
-"""
+{SENSORS}"""
 CASE = """
 vehicle = "vehicle.toml"
 rig = "rig.toml"

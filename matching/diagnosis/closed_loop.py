@@ -17,11 +17,9 @@ from modelling.recordings.recording import Recording
 # A fit by output error takes the inputs as known and independent of the noise. Under feedback a part of them is noise
 # that has gone through the controller, and parameters are biased by about the share of that part (Ljung, System
 # Identification, 1999, section 13.4). White noise that nobody feeds back is uncorrelated with all later inputs. Where
-# the
-# residual follows earlier inputs too, it is an error of the model, and nothing is said.
+# the residual follows earlier inputs too, it is an error of the model, and nothing is said.
 #
-# How much a parameter is off is decided where the controller's reference was recorded: it is an instrument
-# (:mod:`matching.diagnosis.search`).
+# How much a parameter is off is decided where the controller's reference was recorded: it is an instrument, see below.
 
 LAGS = 32  # samples after a reading in which a controller answers it
 PASSED_BY_CHANCE = 1e-5  # probability that an input without feedback is taken to have it
@@ -137,12 +135,10 @@ def share_fed_back(pairs: list[tuple[np.ndarray, np.ndarray]]) -> float:
 # --- What a fit becomes with instruments: signals that move a controlled input and that no noise of a reading reaches.
 #
 # Under feedback an input follows the errors of readings, and an output-error fit is biased where these have a memory.
-# The
-# controller's reference moves the input too, and follows no error. A regression on it gives the input as it would be
-# without noise; the derivatives of the simulated readings under that input are the instruments (two-stage method; Van
-# den
-# Hof and Schrama, Automatica 29, 1993). Whether both estimates differ by more than chance is tested after Hausman
-# (Econometrica 46, 1978), with the noise's own correlation.
+# The controller's reference moves the input too, and follows no error. A regression on it gives the input as it would
+# be without noise; the derivatives of the simulated readings under that input are the instruments (two-stage method;
+# Van den Hof and Schrama, Automatica 29, 1993). Whether both estimates differ by more than chance is tested after
+# Hausman (Econometrica 46, 1978), with the noise's own correlation.
 
 KERNELS = 24  # hat functions that an impulse response is made of, their lags growing geometrically
 LONGEST_RESPONSE_S, RESPONSE_SHARE = 2.0, 0.1  # lag of the last; and of the shortest segment at most
@@ -164,7 +160,7 @@ class InstrumentedFit:
     biased : tuple of str
         Parameters that differ by more than chance.
     rest_follows : bool
-        What is left follows the instruments: an error of the model, beside which no bias can be told.
+        The residual is correlated with the instruments: the model is wrong, and a bias cannot be told from that.
     """
 
     moved: float

@@ -33,10 +33,9 @@ from matching.diagnosis.selection import (
     with_balanced_sensors,
 )
 from matching.diagnosis.settings import DiagnosisSettings
-from matching.diagnosis.shared_causes import with_shared_causes
+from matching.diagnosis.shared_causes import RefitBudget, with_shared_causes
 from matching.diagnosis.windows import fit_from_windows
 from modelling.effects import EFFECTS
-from modelling.resources import time_is_over
 from modelling.system import System
 
 FAR_FROM_NOISE = 10.0  # times the noise, root mean square: of no friction that turns too smoothly alone (trial)
@@ -72,22 +71,6 @@ class SearchState:
     noise_threshold: float
     rivals: list[list[Hypothesis]] = field(default_factory=list)
     with_one_cause: list[Hypothesis] = field(default_factory=list)
-
-
-@dataclass
-class RefitBudget:
-    """How many refits a search may still make: a count, so that no answer depends on the machine, unless the caller
-    limits the time."""
-
-    left: int
-    share: float
-
-    def take(self) -> bool:
-        """Take one refit; whether there was one."""
-        if time_is_over(self.share):
-            self.left = 0
-        self.left -= 1
-        return self.left >= 0
 
 
 def best_by_candidate(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
@@ -188,13 +171,15 @@ class _Search:
         It ends when one leaves hardly anything and no other promises nearly as much.
         """
         out: list[Hypothesis] = []
+        models: dict[Cause, ExtendedModel] = {}
         for number, candidate in enumerate(candidates):
             if out and self._explained(parent, out) and candidate.reduction < self._promise(out):
                 break
             if number % SIDE_BY_SIDE == 0:
-                models = [self._with(parent, each) for each in candidates[number : number + SIDE_BY_SIDE]]
-                compilable(models)
-            hypothesis = self._refit(parent, candidate, out)
+                batch = [self._with(parent, each) for each in candidates[number : number + SIDE_BY_SIDE]]
+                models = {model.causes[-1]: model for model in compilable(batch)}
+            model = models.get(Cause(candidate.kind, candidate.at, tuple(candidate.parameters)))
+            hypothesis = None if model is None else self._refit(parent, candidate, model, out)
             if hypothesis is not None:
                 out.append(hypothesis)
         out = self._sharpened(out)
@@ -231,18 +216,19 @@ class _Search:
     def _promise(self, fitted: list[Hypothesis]) -> float:
         return self.settings.promising * max(hypothesis.screened for hypothesis in fitted)
 
-    def _refit(self, parent: Hypothesis, candidate: ScreenedCandidate, others: list[Hypothesis]) -> Hypothesis | None:
-        models = compilable([self._with(parent, candidate)])
-        if not models or not self.budget.take():
+    def _refit(
+        self, parent: Hypothesis, candidate: ScreenedCandidate, model: ExtendedModel, others: list[Hypothesis]
+    ) -> Hypothesis | None:
+        if not self.budget.take():
             return None
         self.progress(f"{candidate.kind} at {candidate.at}")
         rival = min((hypothesis.fit.cost for hypothesis in others), default=0.0)
         noise = min((hypothesis.fit.cost for hypothesis in others if at_noise(hypothesis)), default=0.0)
         try:
-            fit = fit_extended(models[0], parent.fit, FitOptions(exact=False, rival_cost=rival, noise_cost=noise))
+            fit = fit_extended(model, parent.fit, FitOptions(exact=False, rival_cost=rival, noise_cost=noise))
         except FIT_ERRORS:
             return None
-        return Hypothesis(models[0], fit, candidate.reduction)
+        return Hypothesis(model, fit, candidate.reduction)
 
     def _with(self, parent: Hypothesis, *candidates: ScreenedCandidate) -> ExtendedModel:
         """The model of a hypothesis with further causes, to begin where its fit ended."""

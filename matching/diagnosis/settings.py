@@ -33,8 +33,8 @@ class DiagnosisSettings:
     wider_gaps : tuple of float
         Times the fitted free play, from which a fit over short windows begins again. Trial.
     least_share : float
-        Of the misfit beyond noise that a cause has to explain: the vocabulary lacks the cause of what is left, and a
-        kind that takes a tenth of it stands for it only. Trial.
+        Of the misfit beyond noise that a cause has to explain. A kind that explains a tenth of it usually imitates a
+        cause that the vocabulary lacks. Trial.
     judged : int
         Hypotheses of a round that are compared on unseen data, best first, before the search gives up.
     explains_almost_all, promising : float

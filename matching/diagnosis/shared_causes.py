@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Protocol
 
 import numpy as np
 
@@ -15,14 +14,24 @@ from matching.diagnosis.selection import FIT_ERRORS, Hypothesis, UnseenData
 from modelling.effects import EFFECTS
 from modelling.effects.effect import members, shared_place
 from modelling.effects.sensors_and_actuators import LATE_SIGN, ClockOffset, DeadTime, SensorDelay, recorded_late
+from modelling.resources import time_is_over
 from modelling.system import System
 
 
-class RefitBudget(Protocol):
-    """How many refits may still be made."""
+@dataclass
+class RefitBudget:
+    """How many refits a search may still make: a count, so that no answer depends on the machine, unless the caller
+    limits the time."""
+
+    left: int
+    share: float
 
     def take(self) -> bool:
         """Take one refit; whether there was one."""
+        if time_is_over(self.share):
+            self.left = 0
+        self.left -= 1
+        return self.left >= 0
 
 
 # Groups by the measured quantity compete from the start. A logger may have some channels of a quantity and lack others,

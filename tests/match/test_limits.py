@@ -47,8 +47,16 @@ def test_bounds_out_of_reach(small):
     assert f"({result.targets[0].vehicle:.3f} Hz" in " ".join(result.limits)
 
 
-def test_dynamometer_too_small(small):
+@pytest.fixture(scope="module")
+def too_small(tmp_path_factory):
+    """A case whose dynamometer has a tenth of the torque that it needs, and its match."""
+    small = load_case(drawn.draw(2, tmp_path_factory.mktemp("too_small")))
     case = replace(small, limits={**small.limits, "dynamometer_torque": 100.0})
+    return case, match(case, starts=1)
+
+
+def test_dynamometer_too_small(too_small):
+    case, result = too_small
     ((_, limit, demand, allowed),) = infeasible_limits(case, case.moves, demands(case))
     assert limit == "dynamometer_torque"
     assert allowed == 100
@@ -58,7 +66,6 @@ def test_dynamometer_too_small(small):
         asked = demands(case).broken({f"rig.{name}": value for name, value in rig.items()})
         assert asked[0][2] >= demand * (1 - 1e-6)
 
-    result = match(case, starts=1)
     assert result.status == "limited"
     first = result.limits[0]
     assert "a torque at dynamometer dyno" in first
@@ -66,12 +73,17 @@ def test_dynamometer_too_small(small):
         f"solved with {1.02 * demand:.4g} N·m, {1.02 * demand / 100:.2f} times as large, every target is met" in first
     )
     assert "of what it is" not in first  # a smaller manoeuvre was not solved
-    # the rest is kept: a stable loop with its margin, not where the search began
     assert result.verification.stable
+
     enough = replace(case, limits={**case.limits, "dynamometer_torque": 1.05 * demand})
     assert infeasible_limits(enough, enough.moves, demands(enough)) == []
-    if result.verification.modulus_margin < case.limits["modulus_margin"]:
-        pytest.xfail("between the search's frequencies the margin dips by more than its reserve: 0.468, 0.47 asked")
+
+
+@pytest.mark.xfail(reason="the search sees the margin at 240 frequencies, 0.485; between them it falls to 0.468")
+def test_the_rest_is_kept_where_the_dynamometer_is_too_small(too_small):
+    """A loop with its margin, not where the search began."""
+    case, result = too_small
+    assert result.verification.modulus_margin >= case.limits["modulus_margin"]
 
 
 @pytest.mark.parametrize("inertia", [None, 7.0])

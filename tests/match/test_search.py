@@ -104,7 +104,7 @@ def test_the_search_sees_the_damping_that_the_judge_sees_with_opened_shafts_too(
 
 
 def test_a_stated_requirement_is_what_the_search_keeps():
-    """By the keys of [limits]: half of what is asked leaves twice the measured figure to it."""
+    """Requirements are keys of [limits]: a key that is stated changes what the search has to keep."""
     search = search_in("observer")
     x = begun(search)
     at, required = search.point(x), search.required
