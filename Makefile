@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long docs fuzz bench campaign campaign-hard campaign-beds lock wheels clean figures explore
+.PHONY: help run test test-long docs fuzz bench campaign campaign-beds lock wheels clean figures explore
 
 PYTHON ?= python3
 WORKERS ?= 2
@@ -55,11 +55,10 @@ fuzz: .venv/test.stamp  ## set up, then try 100 000 changed inputs of every kind
 bench: .venv/bench.stamp  ## set up, then time rigmatch against its peers
 	$(BIN)/python -m tests.benchmarks
 
-campaign: .venv/run.stamp  ## set up, then the long diagnosis campaign (many made faults, scored)
-	$(BIN)/python -m tests.campaign
-
-campaign-hard: .venv/run.stamp  ## set up, then the second campaign: model error, wrong noise, three effects, closed loop
-	$(BIN)/python -m tests.campaign --hard --cases 300
+campaign: .venv/test.stamp  ## set up, then make, diagnose and score 300 recordings with known causes
+	$(BIN)/python -m tests.campaign make out/campaign
+	$(BIN)/python -m tests.campaign run out/campaign
+	$(BIN)/python -m tests.campaign table out/campaign
 
 campaign-beds: .venv/test.stamp  ## set up, then the campaign of beds: drawn beds from first model to verified match
 	$(BIN)/python -m tests.campaign.beds

@@ -90,7 +90,6 @@ class Kind:
     parameters: Callable[..., Callable[[float], dict[str, float]]]
     largest: float = 20.0
     inside: bool = True
-    chosen: bool = True  # in the first campaign, whose orders stay as they were
 
 
 def _sign(rng: np.random.Generator) -> float:
@@ -272,16 +271,16 @@ KINDS: dict[str, Kind] = {
     "sensor_delay": Kind("sensors", _late("delay"), 40.0),
     "sensor_lag": Kind("sensors", _late("time_constant"), 40.0),
     "wrong_parameter": Kind("values", _wrong, 6.0),
-    "input_offset": Kind("inputs", _input_offset, 10.0, chosen=False),
-    "gear_loss": Kind("shafts", _gear_loss, chosen=False),
-    "geared_ripple": Kind("inertias", _ripple, 5.0, chosen=False),
-    "recording_friction": Kind("inertias", _recording, 1.5, chosen=False),
-    "position_torque": Kind("inertias", _position, 5.0, inside=False, chosen=False),
-    "parameter_drift": Kind("values", _warming(0.3), 6.0, chosen=False),
-    "input_gain_drift": Kind("inputs", _warming(0.1), 10.0, chosen=False),
-    "sensor_gain_drift": Kind("sensors", _warming(0.05), chosen=False),
-    "table": Kind("inertias", _table, 5.0, inside=False, chosen=False),
-    "clock_offset": Kind("sensors", _clock, 40.0, chosen=False),
+    "input_offset": Kind("inputs", _input_offset, 10.0),
+    "gear_loss": Kind("shafts", _gear_loss),
+    "geared_ripple": Kind("inertias", _ripple, 5.0),
+    "recording_friction": Kind("inertias", _recording, 1.5),
+    "position_torque": Kind("inertias", _position, 5.0, inside=False),
+    "parameter_drift": Kind("values", _warming(0.3), 6.0),
+    "input_gain_drift": Kind("inputs", _warming(0.1), 10.0),
+    "sensor_gain_drift": Kind("sensors", _warming(0.05)),
+    "table": Kind("inertias", _table, 5.0, inside=False),
+    "clock_offset": Kind("sensors", _clock, 40.0),
     "clock_jump": Kind("sensors", _jump_clock, 40.0, inside=False),
     "saturating_actuator": Kind(
         "inputs",
@@ -304,10 +303,8 @@ SPOKEN = {
     "input_gain_drift": "gain_drift",
     "sensor_gain_drift": "gain_drift",
 }
-INSIDE = tuple(kind for kind, entry in KINDS.items() if entry.inside and entry.chosen)
-DRIFTS = ("parameter_drift", "input_gain_drift", "sensor_gain_drift")  # of the third campaign
-NEWER = tuple(kind for kind, entry in KINDS.items() if entry.inside and not entry.chosen and kind not in DRIFTS)
-OUTSIDE = tuple(kind for kind, entry in KINDS.items() if not entry.inside and entry.chosen)
+INSIDE = tuple(kind for kind, entry in KINDS.items() if entry.inside)
+OUTSIDE = tuple(kind for kind, entry in KINDS.items() if not entry.inside)
 
 
 def places(drive: Drive, kind: str) -> list[str]:

@@ -1,5 +1,5 @@
-"""The list of cases that judges a diagnosis on what it was not tuned on: other effect sizes, models that are wrong in a
-way that no kind explains, and perfect models at several sampling rates."""
+"""The list of cases that judges a diagnosis on what it was not tuned on: effects of several sizes, alone and together,
+models that are wrong in a way that no kind explains, perfect models at several sampling rates."""
 
 from __future__ import annotations
 
@@ -12,70 +12,94 @@ from scipy.signal import lfilter
 
 from plant.bench import record
 from plant.case import Case, in_reach, make_case
-from plant.hidden import INSIDE, OUTSIDE
+from plant.hidden import INSIDE, KINDS, OUTSIDE
 from plant.scene import set_scene
 from plant.sensing import add_noise
 from plant.systems import SYSTEMS
 from plant.writing import model_text, recording_text
 
-SIZES = {"subtle": (1.5, 6.0), "plain": (15.0, 60.0)}  # times the noise: half and double those of the other campaigns
+SIZES = {"subtle": (1.5, 6.0), "plain": (15.0, 60.0)}  # times the noise in the worst sensor
+TOGETHER = 15.0  # the same, of each of several effects
+STATED = (1 / 3, 3.0)  # times the noise, that a model file states wrongly
+SLOW = 200.0  # Hz
 WRONG = ("angle_stiffness", "parameter_jump", "saturating_actuator", "disturbance", "crosstalk")  # in no vocabulary
 RATES, TORQUES = (100, 200, 500, 1000), ("smooth", "stepped", "noisy")
 FINE = 4000.0  # Hz at which a perfect model is driven
 HIGHEST_SHARE = 1 / 16  # of the sampling rate: highest frequency of a smooth torque, 12.5 Hz of 200
+OTHERS = ("perfect", "outside", "two", "perfect", "wrong_noise", "outside", "perfect", "three", "slow", "two")
 
 
 @dataclass(frozen=True)
-class FreshOrder:
-    """What to make: an effect with or without a background that no kind explains, or a perfect model."""
+class Order:
+    """What to make: effects with or without a background that no kind explains, or a perfect model."""
 
-    category: str  # plain | subtle | wrong_plain | wrong_subtle | wrong_clean | outside | perfect
+    category: str  # plain | subtle | wrong_plain | wrong_subtle | wrong_clean | one of OTHERS
     system: str
     effects: tuple[str, ...]
     size: float
     seed: int
     background: tuple[str, ...] = ()
-    rate: int = 1000
+    rate: float = 1000.0
     torque: str = ""
+    stated_noise: float = 1.0
 
     def make(self, duration: float = 8.0, *, rivals: bool = True) -> Case:
+        """The case; raises OutOfReach where no system can carry the effects in that size."""
         if self.category == "perfect":
-            return _perfect(self.system, self.seed, duration, self.rate, self.torque)
+            return _perfect(self.system, self.seed, duration, round(self.rate), self.torque)
         case = in_reach(
             self.system,
             lambda system: make_case(
-                system, self.effects, self.size, "normal", self.seed, duration, closed_loop=self.seed % 3 == 0,
-                moving=self.seed % 2 == 0, rivals=rivals, background=self.background,
+                system, self.effects, self.size, "normal", self.seed, duration, self.rate,
+                closed_loop=self.seed % 3 == 0, moving=self.seed % 2 == 0, rivals=rivals, background=self.background,
+                stated_noise=self.stated_noise,
             ),
         )  # fmt: skip
         case.answer["category"] = self.category
         return case
 
 
-def fresh_cases(n: int, seed: int) -> list[FreshOrder]:
-    """n orders in random order: a third single, a third on wrong models, the rest perfect (two of three) or outside."""
+def orders(n: int, seed: int) -> list[Order]:
+    """n orders in random order: a third with one effect, a third on wrong models, a third of :data:`OTHERS` in turn."""
     rng = np.random.default_rng([14, seed])
     kinds, wrong = itertools.cycle(rng.permutation(INSIDE)), itertools.cycle(rng.permutation(WRONG))
     outside, perfect = itertools.cycle(rng.permutation(OUTSIDE)), itertools.cycle(itertools.product(RATES, TORQUES))
-    orders = []
+    out = []
     for k in range(n):
         system, own = str(rng.choice(list(SYSTEMS))), int(rng.integers(2**31))
         size = ("plain", "subtle")[k // 9 % 2]
         worth = float(rng.choice(SIZES[size]))
         if k % 3 == 0:
-            orders.append(FreshOrder(size, system, (str(next(kinds)),), worth, own))
+            out.append(Order(size, system, (str(next(kinds)),), worth, own))
         elif k % 3 == 1:
             background = (str(next(wrong)),)
             if k // 3 % 4 == 3:
-                orders.append(FreshOrder("wrong_clean", system, (), 0.0, own, background))
+                out.append(Order("wrong_clean", system, (), 0.0, own, background))
             else:
-                orders.append(FreshOrder(f"wrong_{size}", system, (str(next(kinds)),), worth, own, background))
-        elif k // 3 % 3 == 2:
-            orders.append(FreshOrder("outside", system, (str(next(outside)),), worth, own))
+                out.append(Order(f"wrong_{size}", system, (str(next(kinds)),), worth, own, background))
         else:
-            rate, torque = next(perfect)
-            orders.append(FreshOrder("perfect", system, (), 0.0, own, (), rate, torque))
-    return [orders[i] for i in rng.permutation(n)]
+            category = OTHERS[k // 3 % len(OTHERS)]
+            if category == "perfect":
+                rate, torque = next(perfect)
+                out.append(Order(category, system, (), 0.0, own, (), rate, torque))
+            elif category == "outside":
+                out.append(Order(category, system, (str(next(outside)),), worth, own))
+            elif category in ("two", "three"):
+                effects = _of_different_groups(rng)[: 2 if category == "two" else 3]
+                out.append(Order(category, system, effects, TOGETHER, own))
+            elif category == "slow":
+                out.append(Order(category, system, (str(next(kinds)),), SIZES["plain"][0], own, rate=SLOW))
+            else:
+                stated = float(rng.choice(STATED))
+                out.append(Order(category, system, (str(next(kinds)),), SIZES["plain"][0], own, stated_noise=stated))
+    return [out[i] for i in rng.permutation(n)]
+
+
+def _of_different_groups(rng: np.random.Generator) -> tuple[str, ...]:
+    groups: dict[str, str] = {}
+    for kind in rng.permutation(INSIDE):
+        groups.setdefault(KINDS[str(kind)].group, str(kind))
+    return tuple(groups.values())
 
 
 def _perfect(system: str, seed: int, duration: float, rate: int, torque: str) -> Case:
@@ -109,6 +133,6 @@ def _perfect(system: str, seed: int, duration: float, rate: int, torque: str) ->
     answer: dict[str, Any] = {
         "kind": "none", "at": "", "parameters": {}, "causes": [], "differs": False, "outside": False,
         "verdict": "adequate", "base": scene.drive.values, "system": system, "seed": seed, "category": "perfect",
-        "rate": rate, "torque": torque, "background": [],
+        "rate": rate, "torque": torque, "background": [], "closed_loop": False,
     }  # fmt: skip
     return Case(model_text(scene.drive, scene.written, noise, set()), text, "", answer)
