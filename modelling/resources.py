@@ -66,8 +66,8 @@ _limit: ContextVar[TimeLimit | None] = ContextVar("time_limit", default=None)
 
 @contextmanager
 def limited(seconds: float | None) -> Iterator[TimeLimit]:
-    """A block that may take so many seconds; None: as many as it needs."""
-    limit = TimeLimit(float("inf") if seconds is None else seconds)
+    """A block that may take so many seconds; None: what the block around it may, if any."""
+    limit = (_limit.get() or TimeLimit(float("inf"))) if seconds is None else TimeLimit(seconds)
     token = _limit.set(limit)
     try:
         yield limit

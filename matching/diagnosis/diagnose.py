@@ -258,11 +258,9 @@ def diagnose(
         Seconds that it may take; then it answers the best so far, and a note says so.
     """
     settings = settings or DiagnosisSettings()
-    if time_limit is None:
-        return _diagnosed(system, recordings, holdout, progress, keep_rest, pictured, settings)
     with limited(time_limit) as limit:
         found = _diagnosed(system, recordings, holdout, progress, keep_rest, pictured, settings)
-    if limit.ended_at:
+    if time_limit is not None and limit.ended_at:
         found.notes.append(f"cut short after {time_limit:g} s: the best answer so far")
     return found
 
