@@ -421,6 +421,10 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
         value, {shaft.name: shaft.between for shaft in system.shafts},
         gear_torque=_gear_torques(fit, x, inputs, p), gear_ends={gear.name: gear.between for gear in system.gears},
         recording=np.concatenate([np.full(len(segment.time), segment.recording) for segment in segments]),
+        load={
+            on: np.sum([inputs[:, j] for j, part in enumerate(system.inputs) if part.on == on], axis=0)
+            for on in {part.on for part in system.inputs if part.name not in system.imposed_by}
+        },
     )  # fmt: skip
 
 

@@ -256,6 +256,8 @@ class _Search:
         for hypothesis in fitted[: self.settings.judged]:
             if not self._worthwhile(hypothesis):
                 return None
+            if len(hypothesis.causes) > 1 and hypothesis.model.not_taken(hypothesis.fit) == "not_physical":
+                hypothesis = simplified(hypothesis)  # the further cause has left an earlier one too little to be itself
             if hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit):
                 continue
             if self.unseen.accepts(hypothesis, self.state.best):
@@ -367,10 +369,14 @@ def _simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedMode
 
 
 def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:
-    """Whether a hypothesis has the candidate, or another dry friction at its place."""
-    sticks = EFFECTS[candidate.kind].sticks
+    """Whether a hypothesis has the candidate, or another dry friction at its place; one that grows with the load may
+    stand beside one that does not."""
+
+    def rubs(kind: str) -> bool:
+        return EFFECTS[kind].sticks and "torque" in EFFECTS[kind].file_keys
+
     return any(
-        candidate.at == at and (candidate.kind == kind or (sticks and EFFECTS[kind].sticks))
+        candidate.at == at and (candidate.kind == kind or (rubs(candidate.kind) and rubs(kind)))
         for kind, at in hypothesis.places
     )
 

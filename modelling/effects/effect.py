@@ -51,6 +51,8 @@ class FittedMotion:
         The inertias that a rigid gear joins.
     recording : ndarray (t,)
         Number of the recording that a sample is of, from 1.
+    load : dict of str to ndarray (t,)
+        By inertia that inputs drive: the sum of their torques.
     """
 
     time: np.ndarray
@@ -70,6 +72,7 @@ class FittedMotion:
     gear_torque: Mapping[str, np.ndarray] = field(default_factory=dict)
     gear_ends: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     recording: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    load: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
@@ -309,6 +312,9 @@ class EquationBuilder(Protocol):
 
     def add_torque(self, component: str, torque: sm.Expr, motion: Motion) -> None:
         """Let a torque (N·m) act on a motion: it does virtual work on it, named after a component."""
+
+    def load(self, place: str) -> sm.Expr:
+        """The torque (N·m) that all inputs together put on the inertia at a place."""
 
     def impose(self, place: str, motion: Motion, acceleration: sm.Expr) -> None:
         """Let a motion have an acceleration (rad/s²) whatever torques act on it; a later one replaces an earlier."""

@@ -28,6 +28,7 @@ from modelling.effects.effect import (
     if_positive,
     smooth_sign,
 )
+from modelling.errors import InputError
 
 # --- Free play of a shaft.
 
@@ -232,6 +233,37 @@ def _two_efficiencies(a: np.ndarray) -> dict[str, float] | None:
     if not (0 <= driven < LARGEST_LOSS and driving >= 0 and driven + driving > SMALLEST_LOSS):
         return None
     return {"efficiency": 1 - driven, "efficiency_reverse": 1 / (1 + driving)}
+
+
+# --- Friction of a driven inertia that grows with the torque of its inputs: bearings and teeth that no gear stands for.
+
+
+class LoadFriction(Kind):
+    """coefficient·|T|·sgn(speed), T the torque of all inputs on the inertia. Of a shaft or gear: :class:`GearLoss`."""
+
+    kind = "load_friction"
+    words = "has dry friction of {coefficient} times the torque of its inputs"
+    in_recording = "torque is missing in proportion to the torque put in, against the motion: braking is stronger."
+    tables = ("inertias",)
+    parameters = {"coefficient": Parameter("1", lower=0.0)}
+    state_dependent = True
+    sticks = True
+
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
+        load = assembly.load(name)
+        if load == 0:
+            raise InputError(name, "has load_friction, and no torque input", "put gear_loss on a shaft or gear of it")
+        assembly.add_torque(name, -p["coefficient"] * Abs(load) * assembly.sign(motion.speed), motion)
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        name = at.split(".")[1]
+        if name in motion.load:
+            against = -np.abs(motion.load[name]) * smooth_sign(motion.speed[name])
+            yield Guess(({at: against},), if_positive("coefficient"))
+
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        driven = (part.on for part in system.inputs if part.measures in (None, "torque"))
+        return [f"inertias.{name}" for name in dict.fromkeys(driven)]
 
 
 # --- A shaft whose stiffness grows or falls with its twist.

@@ -365,6 +365,11 @@ class Assembly:
         """Let a torque do virtual work on a motion."""
         self.work.append((component, torque, motion))
 
+    def load(self, place: str) -> sm.Expr:
+        """The torque that all inputs together put on the inertia at a place."""
+        on = [part.name for part in self.system.inputs if f"inertias.{part.on}" == place]
+        return sm.Add(*(self.inputs[name].value for name in on if name not in self.system.imposed_by))
+
     def impose(self, place: str, motion: Motion, acceleration: sm.Expr) -> None:
         """Let a motion have an acceleration whatever torques act on it; a later one replaces an earlier.
 
@@ -421,10 +426,6 @@ class Assembly:
             place, motion = f"inertias.{part.name}", self.motions[part.name]
             self.add_inertia(place, self.symbol(f"{place}.J"), motion)
             self.dissipation[place] = self.symbol(f"{place}.drag") * motion.speed**2 / 2
-            acting = [name for name in by_place if members(name)[0] == place]
-            for name in acting:
-                for kind, p in by_place[name]:
-                    kind.inertia(motion, p, self, name)
         for source in system.inputs:
             place = f"inputs.{source.name}"
             path = self.inputs[source.name] = InputPath(place, sm.Symbol(f"u({source.name})", real=True), sm.Integer(0))
@@ -435,6 +436,10 @@ class Assembly:
                 self.add_torque(place, path.value, motion)
             else:
                 imposing.imposed_input(path, system.input_quantities[source.name], motion, self)
+        for part in system.inertias:  # friction may grow with the torque of inputs
+            for name in [name for name in by_place if members(name)[0] == f"inertias.{part.name}"]:
+                for kind, p in by_place[name]:
+                    kind.inertia(self.motions[part.name], p, self, name)
         self._close_gears(by_place)
         for reading in system.sensors:
             place = f"sensors.{reading.name}"

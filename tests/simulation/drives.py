@@ -68,6 +68,7 @@ EFFECTS: dict[str, tuple] = {
     "geared_ripple": (["inertias.motor", "inertias.load"], {"order": 3.0, "amplitude": 0.5, "phase": 0.3}),
     "recording_friction": ("inertias.load", {"torque_1": 0.6, "torque_2": 1.4}),
     "clock_offset": ("sensors.load_speed", {"offset": 0.0033}),
+    "load_friction": ("inertias.motor", {"coefficient": 0.06}),
 }
 
 

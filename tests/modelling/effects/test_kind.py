@@ -29,6 +29,7 @@ VALUES = {
     "quadratic_damping": {"coefficient": 2.0}, "quadratic_drag": {"coefficient": 0.7}, "sensor_delay": {"delay": 0.01},
     "sensor_drift": {"rate": 0.1}, "sensor_gain": {"factor": 0.9}, "sensor_offset": {"offset": 0.5},
     "slip": {"coefficient": 9.0}, "stribeck_friction": {"torque": 3.0, "breakaway": 8.0, "speed": 2.0},
+    "load_friction": {"coefficient": 0.1},
     "geared_ripple": {"order": 6, "amplitude": 2.0, "phase": 0.4},
     "recording_friction": {"torque": [2.0, 4.0]},
     "table": {"speed": [-3.0, -1.0, 0.0, 2.0], "torque": [5.0, 1.0, 0.0, -3.0]},
@@ -41,6 +42,7 @@ def with_effect(kind, **changed):
     at = "inertias.b.J" if EFFECTS[kind].replaces_quantity else PLACES[EFFECTS[kind].tables[0]]
     at = "shafts.link.stiffness" if EFFECTS[kind].changes_quantity else at
     at = ["inertias.a", at] if EFFECTS[kind].follows else at
+    at = "inertias.a" if kind == "load_friction" else at  # where the input acts
     base = BASE | {"sensors": {"speed": {"measures": "angle", "of": "b"}}} if kind == "angle_zero" else BASE
     return compiled(from_dict(base | {"effects": [{"kind": kind, "at": at} | VALUES[kind] | changed]}))
 
@@ -67,7 +69,7 @@ def test_state_dependent_where_the_eigenvalues_are(kind):
     sticks = "simulation.stick_speed" in model.parameters
     p = model.vector({"simulation.stick_speed": 1.0} if sticks else {})  # near the speeds of these states
     eigenvalues = [
-        np.sort_complex(np.linalg.eigvals(np.array(model.jacobians(x, [0.0], p, 0.0)[0]))) for x in states(model)
+        np.sort_complex(np.linalg.eigvals(np.array(model.jacobians(x, [5.0], p, 0.0)[0]))) for x in states(model)
     ]
     differ = max(np.abs(own - eigenvalues[0]).max() for own in eigenvalues) > 1e-6 * np.abs(eigenvalues).max()
     assert EFFECTS[kind].state_dependent == differ
