@@ -367,8 +367,7 @@ def printed(unit: str) -> str:
 # A quantity is named by its SI unit. It may be written in any product of units that measures the same and is built from
 # the kinds of unit in ``_KINDS``: ``kN*mm/deg`` is a stiffness, ``eV/rad`` or ``N*m/%`` is not. Where the angle is left
 # out it is a radian (``N*m`` of a stiffness) or, beside minutes, a turn (``1/min`` of a speed). Where it could be
-# either
-# (``1/s`` or ``Hz`` of a speed) the unit is refused.
+# either (``1/s`` or ``Hz`` of a speed) the unit is refused.
 
 # SI unit of every quantity that stands in a table of a model file
 QUANTITY_UNITS = {

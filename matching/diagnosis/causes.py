@@ -21,9 +21,8 @@ from modelling.system import Effect, Input, Quantity, Shaft, System
 # --- The torque balance of a fit: which further torque on which inertia, or in which shaft, the measurement asks for.
 #
 # The deviation of measurement from simulation is smoothed by the linear model with an unknown, slowly changing torque
-# on
-# every inertia and in every shaft. Nothing is differentiated; noise is weighted by the sensors' uncertainty. It tells
-# where a cause may be, not which.
+# on every inertia and in every shaft. Nothing is differentiated; noise is weighted by the sensors' uncertainty. It
+# tells where a cause may be, not which.
 
 CORRELATION_TIME = 0.01  # s over which an unknown torque may change; faster than the modes of drivability (30 Hz)
 TORQUE_SHARE = 0.2  # standard deviation of an unknown torque, of the largest torque in the drivetrain (rms)

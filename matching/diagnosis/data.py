@@ -345,8 +345,7 @@ def _second_difference(time: np.ndarray, values: np.ndarray, step: float) -> np.
 #
 # Each sensor has a scale and a memory of its own: what the model leaves of it is taken as a first-order autoregressive
 # process e[t] = memory·e[t − 1] + scale·w[t] with white w. The slow drift of an encoder angle then does not hide that
-# the
-# same encoder follows a vibration to a microradian, and no sensor outvotes the others because it is precise.
+# the same encoder follows a vibration to a microradian, and no sensor outvotes the others because it is precise.
 
 LARGEST_MEMORY = 0.9999  # of one sample; a drift over ten thousand samples is a random walk
 SMALLEST_MEMORY = 0.0

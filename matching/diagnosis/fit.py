@@ -864,8 +864,7 @@ def _expected_cost(fit: Fit, residual: np.ndarray) -> float:
 #
 # A forward difference over a wide step is wrong by its curvature: a stiffness a thousandth off is a phase out of step
 # after some seconds. Where two columns differ by less than that error, e.g. those of two springs in series, it looks
-# like
-# information, and uncertainties come out too small. The steps are therefore as wide as χ² changes by about 1; with
+# like information, and uncertainties come out too small. The steps are therefore as wide as χ² changes by about 1; with
 # backlash or dry friction, where χ² is rough on that scale, they stay wide.
 
 MOST_GAUSS_NEWTON_STEPS = 6  # Gauss–Newton steps
@@ -907,10 +906,9 @@ def difference_steps(fit: Fit) -> np.ndarray:
 # --- Fits of a model that is not perfect: weights and parameters are estimated together.
 #
 # Weighted by noise alone, the most precise sensor decides everything: an encoder known to a microradian outvotes a
-# speed
-# channel whose filter is plain to see. The likelihood is therefore concentrated over the unknown covariance of what the
-# model leaves (Goodwin and Payne, Dynamic System Identification, 1977, section 3.5), by iteratively reweighted least
-# squares.
+# speed channel whose filter is plain to see. The likelihood is therefore concentrated over the unknown covariance of
+# what the model leaves (Goodwin and Payne, Dynamic System Identification, 1977, section 3.5), by iteratively reweighted
+# least squares.
 
 ROUNDS = 6
 SETTLED_RATIO = 1.1  # of the scales between two rounds

@@ -161,13 +161,10 @@ def finite(value: float) -> float | None:
 # --- What no cause explains, with a face: a smooth torque over speed, angle, twist, load or time.
 #
 # Of each inertia a torque over its speed, its angle, the torque of its shafts and time, of each shaft one over its
-# twist:
-# a linear spline whose values follow from least squares on the residual of the fit, by the response of the linear
-# model,
-# after what base parameters and start states can take (weak form: nothing is differentiated). Second differences are
-# penalised, so that a curve is no rougher than the residual asks for (P-splines; Eilers and Marx, Statistical Science
-# 11,
-# 1996).
+# twist: a linear spline whose values follow from least squares on the residual of the fit, by the response of the
+# linear model, after what base parameters and start states can take (weak form: nothing is differentiated). Second
+# differences are penalised, so that a curve is no rougher than the residual asks for (P-splines; Eilers and Marx,
+# Statistical Science 11, 1996).
 
 KNOTS = 9  # of a curve
 ROUGHNESS = (1e-6, 1e-4, 1e-2, 1.0)  # weights of the second differences that are tried, of the mean diagonal
@@ -756,13 +753,10 @@ def _within_recorded(candidate: ScreenedCandidate, without: Hypothesis) -> bool:
 # over.
 #
 # A fit moves a parameter by the sum over time of the influence of each sample: the residuals of all sensors at that
-# time,
-# weighted by the covariance and the Jacobian. For white noise the squares of these add up to the covariance. What a
-# model
-# leaves is correlated over time and over sensors (an angle and the speed beside it err together), so the variance of
-# the
-# sum is that of correlated values: the sum of squares times their integrated autocorrelation time (sandwich covariance;
-# White, Econometrica 50, 1982, and for dependent data Newey and West, Econometrica 55, 1987).
+# time, weighted by the covariance and the Jacobian. For white noise the squares of these add up to the covariance. What
+# a model leaves is correlated over time and over sensors (an angle and the speed beside it err together), so the
+# variance of the sum is that of correlated values: the sum of squares times their integrated autocorrelation time
+# (sandwich covariance; White, Econometrica 50, 1982, and for dependent data Newey and West, Econometrica 55, 1987).
 #
 # An error that is the same all along shows in no scatter. Weighted with a memory, which looks at fast changes, and
 # without it, which looks at slow ones, a right model has the same parameters but for noise; what they differ by is what

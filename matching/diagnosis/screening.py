@@ -41,9 +41,8 @@ from modelling.system import Input, System
 # A recording may show one flank only.
 #
 # With drive torque throughout, a shaft crosses its backlash once at most: what part of the gap was ahead at the start
-# is
-# known, what part was behind is not. χ² is then constant in the gap from some value on, so the fit ends anywhere there,
-# and its Jacobian takes that value for well known.
+# is known, what part was behind is not. χ² is then constant in the gap from some value on, so the fit ends anywhere
+# there, and its Jacobian takes that value for well known.
 #
 # The gap is the way from one flank to the other, so it is known no better than the time of contact. A rattling shaft
 # magnifies every difference, and its Jacobian takes that for knowledge of times far below a sampling interval, where
@@ -203,9 +202,8 @@ def extended_problem(
 
 # --- Readings that torques on the inertias add, by the linear base model.
 #
-# Inputs are linear between samples, so the response to any sampled torque is exactly the convolution with the
-# response to
-# one triangular pulse; it is done by FFT.
+# Inputs are linear between samples, so the response to any sampled torque is exactly the convolution with the response
+# to one triangular pulse; it is done by FFT.
 
 
 class TorqueResponse:

@@ -418,9 +418,8 @@ def _price(hypothesis: Hypothesis) -> float:
 # --- Two causes at once: pairs of candidates that take more of the residual together than the best takes alone.
 #
 # A search that adds one cause after another goes wrong where two hide each other: what one adds to the readings the
-# other
-# takes away, so that neither gains much alone. To first order the gain of a pair follows from the signatures that the
-# screening has anyway; only the few most promising pairs are fitted.
+# other takes away, so that neither gains much alone. To first order the gain of a pair follows from the signatures that
+# the screening has anyway; only the few most promising pairs are fitted.
 
 DEPENDENT = 1e-6  # of a signature's length: what is left by others that take its place
 

@@ -33,9 +33,8 @@ from modelling.system import Gear, System
 # --- Rigid gears and differentials, eliminated: every inertia's angle in terms of independent coordinates.
 #
 # Every inertia that a constraint eliminates points at those it is expressed in; paths are shortened as they are
-# followed,
-# and a long product of ratios gets a symbol of its own. So the work grows with the number of constraints, not its
-# square.
+# followed, and a long product of ratios gets a symbol of its own. So the work grows with the number of constraints, not
+# its square.
 
 LONGEST_COEFFICIENT = 24  # factors or operations; a longer one gets a symbol of its own
 MOST_SHARES = 20_000  # of all inertias together: differentials in a row couple every inertia with every other

@@ -23,8 +23,7 @@ from scipy.fft import next_fast_len
 #
 # Three things move a fitted delay. Noise, of any colour: its part follows from the residual's periodogram. Noise in the
 # reference: its slope looks like curvature of the misfit and holds no information. And corners: where between two
-# samples
-# a ramp begins cannot be known, and no interpolation gives it back.
+# samples a ramp begins cannot be known, and no interpolation gives it back.
 
 SMOOTHED = 2  # frequencies on either side over which a periodogram is averaged: some ten degrees of freedom
 LEAST_LEFT = 0.2  # of the noise: a fit that takes more of it out leaves too little to tell its spectrum from

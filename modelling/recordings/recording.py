@@ -16,11 +16,9 @@ from modelling.system import System
 # A gap is a time without a value, whether rows are missing in the file or cells are empty, NaN or marked invalid.
 #
 # - In an input, a gap of up to ``longest_bridge`` (0.1 s, or two sampling steps if that is more) is bridged by a
-# straight
-#   line, and noted.
+#   straight line, and noted.
 # - A longer gap in an input divides the recording: the rows without the input are left out, and noted. A diagnosis
-# takes
-#   the parts as separate recordings; a simulation and a fidelity refuse the recording.
+#   takes the parts as separate recordings; a simulation and a fidelity refuse the recording.
 # - A channel that is sampled slower than the others has no gap between its own samples.
 # - In a sensor, values that are missing are left out of every comparison; nothing is bridged.
 

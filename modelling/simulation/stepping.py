@@ -351,9 +351,8 @@ def _outliers_lowered(values: np.ndarray) -> np.ndarray:
 # A run gives its local errors, sample by sample. The steps are divided where these are largest, until they add up to no
 # more than the tolerance, or until two runs show that: the readings' differences say how much error the steps that were
 # divided had caused, and the local errors how much of it is left. A model is stepped implicitly where its fastest
-# decay,
-# which nothing shows, would need far smaller explicit steps than what vibrates. Vibrations are always resolved: an
-# implicit method would damp them.
+# decay, which nothing shows, would need far smaller explicit steps than what vibrates. Vibrations are always resolved:
+# an implicit method would damp them.
 
 TOLERANCE = 1e-4  # of each reading's range
 VIBRATION_STEP, CONTACT_STEP = 1.6, 0.5  # |λ|·h, ω·h to begin with

@@ -93,11 +93,10 @@ def _functions(
 # --- The implicit method for stiff models: RODASP, a Rosenbrock method of order four, L-stable and stiffly accurate.
 #
 # W·Uᵢ = f(t + αᵢ·h, x + Σⱼ aᵢⱼ·Uⱼ) + Σⱼ cᵢⱼ/h·Uⱼ + h·γᵢ·∂f/∂t with W = 1/(γ·h) − ∂f/∂x, and x + Σ aₛⱼ·Uⱼ + Uₛ is the
-# next
-# state: one linear system a stage, no iteration (Hairer and Wanner, Solving Ordinary Differential Equations II, 1996,
-# section IV.7). Coefficients: G. Steinebach, Order-reduction of ROW-methods for DAEs and method of lines applications,
-# TH Darmstadt, preprint 1741, 1995; also in Hairer's program RODAS. Its order does not fall off where fast decaying
-# parts follow an input.
+# next state: one linear system a stage, no iteration (Hairer and Wanner, Solving Ordinary Differential Equations II,
+# 1996, section IV.7). Coefficients: G. Steinebach, Order-reduction of ROW-methods for DAEs and method of lines
+# applications, TH Darmstadt, preprint 1741, 1995; also in Hairer's program RODAS. Its order does not fall off where
+# fast decaying parts follow an input.
 
 STAGES = 6
 GAMMA = 0.25

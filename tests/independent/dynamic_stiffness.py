@@ -375,8 +375,7 @@ def plain_responses(chain: Chain, s: np.ndarray, sources: Sequence[str], sensors
 #
 # What the rig does between samples follows from its masses, dampings and stiffnesses, read off the dynamic stiffness at
 # three s; what it shows at a frequency from the dynamic stiffness itself. The controller is what is judged: its
-# matrices
-# are taken as they are, step by step as it runs.
+# matrices are taken as they are, step by step as it runs.
 
 POLYNOMIAL = 1e-9  # relative: so well must M·s² + D·s + K give the dynamic stiffness at a further s
 
