@@ -71,8 +71,10 @@ from matching.diagnosis.selection import (
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.statistics import Estimate, at_least, discretisation_shift, estimates, prediction
 from matching.diagnosis.verdict import (
+    TOLD_FROM_NOTHING,
     JudgedCause,
     RatedCause,
+    acts,
     cause_parameters,
     final_fit,
     final_fit_on,
@@ -81,7 +83,6 @@ from matching.diagnosis.verdict import (
     rate_rivals,
     recording_to_tell_rivals,
     refitted_candidates,
-    told_from_nothing,
 )
 from matching.diagnosis.windows import window_uncertainties
 from modelling.recordings.recording import Recording
@@ -183,7 +184,7 @@ def _leave_out(state: SearchState, unseen: UnseenData) -> None:
             continue
         best = state.best
         parameters = cause_parameters(best.model.base, best.causes[index], _estimates(best, [best.fit]))
-        nothing = best.model.negligible(best.fit, index) or not told_from_nothing(parameters)
+        nothing = best.model.negligible(best.fit, index) or acts(parameters) < TOLD_FROM_NOTHING
         if nothing or not unseen.keeps(best, rest):
             state.best = final_fit(rest)
             del state.rivals[index : index + 1]
@@ -305,19 +306,19 @@ def _diagnosed(
     verdict, rest = _verdict(final, judge, after), remaining_errors(final)
     if verdict == "unexplained" and not final.causes and at_noise(final):
         notes.append("the fitted data are reproduced to their noise, held-out data are not: something happens in those")
-    explained = verdict == "explained"
-    unseen = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
+    unseen = UnseenData(judge, settings)
+    held_out = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
     curves = discrepancy_curves(final) if rest else []
     errors = errors_by_sensor(system, base, final, before, after)
-    pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, unseen)))
+    pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, held_out)))
     values = _estimates(final, fits)
-    judged = _judged_causes(identified)
-    kept = kept_table(final, curves, UnseenData(judge, settings)) if keep_rest else None
+    judged = _judged_causes(identified, final, None if verdict == "explained" else unseen)
+    kept = kept_table(final, curves, unseen) if keep_rest else None
     return Diagnosis(
-        verdict, named_causes(system, final, values, judged, explained),
+        verdict, named_causes(system, final, values, judged),
         {name: value for name, value in values.items() if name in system.uncertain}, system.units,
-        errors, pooled_errors(whole, before, after), fidelity(system, unseen), refitted_candidates(judged),
-        identified.fitted, rest, curves, recording_to_tell_rivals(final, judged, explained), notes,
+        errors, pooled_errors(whole, before, after), fidelity(system, held_out), refitted_candidates(judged),
+        identified.fitted, rest, curves, recording_to_tell_rivals(final, judged), notes,
         _extended(stated, final, kept), plot_data, kept,
     )  # fmt: skip
 
@@ -396,14 +397,16 @@ def best_without(state: SearchState, index: int) -> Hypothesis:
     return (without(state.best, index) if len(state.best.causes) > 1 else None) or state.base
 
 
-def _judged_causes(identified: IdentifiedCauses) -> list[JudgedCause]:
-    """Every cause of the best hypothesis with its rivals, and the best hypothesis without it."""
-    state = identified.state
-    causes = zip(state.best.causes, identified.rated, strict=True)
+def _judged_causes(identified: IdentifiedCauses, final: Hypothesis, unseen: UnseenData | None) -> list[JudgedCause]:
+    """Every cause of the best hypothesis with its rivals, the best hypothesis without it, and what it explains of
+    unseen data; None: all is explained."""
+    state, judged = identified.state, []
     known = KnownScreening(state.screening, state.screened)
-    return [
-        JudgedCause(cause, ratings, best_without(state, place), known) for place, (cause, ratings) in enumerate(causes)
-    ]
+    for place, (cause, ratings) in enumerate(zip(state.best.causes, identified.rated, strict=True)):
+        rest = best_without(state, place)
+        part = 1.0 if unseen is None else unseen.share_explained(final, rest)
+        judged.append(JudgedCause(cause, ratings, rest, known, part))
+    return judged
 
 
 def _plot_data(state: SearchState, final: Hypothesis, unseen: HoldoutData) -> PlotData:

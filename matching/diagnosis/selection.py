@@ -321,6 +321,17 @@ class UnseenData:
         error = self.error(hypothesis)
         return np.inf if error is None or np.isnan(error.pooled) else error.pooled
 
+    def share_explained(self, child: Hypothesis, parent: Hypothesis) -> float:
+        """Share of a hypothesis's misfit on unseen data, beyond the noise, that another one explains: mean squares over
+        the sensors in units of their ranges; between 0 and 1."""
+        after, before = self.error(child), self.error(parent)
+        if after is None or before is None:
+            return float(before is None)
+        known = np.isfinite(before.ranges) & (before.ranges > 0)
+        floor = float(np.mean(1 / before.ranges[known] ** 2)) if known.any() else 0.0
+        excess = before.pooled**2 - floor
+        return float(np.clip((before.pooled**2 - after.pooled**2) / excess, 0.0, 1.0)) if excess > 0 else 0.0
+
     def accepts(self, child: Hypothesis, parent: Hypothesis) -> bool:
         """Whether a hypothesis meets unseen data better than another, beyond chance.
 

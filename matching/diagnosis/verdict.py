@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import erf
 
 from matching.diagnosis.causes import Cause
 from matching.diagnosis.data import FitData, Segment
@@ -71,7 +72,8 @@ def final_fit_on(hypothesis: Hypothesis, base: Fit) -> Hypothesis:
     return final_fit(Hypothesis(model, fit))
 
 
-# --- The confidence in a cause: its share of the evidence among its rivals, and of the misfit that it explains.
+# --- The confidence in a cause: its share of the evidence among its rivals; where more than noise is left, times the
+# share of the misfit on unseen data that it explains, since the rest may be of something that the vocabulary lacks.
 #
 # Evidence of a hypothesis is −½ of χ² + (variables)·ln(readings) on the fitted data (Schwarz 1978) and of the score of
 # its prediction of held-out data (:mod:`matching.diagnosis.statistics`). χ² is first divided by how much larger
@@ -81,8 +83,6 @@ def final_fit_on(hypothesis: Hypothesis, base: Fit) -> Hypothesis:
 MOST_RIVALS = 4  # that are fitted as finely as the best
 OUT_OF_QUESTION = 60.0  # difference of χ², over its inflation: a share of the evidence below 1e-13
 NOT_SIMULATED = 1e30  # χ² of what does not simulate
-UNEXPLAINED_SHARE, EXPLAINED_SHARE = 0.49, 0.85  # confidence per share where a misfit remains; see ``confidence``
-EXPLAINS_ALL, EXPLAINS_ALMOST = 1.0, 0.95  # shares of the misfit between which these are interpolated
 NOISE_MEAN_SQUARE = 1.05  # of a residual that needs no test for correlation
 
 
@@ -94,23 +94,6 @@ class RatedCause:
     at: str
     share: float
     hypothesis: Hypothesis
-
-
-def confidence(share: float, explained: bool, part_explained: float) -> float:
-    """Confidence in a cause from its share of the evidence.
-
-    Where the verdict is not ``explained``, what explains little of the misfit may stand for something that the
-    vocabulary lacks: its share counts 0.49, rising to 0.85 for a cause that explains more than 95 % of the misfit.
-
-    Parameters
-    ----------
-    part_explained : float
-        Share of the misfit beyond noise that the cause explains.
-    """
-    if explained:
-        return share
-    rise = np.clip((part_explained - EXPLAINS_ALMOST) / (EXPLAINS_ALL - EXPLAINS_ALMOST), 0.0, 1.0)
-    return share * float(UNEXPLAINED_SHARE + (EXPLAINED_SHARE - UNEXPLAINED_SHARE) * rise)
 
 
 def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedCause]:
@@ -396,7 +379,7 @@ def _readings(hypothesis: Hypothesis, time: np.ndarray, inputs: np.ndarray) -> n
 # --- Named causes with values, confidence, evidence and rivals, and what to record to tell them apart.
 
 WORTH_RECORDING = 0.02  # confidence of a rival from which a further recording is proposed
-COVERAGE = 2.0  # standard uncertainties, from which a size is told from nothing
+TOLD_FROM_NOTHING = 0.95  # probability that a torque acts, from which a further cause is kept
 RISES = 1.05  # ratio of errors from which one is said to rise
 SMALLEST_CONFIDENCE = 1e-4  # of a rival that is listed
 
@@ -414,12 +397,20 @@ class JudgedCause:
         The final hypothesis without it.
     known : KnownScreening or None
         The screening of what that leaves, where the search has made it.
+    explained : float
+        Share of the misfit on unseen data that it explains; 1 where all is explained.
     """
 
     cause: Cause
     rated: Sequence[RatedCause]
     without: Hypothesis
     known: KnownScreening | None
+    explained: float
+
+    @property
+    def rivals(self) -> list[RatedCause]:
+        """The most likely first."""
+        return [rating for rating in self.rated if (rating.kind, rating.at) != (self.cause.kind, self.cause.at)]
 
 
 def named_causes(
@@ -427,7 +418,6 @@ def named_causes(
     final: Hypothesis,
     estimates: Mapping[str, Estimate],
     judged: Sequence[JudgedCause],
-    explained: bool,
 ) -> list[NamedCause]:
     """The causes of the final hypothesis, strongest first.
 
@@ -435,23 +425,18 @@ def named_causes(
     ----------
     estimates : dict of str to Estimate
         Of all fitted parameters, by name.
-    explained : bool
-        Whether the verdict is ``explained``.
     """
     causes = []
     for judgement in judged:
-        cause, part = judgement.cause, share_explained_by(final, judgement.without)
+        cause, rivals = judgement.cause, judgement.rivals
         rating = next(r for r in judgement.rated if (r.kind, r.at) == (cause.kind, cause.at))
-        rivals = _rated_rivals(judgement)
         weighed = {(rival.kind, rival.at) for rival in rivals if rival.share > 0}
         alike = _all_alike(system, final, judgement)
         same = [name for name in alike if name not in weighed]
-        certain = confidence(rating.share, explained, part) / (1 + len(same))
         parameters = cause_parameters(system, cause, estimates)
-        if not told_from_nothing(parameters):
-            certain = min(certain, UNEXPLAINED_SHARE)
+        certain = rating.share * judgement.explained * acts(parameters) / (1 + len(same))
         alternatives = [Alternative(kind, at, certain) for kind, at in same]
-        alternatives += [Alternative(r.kind, r.at, confidence(r.share, explained, part)) for r in rivals]
+        alternatives += [Alternative(r.kind, r.at, r.share * judgement.explained) for r in rivals]
         causes.append(
             NamedCause(
                 cause.kind, cause.at, parameters, certain,
@@ -464,29 +449,24 @@ def named_causes(
     return sorted(causes, key=lambda cause: -cause.gain)
 
 
-def told_from_nothing(parameters: Mapping[str, CauseParameter]) -> bool:
-    """Whether one of the torques of a cause, if it has any, is more than its uncertainty."""
+def acts(parameters: Mapping[str, CauseParameter]) -> float:
+    """Probability that one of the torques of a cause, if it has any, is not nothing: normal errors, two-sided."""
     torques = [parameter for parameter in parameters.values() if parameter.unit == "N*m"]
-    return not torques or any(abs(torque.value) > COVERAGE * torque.standard_uncertainty for torque in torques)
+    if not torques:
+        return 1.0
+    return float(erf(max(abs(one.value) / max(one.standard_uncertainty, 1e-300) for one in torques) / np.sqrt(2)))
 
 
-def share_explained_by(final: Hypothesis, without: Hypothesis) -> float:
-    """Share of the misfit beyond noise that the final hypothesis explains more than one without a cause."""
-    excess = without.chi_square - final.fit.problem.data.readings_count
-    return (without.chi_square - final.chi_square) / max(excess, 1.0)
-
-
-def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause], explained: bool) -> str | None:
+def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause]) -> str | None:
     """What to record to tell the most likely rival from its cause; None where none is likely enough."""
     proposals: list[tuple[float, str]] = []
     for judgement in judged:
-        part = share_explained_by(final, judgement.without)
-        rival = next(iter(_rated_rivals(judgement)), None)
-        if rival and confidence(rival.share, explained, part) > WORTH_RECORDING:
-            manoeuvre = propose_manoeuvre(final, rival.hypothesis)
+        for rival in judgement.rivals[:1]:
+            likely = rival.share * judgement.explained
+            manoeuvre = propose_manoeuvre(final, rival.hypothesis) if likely > WORTH_RECORDING else None
             if manoeuvre:
                 names = (f"{named.kind} at {place_in_words(named.at)}" for named in (judgement.cause, rival))
-                proposals.append((confidence(rival.share, explained, part), manoeuvre.sentence(*names)))
+                proposals.append((likely, manoeuvre.sentence(*names)))
     return max(proposals)[1] if proposals else None
 
 
@@ -515,11 +495,6 @@ def _in_words(same: Sequence[tuple[str, str]]) -> str:
     if not same:
         return ""
     return f"; this recording does not tell it from {' or '.join(f'{k} at {place_in_words(at)}' for k, at in same)}"
-
-
-def _rated_rivals(judged: JudgedCause) -> list[RatedCause]:
-    """The rivals of a cause, the most likely first."""
-    return [rating for rating in judged.rated if (rating.kind, rating.at) != (judged.cause.kind, judged.cause.at)]
 
 
 def cause_parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate]) -> dict[str, CauseParameter]:

@@ -86,6 +86,16 @@ def test_a_model_that_does_not_simulate_is_never_accepted_and_always_beaten(unse
     assert unseen.of.pooled(fails) == np.inf
 
 
+def test_share_of_the_misfit_beyond_noise_that_is_explained(unseen):
+    """Ranges are 16 and 20 times the noise: mean squares of 9 and 4 leave 8/256 + 3/400, of 3 and 1 only 2/256."""
+    parent, child = hypothesis(3.0, 2.0), hypothesis(np.sqrt(3.0), 1.0)
+    share = unseen.of.share_explained(child, parent)
+    assert share == pytest.approx(1 - (2 / 256) / (8 / 256 + 3 / 400), rel=1e-9)
+    assert unseen.of.share_explained(parent, child) == 0.0
+    assert unseen.of.share_explained(hypothesis(1.0, 1.0), parent) == pytest.approx(1.0)
+    assert unseen.of.share_explained(child, hypothesis(1.0, 1.0)) == 0.0  # there is no misfit
+
+
 def test_nothing_measured_leaves_no_figure(unseen):
     unseen.of.holdout.data = FitData((Segment(TIME, np.zeros((SAMPLES, 0)), np.full((SAMPLES, 3), np.nan)),), NOISE)
     found = unseen.of.error(hypothesis(1.0, 1.0))
