@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from needs import compiles
 from processes import started
+from small_bed import CASE, write
 
 from matching.progress import PROGRESS_ALWAYS
 
@@ -38,13 +39,14 @@ def ends(process, group: bool) -> tuple[int, str]:
     return process.returncode, said.decode().replace("\r", "\n")
 
 
-@pytest.mark.parametrize("group", [True, False], ids=["Ctrl-C", "one process"])
 @pytest.mark.parametrize(
-    ("case", "step"), [("observer", "controller"), ("case", "residual vehicle")], ids=["search", "verification"]
+    ("step", "group"),
+    [("controller", True), ("controller", False), ("verification", True)],
+    ids=["search-Ctrl-C", "search-one process", "verification-Ctrl-C"],
 )
-def test_a_match_ends(tmp_path, case, step, group):
+def test_a_match_ends(tmp_path, step, group):
     """While the search runs, and while fresh beds are judged."""
-    words = ["match", str(ROOT / "examples" / "road_to_rig" / f"{case}.toml"), "--out", str(tmp_path / "out")]
+    words = ["match", str(write(tmp_path, CASE)), "--out", str(tmp_path / "out")]
     command = [sys.executable, "-m", "matching", *words]
     with started(command, env=WHERE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert step in read_until(process.stderr, step)
