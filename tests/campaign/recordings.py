@@ -4,12 +4,13 @@ import json
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is imported as `plant`
 
-RENEWED = 20  # recordings a process; a new one gives memory back
+RENEWED = 10  # recordings a process; a new one gives memory back
 
 
 def make(place: Path, order: Any) -> str:
@@ -49,14 +50,15 @@ def diagnosed(place: Path) -> dict[str, Any]:
 def run(folder: Path, record: Path, workers: int, seconds: float) -> None:
     """Diagnose the recordings that are not on record yet, for so long; rows are written as they come."""
     end, done = time.monotonic() + seconds, {row["number"] for row in rows(record)}
-    places = [path.parent for path in sorted(folder.glob("*/answer.json")) if path.parent.name not in done]
-    with ProcessPoolExecutor(workers, max_tasks_per_child=RENEWED) as pool, record.open("a", encoding="utf-8") as file:
-        for each in as_completed([pool.submit(diagnosed, place) for place in places]):
-            file.write(json.dumps(each.result()) + "\n")
-            file.flush()
-            if time.monotonic() > end:
-                pool.shutdown(wait=False, cancel_futures=True)
-                break
+    left = iter([path.parent for path in sorted(folder.glob("*/answer.json")) if path.parent.name not in done])
+    while time.monotonic() < end and (batch := list(islice(left, RENEWED * workers))):
+        with ProcessPoolExecutor(workers) as pool, record.open("a", encoding="utf-8") as file:
+            for each in as_completed([pool.submit(diagnosed, place) for place in batch]):
+                file.write(json.dumps(each.result()) + "\n")
+                file.flush()
+                if time.monotonic() > end:
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    break
 
 
 def rows(record: Path) -> list[dict[str, Any]]:
