@@ -622,7 +622,7 @@ GROW_GAIN, SHRINK_GAIN, RENEW_GAIN = 0.7, 0.25, 0.5  # of the trust region; of t
 SMALLEST_DIFFERENCE = 1.0  # of the residual, in times the noise: less is lost in what the integration leaves
 SHORTEST_STEP = 1e-10  # in times the noise
 HOPELESS_RATIO, HOPELESS_PROGRESS = 3.0, 0.2  # given up: χ² beyond so many times the rival's, gaining less than this
-PATIENCE = 2  # iterations before a fit is compared with its rival
+PATIENCE = 5  # iterations in which a fit has to gain that, some of them lost on a Jacobian of another point
 NOISE_REACHED, NOISE_HOPED = 1.05, 1.02  # of the χ² of a fit at the noise
 
 
@@ -641,6 +641,8 @@ class Fit:
         Derivatives of the residual.
     cost : float
         Sum of squares of the residual (χ²).
+    unfinished : bool
+        Whether it ended with its last iteration, still falling.
     """
 
     problem: FitProblem
@@ -648,6 +650,7 @@ class Fit:
     residual: np.ndarray = field(repr=False)
     jacobian: np.ndarray = field(repr=False)
     cost: float
+    unfinished: bool = False
 
     @property
     def values(self) -> dict[str, float]:
@@ -727,6 +730,7 @@ class _Descent:
         self.fresh = known_jacobian is None
         self._decrease = np.inf  # of χ² by the last step
         self._paced = (0, self.cost)  # iteration and χ² when last judged with a Jacobian of the point itself
+        self._costs = [self.cost]  # after each iteration
 
     def _use(self, matrix: np.ndarray) -> None:
         if self.options.held:  # copied only then: recordings may be long
@@ -738,8 +742,8 @@ class _Descent:
         """Iterate to the end."""
         for iteration in range(self.options.iterations):
             if (self.options.timed and time_is_over()) or not self._iterate(iteration):
-                break
-        return Fit(self.problem, self.v, self.residual, self.jacobian, self.cost)
+                return Fit(self.problem, self.v, self.residual, self.jacobian, self.cost)
+        return Fit(self.problem, self.v, self.residual, self.jacobian, self.cost, unfinished=True)
 
     def _iterate(self, iteration: int) -> bool:
         """One step; whether to go on."""
@@ -793,8 +797,10 @@ class _Descent:
     def _hopeless(self, iteration: int, reached: float) -> bool:
         """Whether the fit will not come near those it is compared with."""
         rival, noise = self.options.rival_cost, self.options.noise_cost
-        slow = self.cost - reached < HOPELESS_PROGRESS * self.cost
-        if iteration > PATIENCE and rival and self.cost > HOPELESS_RATIO * rival and slow:
+        self._costs.append(reached)
+        before = self._costs[max(len(self._costs) - 1 - PATIENCE, 0)]
+        slow = before - reached < HOPELESS_PROGRESS * before
+        if iteration >= PATIENCE and rival and reached > HOPELESS_RATIO * rival and slow:
             return True
         if self.fresh and noise:
             before, cost = self._paced

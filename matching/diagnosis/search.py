@@ -15,7 +15,7 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel, compilable, recorded_range
 from matching.diagnosis.data import FEWEST_SAMPLES, FitData, Segment
-from matching.diagnosis.fit import FINAL_STEPS, MOST_STEPS_A_SAMPLE, Fit, FitOptions, with_sharper_friction
+from matching.diagnosis.fit import FINAL_STEPS, MOST_STEPS_A_SAMPLE, Fit, FitOptions, solve, with_sharper_friction
 from matching.diagnosis.screening import (
     NoiseDraws,
     ScreenedCandidate,
@@ -239,14 +239,22 @@ class _Search:
         return model
 
     def _sharpened(self, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
-        """Hypotheses, best first, those near the best with dry friction as sharp as it takes to compare them."""
+        """Hypotheses, best first; those near the best fitted to their end, with dry friction as sharp as it takes to
+        compare them."""
         out = sorted(hypotheses, key=lambda hypothesis: hypothesis.cost)
+        near = self.settings.near_ratio * out[0].cost if out else 0.0
         for i, hypothesis in enumerate(out[: self.settings.near_best]):
-            if hypothesis.cost < self.settings.near_ratio * out[0].cost:
-                out[i] = replace(hypothesis, fit=with_sharper_friction(hypothesis.fit))
+            if hypothesis.cost < near:
+                out[i] = replace(hypothesis, fit=self._finished(with_sharper_friction(self._finished(hypothesis.fit))))
         out.sort(key=lambda hypothesis: hypothesis.cost)
         out[:1] = [with_sharpest_friction(hypothesis) for hypothesis in out[:1]]
         return sorted(out, key=lambda hypothesis: hypothesis.cost)
+
+    def _finished(self, fit: Fit) -> Fit:
+        """A fit that goes on where its iterations ended before it did."""
+        if not fit.unfinished:
+            return fit
+        return solve(fit.problem, fit.v, fit.jacobian, FitOptions(self.settings.iterations, exact=False))
 
     # --- Acceptance
 

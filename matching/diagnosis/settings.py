@@ -42,7 +42,10 @@ class DiagnosisSettings:
         of the best decrease of χ². Trial.
     near_best : int
     near_ratio : float
-        Hypotheses that are compared with sharper friction, and up to how many times the best's χ². Trial.
+        Hypotheses that are fitted to their end and with sharper friction to be compared, and up to how many times the
+        best's χ². Trial.
+    iterations : int
+        Of a fit near the best that has not ended after those of a first comparison. Trial.
     rounds : int
         Of leaving out and exchanging causes.
     windowed : int
@@ -78,8 +81,9 @@ class DiagnosisSettings:
     judged: int = 6
     explains_almost_all: float = 0.9
     promising: float = 0.4
-    near_best: int = 4
+    near_best: int = 6
     near_ratio: float = 2.0
+    iterations: int = 60
     rounds: int = 2
     windowed: int = 4
     refits: int = 60
