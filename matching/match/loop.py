@@ -569,6 +569,11 @@ class SampledController:
         """State matrix of what runs on known torques alone."""
         return self.A[self.reached :, self.reached :]
 
+    @cached_property
+    def forms(self) -> tuple[Resolvent, Resolvent]:
+        """Of the state matrices of the feedback and of what runs on known torques alone."""
+        return resolvent(self.feedback.A), resolvent(self.own_matrix)
+
 
 def without_limits(law: ControlLaw) -> SampledController:
     """The controller that a law is as long as no command is cut off."""
@@ -681,11 +686,11 @@ def frequency_response(controller: SampledController, frequencies: np.ndarray) -
     o, y, feedback, own = controller.reached, len(controller.sensors), controller.feedback, controller.own_matrix
     z = np.exp(2j * np.pi * frequencies * controller.sample_time)
     # C·(zI − A)⁻¹ from the left: as many right-hand sides as dynamometers
-    left = resolvent(feedback.A).rows(z, feedback.C) if o else np.zeros((len(z), len(controller.C), 0), complex)
+    left = controller.forms[0].rows(z, feedback.C) if o else np.zeros((len(z), len(controller.C), 0), complex)
     # states that known torques alone reach, for these torques
     states = np.zeros((len(z), 0, len(controller.known)), complex)
     if len(own):
-        states = resolvent(own).columns(z, controller.B[o:, y:])
+        states = controller.forms[1].columns(z, controller.B[o:, y:])
     of_known = left @ (controller.A[:o, o:] @ states + controller.B[:o, y:])
     of_known = of_known + controller.C[:, o:] @ states + controller.D[:, y:]
     return FrequencyResponse(left @ feedback.B + feedback.D, of_known, controller.known)

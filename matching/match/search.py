@@ -543,8 +543,11 @@ class Search:
             active = hardware.beds_at(
                 self.positions[list(self.active)], [self.left.get(number, 1.0) for number in self.active]
             )
+            # what does not steer the search needs no search between frequencies
+            below = self.required.modulus_margin * (1 + self.settings.reserve) * (1 + self.settings.largest_room)
+            curves = loop_curves(hardware.plan, controller, acting.at(parts[0]), self.required, below)
             self._points[key] = Point(
-                hardware, active, controller, acting, loop_curves(hardware.plan, acting.at(parts[0])),
+                hardware, active, controller, acting, curves,
                 closed_poles(active, controller), np.linalg.eigvals(controller.own_matrix),
                 np.array(squares),
             )  # fmt: skip
@@ -718,8 +721,8 @@ def backward(search: Search, at: Point, change: np.ndarray) -> tuple[np.ndarray,
     settings, plan, controller = search.settings, at.hardware.plan, at.controller
     sets = plan.every, plan.band, at.hardware.beds
     parts = search._parts(at.hardware)
-    f = np.concatenate([each.frequencies for each in sets])
-    z = np.exp(2j * np.pi * f * controller.sample_time)
+    f, minima = [each.frequencies for each in sets], at.curves.minima
+    z = np.exp(2j * np.pi * np.concatenate([*f, at.curves.margin_at[minima]]) * controller.sample_time)
     form = resolvent(controller.A)
     k, m = len(controller.C), controller.B.shape[1]
     left = np.concatenate([form.rows(z, controller.C), np.broadcast_to(np.eye(k), (len(z), k, k))], axis=2)
@@ -734,7 +737,11 @@ def backward(search: Search, at: Point, change: np.ndarray) -> tuple[np.ndarray,
             total += np.einsum("fki,fkm,fjm->ij", left[part], pull, right[part], optimize=True).real
     cost = np.tensordot(change, total, 2)
     every = slice(parts[0].start, parts[0].stop)
-    rows = [*_damping_rows(search, at, change), *_loop_rows(search, at, change, left[every], right[every])]
+    beside = slice(sum(map(len, f)), None)
+    left, right, beside_left, beside_right = left[every], right[every], left[beside], right[beside]
+    of_margin = left.copy(), right.copy()
+    of_margin[0][minima], of_margin[1][minima] = beside_left, beside_right
+    rows = [*_damping_rows(search, at, change), *_loop_rows(search, at, change, (left, right), of_margin)]
     return cost, np.concatenate(rows)
 
 
@@ -842,14 +849,19 @@ def _products(left: np.ndarray, change: np.ndarray, right: np.ndarray) -> np.nda
 
 
 def _loop_rows(
-    search: Search, at: Point, change: np.ndarray, left: np.ndarray, right: np.ndarray
+    search: Search, at: Point, change: np.ndarray, sides: tuple[np.ndarray, np.ndarray],
+    of_margin: tuple[np.ndarray, np.ndarray],
 ) -> list[np.ndarray]:  # fmt: skip
-    """Of command noise, roll-off, margin and targets; a singular value changes by uᴴ·dM·v."""
+    """Of command noise, roll-off, margin and targets; a singular value changes by uᴴ·dM·v.
+
+    ``sides`` are what stands left and right of the change in the controller's response, ``of_margin`` the same where
+    the margin is looked at: at a minimum over frequency its place does not count.
+    """
     settings, plan, curves, allowed = search.settings, at.hardware.plan, at.curves, search.required.command_noise
     margin, rolled_off = counted(plan, search.required)
     f, held = plan.every.frequencies, plan.every.held[0]
-    y, states = held.shape[1], len(at.controller.A)
-    readings = np.concatenate([right[:, :states, :y], right[:, states:, :y]], axis=1)  # (f, x + m, y)
+    y = held.shape[1]
+    left, readings = sides[0], sides[1][..., :y]  # (f, x + m, y)
     inverse = np.linalg.inv(curves.difference)
     # dH = left·change·readings; the return difference changes by −dH·held
     noisy = np.eye(y) * plan.uncertainty + held @ curves.noise
@@ -866,9 +878,9 @@ def _loop_rows(
     before = np.einsum("fk,fkl,fli->fi", u[:, :, 0].conj(), inverse, left)
     after = np.einsum("fml,fly,fyj,fj->fm", readings, held, inverse, v[:, 0].conj(), optimize=True)
     closed = _products(before[rolled_off], change, after[rolled_off]).real
-    u, _, v = np.linalg.svd(curves.difference)
-    before = np.einsum("fk,fki->fi", u[:, :, -1].conj(), left)
-    after = np.einsum("fml,fly,fy->fm", readings, held, v[:, -1].conj(), optimize=True)
+    u, _, v = np.linalg.svd(curves.at_margin)
+    before = np.einsum("fk,fki->fi", u[:, :, -1].conj(), of_margin[0])
+    after = np.einsum("fml,fly,fy->fm", of_margin[1][..., :y], curves.held, v[:, -1].conj(), optimize=True)
     least = -_products(before[margin], change, after[margin]).real
     return [
         noise, -(1 + settings.reserve) * closed / search.required.rolled_off,
