@@ -164,7 +164,7 @@ def loop_curves(
     minima = np.flatnonzero(low)
     ends = np.stack([np.maximum(f[np.maximum(minima - 1, 0)], begin), f[np.minimum(minima + 1, len(f) - 1)]])
     for _ in range(MARGIN_ROUNDS if len(minima) else 0):
-        grid = np.geomspace(*ends, MARGIN_POINTS)  # (p, minima)
+        grid = np.geomspace(ends[0], ends[1], MARGIN_POINTS)  # (p, minima)
         held_there = bed.held(grid.ravel())
         acting_there = frequency_response(controller, grid.ravel()).of_readings
         differences = identity - acting_there @ held_there

@@ -1082,9 +1082,9 @@ class OpenedSettings:
     drawn_price: float = 0.25
     raised: float = 2.0
     parts: int = 12
-    part: float = 0.5
+    part: float = 0.25
     small: float = 1.0
-    steps: int = 8
+    steps: int = 20
     stuck: float = 0.9
     last_rounds: int = 4
     drawn_rounds: int = 2

@@ -1152,7 +1152,7 @@ def in_time_table(truth: TruthInTime) -> dict[str, Any]:
         ]  # fmt: skip
         rows.append({"words": row.words, "cells": cells})
     return {"heads": [spaced(name) for name in truth.sensors], "rows": rows, "seconds": truth.seconds,
-            "lash": _lash(truth)}  # fmt: skip
+            "lash": " ".join(sentence for sentence in (_lash(truth), _standstill(truth)) if sentence)}  # fmt: skip
 
 
 def _lash(truth: TruthInTime) -> str:
@@ -1164,6 +1164,17 @@ def _lash(truth: TruthInTime) -> str:
     return (
         f"After a short torque pulse with an open lash {come}; at the end the worst bed swings by "
         f"{number(lash.largest_swing, 2)} N·m rms, the vehicle by {number(lash.vehicle_swing, 2)} N·m."
+    )
+
+
+def _standstill(truth: TruthInTime) -> str:
+    """What encoders do at rest, as a sentence; empty where it was not tried."""
+    still = truth.standstill
+    if still is None:
+        return ""
+    return (
+        f"At standstill the counts of the encoders keep the bed swinging: {number(still.command, 2)} N·m rms of "
+        f"command, {number(still.flange, 2)} N·m rms at the flange."
     )
 
 
