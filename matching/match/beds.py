@@ -311,7 +311,7 @@ def worst_bed(
     if not box.uncertain or not len(positions):
         return None
     starts = [np.zeros(len(box.uncertain)), *positions[:STARTS]]
-    descents = [_descended(dampings, position, ROUNDS) for position in starts]
+    descents = [descended(dampings, position, ROUNDS) for position in starts]
     ratio, position, slopes = min(descents, key=lambda descent: descent[0])
     return WorstBed(ratio, box.at(position), _named(box, slopes))
 
@@ -335,7 +335,7 @@ def largest_error(
         values = error(positions)
         return np.where(np.isfinite(values), -values, 0.0)[:, None]
 
-    lowered, end, slopes = _descended(to_lower, position, ERROR_ROUNDS)
+    lowered, end, slopes = descended(to_lower, position, ERROR_ROUNDS)
     return LargestError(-lowered, box.at(end), _named(box, slopes))
 
 
@@ -343,7 +343,7 @@ def _named(box: Box, slopes: np.ndarray) -> tuple[str, ...]:
     return tuple(box.uncertain[i].name for i in np.argsort(-np.abs(slopes))[:NAMED])
 
 
-def _descended(
+def descended(
     of: Callable[[np.ndarray], np.ndarray], position: np.ndarray, rounds: int
 ) -> tuple[float, np.ndarray, np.ndarray]:  # value, position (p,), slopes (p,)
     """The least value met on the way from a position, towards the corners that the gradients of figures point to.

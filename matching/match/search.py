@@ -19,6 +19,7 @@ from matching.match.beds import (
     command_noise,
     counted,
     damping_left,
+    descended,
     loop_curves,
     noise_weights,
     planned,
@@ -305,14 +306,21 @@ class Hardware:
     plan: Planned
     beds: BedSet
     others: dict[tuple[bytes, float], Bed] = field(default_factory=dict)
+    sets: dict[tuple[bytes, ...], SampledBeds] = field(default_factory=dict)
 
     def beds_at(self, positions: np.ndarray, left: float | Sequence[float] = 1.0) -> SampledBeds:
         """Beds at positions (b, p) of the case's box, with ``left`` of the stiffness and damping of their cut shafts.
 
-        Each is worked out once.
+        Each, and each set, is worked out once.
         """
-        places = zip(positions, np.broadcast_to(left, len(positions)).tolist(), strict=True)
-        return side_by_side([self._bed(position, share) for position, share in places])
+        lefts = np.broadcast_to(left, len(positions))
+        key = positions.tobytes(), lefts.tobytes()
+        if key not in self.sets:
+            if len(self.sets) > 4:
+                self.sets.clear()
+            places = zip(positions, lefts.tolist(), strict=True)
+            self.sets[key] = side_by_side([self._bed(position, share) for position, share in places])
+        return self.sets[key]
 
     def _bed(self, position: np.ndarray, left: float) -> Bed:
         key = position.tobytes(), left
@@ -1225,7 +1233,7 @@ def _with_dead_time(search: Search, part: float) -> Search:
     )  # fmt: skip
 
 
-# --- The least damped beds of a box: from the least damped ones of a pool to the corners that the gradients point to.
+# --- The least damped beds of a box: descents from the least damped ones of a pool.
 
 
 @dataclass(frozen=True)
@@ -1238,12 +1246,6 @@ class DescentSettings:
         Beds of the pool from which a descent begins, the least damped ones.
     rounds : int
         Of a descent at most, each with a gradient of its own.
-    difference : float
-        Of a half-width.
-    shares : tuple of float
-        Of the way to the corner that the gradient points to.
-    worth : float
-        Of the requirement: a round that takes away less is the last.
     further : float
         Times the pool: beds that are looked through once for what the pool has missed.
     most_added : int
@@ -1252,9 +1254,6 @@ class DescentSettings:
 
     begins: int = 2
     rounds: int = 3
-    difference: float = 0.02
-    shares: tuple[float, ...] = (1.0, 0.5)
-    worth: float = 0.02
     further: float = 5.4
     most_added: int = 12
 
@@ -1273,24 +1272,8 @@ def worst_positions(room: Callable[[np.ndarray], np.ndarray], pool: np.ndarray) 
     if not pool.size:
         return pool[:0]
     begins = pool[np.argsort(room(pool))[: DESCENT.begins]]
-    return np.unique([_descended(room, begin) for begin in begins], axis=0)
-
-
-def _descended(room: Callable[[np.ndarray], np.ndarray], position: np.ndarray) -> np.ndarray:
-    """The position (p,) with the least room that was met on the way."""
-    value = float(room(position[None])[0])
-    for _ in range(DESCENT.rounds):
-        inward = np.where(position > 0, -DESCENT.difference, DESCENT.difference)
-        corner = -np.sign((room(position + np.diag(inward)) - value) / inward)
-        tried = np.array([position + share * (corner - position) for share in DESCENT.shares])
-        rooms = room(tried)
-        best = int(np.argmin(rooms))
-        worth = rooms[best] < value - DESCENT.worth
-        if rooms[best] < value:
-            value, position = float(rooms[best]), tried[best]
-        if not worth:
-            break
-    return position
+    ends = [descended(lambda at: 1 + room(at)[:, None], begin, DESCENT.rounds) for begin in begins]
+    return np.unique([position for _, position, _ in ends], axis=0)
 
 
 def add_scenarios(search: Search, at: SearchEnd) -> bool:
