@@ -13,7 +13,7 @@ from matching.match.responses import ComparedBed
 from matching.match.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.match.verify import manoeuvre_torques, verify
 from matching.report.common import image
-from matching.report.match import figures
+from matching.report.match import pictures
 from modelling.modal.modes import modes
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -101,7 +101,7 @@ def hand_made(case):
 
 @pytest.fixture(scope="session")
 def as_figures(hand_made):
-    return figures(hand_made)
+    return {name: picture.draw() for name, picture in pictures(hand_made).items()}
 
 
 @pytest.fixture(scope="session")
