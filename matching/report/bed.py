@@ -23,6 +23,7 @@ from matching.report.common import (
     component,
     csv_table,
     curve,
+    decimated,
     figure,
     number,
     plain_ticks,
@@ -460,7 +461,7 @@ def excitation(plan: ExcitationPlan) -> Figure:
             for part in plan.parts[::2]:
                 ax.axvspan(part.begin, part.end, color=BAND, linewidth=0)
             look = curve(j) | {"linestyle": "-"}  # alone in its panel
-            ax.plot(plan.time, plan.torques[:, j], linewidth=0.6, rasterized=True, **look)
+            ax.plot(*decimated(plan.time, plan.torques[:, j]), linewidth=0.6, **look)
             ax.set_ylabel(f"{spaced(name)}\nin N·m")
             if j == 0:
                 for part in plan.parts:

@@ -23,6 +23,7 @@ from matching.report.common import (
     NOISE,
     RIG,
     VEHICLE,
+    decimated,
     figure,
     number,
     percent,
@@ -50,7 +51,6 @@ SMOOTH: dict[str, dict[str, Any]] = {
 }
 MEASURED: dict[str, Any] = {"color": VEHICLE, "linewidth": 3.6, "alpha": 0.4, "label": "measured", "zorder": 2.0}
 SENSORS_SHOWN = 4
-MOST_VECTOR_POINTS = 1500  # a longer line is stored as pixels, so that files stay small
 LONGEST_JOINED = 3  # times the usual distance of a sensor's samples: what is longer is a gap
 LINEAR_TO = 10  # times the noise; beyond, the axis is logarithmic
 LEAST_RANGE = 6.0  # times the noise, either way
@@ -112,8 +112,8 @@ def label(sensor: Sensor) -> str:
 
 
 def line(axes: Any, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
-    """A line through points x (t,), y (t,), stored as pixels if it is long."""
-    axes.plot(x, y, rasterized=len(x) > MOST_VECTOR_POINTS, **look)
+    """A line through points x (t,), y (t,), of a long one its least and largest values."""
+    axes.plot(*decimated(x, y), **look)
 
 
 def noise_band(row: Sequence[Any]) -> None:

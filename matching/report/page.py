@@ -23,8 +23,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from matching.match.case import Case
-from matching.report.common import image
-from matching.report.curves import acting
+from matching.report.acting import acting
 from modelling import display
 from modelling.errors import VERSION, InputError
 from modelling.toml import read_toml
@@ -236,12 +235,8 @@ def in_style(text: str) -> str:
     return "".join(each if each.isalnum() or each == " " else f"\\{ord(each):x} " for each in text)
 
 
-def is_wide(address: str) -> bool:
-    """Whether a figure, a data URI of :func:`embedded`, is to be printed on paper laid across to be read."""
-    content = address.removeprefix("data:image/svg+xml;base64,")
-    if content == address:
-        return False
-    svg = base64.b64decode(content).decode(errors="replace")
+def is_wide(svg: str) -> bool:
+    """Whether a figure is to be printed on paper laid across to be read."""
     size = re.search(r'<svg[^>]*? width="([\d.]+)pt" height="([\d.]+)pt"', svg)
     letters = [float(points) for points in re.findall(r"font(?:-size)?: ?([\d.]+)px", svg)]
     if size is None or not letters:
@@ -252,11 +247,7 @@ def is_wide(address: str) -> bool:
 
 
 def page(
-    report: Report,
-    figures: Mapping[str, Picture],
-    images: Mapping[str, bytes],
-    moving: Mapping[str, str] | None = None,
-    made: Provenance | None = None,
+    report: Report, figures: Mapping[str, Picture], drawn: Mapping[str, Markup], made: Provenance | None = None
 ) -> str:
     """The page as HTML.
 
@@ -265,22 +256,20 @@ def page(
     report : Report
     figures : mapping of str to Picture
         By the names that the report shows them under; the first that no fold shows stands on the first screen.
-    images : mapping of str to bytes
-        The same, drawn (SVG or PNG).
-    moving : mapping of str to str, optional
-        Some of them to act in the browser, as :func:`matching.report.curves.acting` has them.
+    drawn : mapping of str to Markup
+        The same as elements of the page (:func:`matching.report.acting.acting`).
     made : Provenance, optional
         What the result was made from; without it the page does not say.
     """
     kinds = {Markup: "html", str: "text", Table: "table", list: "list", Show: "figure"}
     return environment().get_template("report.html").render(
-        title=report.title, report=report, made=made, moving=moving or {}, kind_of=lambda block: kinds[type(block)],
-        figures={name: embedded(content) for name, content in images.items()},
-        captions={name: figures[name].caption for name in images},
+        title=report.title, report=report, made=made, kind_of=lambda block: kinds[type(block)],
+        figures=drawn,
+        captions={name: figures[name].caption for name in drawn},
         in_folds=[block.figure for fold in report.folds for block in fold.blocks if isinstance(block, Show)],
         data={
             name: f"data:text/csv;charset=utf-8,{quote(figures[name].data, safe=READABLE)}"
-            for name in images if figures[name].data
+            for name in drawn if figures[name].data
         },
     )  # fmt: skip
 
@@ -403,12 +392,11 @@ def files(
     entries, figures = {**view.content(result), **(more or {})}, view.figures(result)
     if made and view.tells_origin:
         entries["made_by"] = made.to_dict()
-    drawn = {name: picture.draw() for name, picture in figures.items()}
-    images = {name: image(fig) for name, fig in drawn.items()}
-    others: dict[str, str | bytes] = {f"{view.folder}{name}.svg": picture for name, picture in images.items()}
+    drawn = {name: acting(picture.draw()) for name, picture in figures.items()}
+    others: dict[str, str | bytes] = {f"{view.folder}{name}.svg": svg for name, (svg, _) in drawn.items()}
     if view.page:
         report = view.report(entries, folder, made, result)
-        others[view.page] = page(report, figures, images, acting(drawn), made)
+        others[view.page] = page(report, figures, {name: element for name, (_, element) in drawn.items()}, made)
     return view.file, entries, others | view.others(result)
 
 

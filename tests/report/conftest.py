@@ -12,7 +12,7 @@ from matching.match.loop import control_law, linear_bed
 from matching.match.responses import ComparedBed
 from matching.match.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.match.verify import manoeuvre_torques, verify
-from matching.report.common import image
+from matching.report.acting import acting
 from matching.report.match import pictures
 from modelling.modal.modes import modes
 
@@ -106,4 +106,4 @@ def as_figures(hand_made):
 
 @pytest.fixture(scope="session")
 def drawn(as_figures):
-    return {name: image(figure) for name, figure in as_figures.items()}
+    return {name: acting(figure)[1] for name, figure in as_figures.items()}

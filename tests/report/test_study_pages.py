@@ -4,7 +4,6 @@ import csv
 import io
 import math
 import re
-from base64 import b64decode
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -18,7 +17,7 @@ from matching.fidelity import Band
 from matching.match.map import Axis, Map, Point
 from matching.match.tolerance import Spread, Tolerance
 from matching.report import evidence, studies
-from matching.report.curves import acting
+from matching.report.acting import acting
 from matching.report.evidence import attribution_figure, bands_figure, contributions, delay_curve, ishikawa
 from matching.report.studies import map_figure
 from matching.report.studies import plot_tolerance as plot
@@ -81,9 +80,9 @@ def test_a_map_shows_its_errors_in_the_terminal_and_in_a_notebook():
 
 
 def test_fields_of_a_map_act_and_say_their_error():
-    script = acting({"map": map_figure(a_map())})["script"]
+    element = unescape(acting(map_figure(a_map()))[1])
     for words in ('"0.3"', "the case as it is", "response error, 0.5"):
-        assert words in script
+        assert words in element
 
 
 def a_study(stable=0.9):
@@ -138,8 +137,7 @@ def test_a_budget_leads_with_the_statement(budget):
     assert sum(float(row["contribution"]) ** 2 for row in rows) == pytest.approx(
         found.measurands[0].propagation.first_order ** 2 / found.measurands[0].measurand.unit.scale ** 2, rel=1e-5
     )
-    picture = html.split('src="data:image/svg+xml;base64,')[1].split('"')[0]
-    assert b"<svg" in b64decode(picture)
+    assert html.count("<svg") == 2
 
 
 def test_every_measurand_has_its_data_and_says_what_decides():
@@ -163,7 +161,7 @@ def test_every_measurand_has_its_data_and_says_what_decides():
 def on_page(html, name):
     """Caption of a figure, and whether its picture is there."""
     part = unescape(html.split(f'id="figure-{name}"')[1].split("</figure>")[0])
-    return part.split("<figcaption>")[1].split("<")[0].strip(), "data:image/svg" in part.split('src="')[1]
+    return part.split("<figcaption>")[1].split("<")[0].strip(), "<svg" in part
 
 
 def test_figures_of_a_map_hold_its_points():
