@@ -62,17 +62,19 @@ def called_with_progress(arguments: Arguments, **more: Any) -> Any:
         return called(function, arguments, **more)
 
 
-def written(result: Any, arguments: Arguments, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def written(
+    result: Any, arguments: Arguments, more: Mapping[str, Any] | None = None, copies: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """The content of a result's file, with more entries, after it and its other files were written."""
     from modelling.display import files
     from modelling.writing import write_results
 
-    content = write_results(arguments.out, *files(result, str(arguments.out), made_of(arguments), more))
+    content = write_results(arguments.out, *files(result, str(arguments.out), made_of(arguments, copies), more))
     (Path(arguments.out) / f"{arguments.command}.partial.jsonl").unlink(missing_ok=True)
     return content
 
 
-def made_of(arguments: Arguments, copies: Mapping[str, Path] | None = None) -> Any:
+def made_of(arguments: Arguments, copies: Mapping[str, Any] | None = None) -> Any:
     """What a command reads: its first file with those that it names, channel file and recordings (or their copies)."""
     from matching.diagnosis.loggers import SEVERAL_LOGGERS
     from matching.report.page import made_from, with_recordings
@@ -290,8 +292,8 @@ def modes_summary(result: dict[str, Any]) -> str:
     if "what_if" in result:
         rows = [
             {"mode": str(row["number"]), "now [Hz]": f"{row['frequency']:.4g}", "Eq. 8 [Hz]": f"{row['predicted']:.4g}",
-             "Eq. 8": f"{row['predicted_change']:+.1%}", "exact [Hz]": f"{row['exact']:.4g}",
-             "exact": f"{row['exact_change']:+.1%}"}
+             "Eq. 8": f"{100 * row['predicted_change']:+.1f} %", "exact [Hz]": f"{row['exact']:.4g}",
+             "exact": f"{100 * row['exact_change']:+.1f} %"}
             for row in result["what_if"]["modes"]
         ]  # fmt: skip
         lines += ["", "with the changes (Eq. 8 is a first-order prediction; the exact solution is the true value):"]
@@ -473,7 +475,8 @@ def _judged(arguments: Arguments, case: Case, channels: Any, recordings: Sequenc
     if arguments.follow is None:  # nobody at the bed waits for minutes
         with steps("verify") as tell:
             reason = why_short(case, verification, recordings, channels, tell)
-    return written(verification, arguments, {"diagnosis": None if reason is None else reason.to_dict()})
+    copies = dict(zip(arguments.recordings, recordings, strict=True))
+    return written(verification, arguments, {"diagnosis": None if reason is None else reason.to_dict()}, copies)
 
 
 def _followed(arguments: Arguments, case: Case, channels: Any) -> dict[str, Any]:

@@ -30,7 +30,7 @@ def acting(fig: Figure) -> tuple[bytes, Markup]:
     for number, axes in enumerate(shown):
         axes.set_gid(f"acts-{number}")
         for line in axes.lines:
-            if len(line.get_xdata()) > 1 and line.get_transform() == axes.transData:
+            if len(line.get_xydata()) > 1 and line.get_transform() == axes.transData:
                 line.set_gid(f"curve: {_label(line)}")
         for bar, words in _bars(axes):
             bar.set_gid(f"bar: {words}")
@@ -56,7 +56,7 @@ def _scales(axes: Any) -> dict[str, Any]:
     for mesh in axes.collections:
         if isinstance(mesh, QuadMesh):
             corners = np.asarray(mesh.get_coordinates(), float)
-            values = np.ma.filled(np.ma.asarray(mesh.get_array(), float), np.nan).reshape(
+            values: np.ndarray = np.ma.filled(np.ma.asarray(mesh.get_array(), float), np.nan).reshape(
                 np.array(corners.shape[:2]) - 1
             )
             known["fields"] = {

@@ -752,7 +752,6 @@ HOW_CANDIDATES = (
     "Every candidate was refitted together with all uncertain quantities. The confidence weighs fitted and held-out "
     "data; χ² counts independent samples."
 )
-CLEAN = "No gaps, no uneven time stamps, no stuck or saturated channel; every channel was used as recorded."
 
 
 def content(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -799,8 +798,8 @@ def report(
             Fold("Candidates", _candidates(result["candidates"])),
             Fold("Fitted quantities of the model",
                  [Table(quantities)] if quantities else ["Only the start states were fitted."]),
-            Fold("The recording", [list(result["notes"]) or CLEAN], told=bool(result["notes"])),
         ],
+        notes=result["notes"],
     )  # fmt: skip
 
 
