@@ -30,7 +30,7 @@ def acting(fig: Figure) -> tuple[bytes, Markup]:
     for number, axes in enumerate(shown):
         axes.set_gid(f"acts-{number}")
         for line in axes.lines:
-            if len(line.get_xydata()) > 1 and line.get_transform() == axes.transData:
+            if np.size(line.get_xdata()) > 1 and line.get_transform() == axes.transData:
                 line.set_gid(f"curve: {_label(line)}")
         for bar, words in _bars(axes):
             bar.set_gid(f"bar: {words}")
