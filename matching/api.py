@@ -622,9 +622,6 @@ def explore(*files: File, out: File = "out/explore", port: int = 0, browser: boo
     >>> explorer = rm.explore("examples/road_to_rig/case.toml")  # doctest: +SKIP
     >>> explorer.stop()  # doctest: +SKIP
     """
-    import webbrowser
-    from pathlib import Path
-
     from matching.explore.files import opened, required_packages, starter
 
     required_packages()
@@ -633,7 +630,7 @@ def explore(*files: File, out: File = "out/explore", port: int = 0, browser: boo
 
     explorer = Explorer(workspace, port)
     if browser:
-        webbrowser.open(explorer.address)
+        explorer.open()
     return explorer
 
 

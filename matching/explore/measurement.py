@@ -8,6 +8,7 @@ from typing import Any
 import panel as pn
 from bokeh.models import ColumnDataSource, PlainText, Range1d
 
+from matching.channel_names import wanted_channels
 from matching.explore import common
 from matching.explore.common import (
     PANE_STYLE,
@@ -23,7 +24,6 @@ from matching.explore.common import (
     opened_measurement,
     paragraph,
     plain_figure,
-    wanted_channels,
 )
 from matching.explore.files import Workspace, write_model
 from matching.report.common import RIG, VEHICLE

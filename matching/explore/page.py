@@ -7,8 +7,8 @@ import json
 import re
 import secrets
 import socket
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import webbrowser
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -19,6 +19,7 @@ import numpy as np
 import panel as pn
 from bokeh.events import Tap
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LogColorMapper
+from bokeh.settings import settings
 from panel.io.server import get_server
 from tornado.web import OutputTransform, RequestHandler
 
@@ -71,9 +72,9 @@ from matching.explore.modes import DrivetrainTab, ModesTab
 from matching.fidelity import fidelity_from_tables, xil_fidelity
 from matching.match.case import Case
 from matching.match.map import axis, quantities
-from matching.report.common import amount, component, embedded, image, number, spaced, unit
-from matching.report.evidence import fidelity_text, plot_fidelity, plot_uncertainty, uncertainty_text
+from matching.report.common import amount, component, image, number, spaced, unit
 from matching.report.match import PEAK_UNITS, answer, summary
+from matching.report.page import embedded
 from matching.uncertainty.budget import budget_from_tables
 from matching.uncertainty.evaluate import evaluate
 from modelling import escape
@@ -513,7 +514,7 @@ def validity(workspace: Workspace) -> Any:
 
         def judge_budget(content: dict[str, Any]) -> Any:
             evaluated = evaluate(budget_from_tables(content, str(path)), draws=BUDGET_DRAWS)
-            return uncertainty_text(evaluated), plot_uncertainty(evaluated)
+            return str(evaluated), evaluated.plot()
 
         parts.append(EditedTable("Uncertainty budget", workspace.budget, same, judge_budget).panel())
     if workspace.fidelity is not None:
@@ -521,7 +522,7 @@ def validity(workspace: Workspace) -> Any:
 
         def judge_fidelity(content: dict[str, Any]) -> Any:
             judged = xil_fidelity(*fidelity_from_tables(content, case), DRAWS, SEED)
-            return fidelity_text(judged), plot_fidelity(judged)
+            return str(judged), judged.plot()
 
         parts.append(EditedTable("XiL fidelity", workspace.fidelity, same, judge_fidelity).panel())
     if not parts:
@@ -703,6 +704,7 @@ def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
     token = secrets.token_urlsafe(TOKEN_BYTES)
     number = port or _free_port()
     out.mkdir(parents=True, exist_ok=True)
+    settings.resources = "server"  # the page needs no internet, whatever BOKEH_RESOURCES says
     pn.extension("filedropper", raw_css=[STYLE])
     server = get_server(
         {"page": make}, address=HOST, port=number, prefix=f"/{token}", websocket_origin=[f"{HOST}:{number}"],
@@ -711,19 +713,6 @@ def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
     )  # fmt: skip
     server._tornado.add_transform(SafeHeaders)
     return server, f"http://{HOST}:{number}/{token}/page"
-
-
-@contextmanager
-def redirect(address: str) -> Iterator[str]:
-    """URL of a file that only this user can read and that leads to the address.
-
-    All users of a machine see the command line of the browser.
-    """
-    with NamedTemporaryFile("w", prefix="rigmatch-", suffix=".html", encoding="utf-8") as file:  # of mode 600
-        target = escape.html(address)
-        file.write(f'<meta http-equiv="refresh" content="0; url={target}"><a href="{target}">rigmatch</a>')
-        file.flush()
-        yield Path(file.name).as_uri()
 
 
 class Explorer:
@@ -758,6 +747,17 @@ class Explorer:
             self._begun.set()
         self._server.io_loop.start()
         self._server.stop()
+
+    def open(self) -> None:
+        """Open the page in the browser: by a file that leads there and that only this user can read.
+
+        All users of a machine see the command line of the browser.
+        """
+        self._leads_there = NamedTemporaryFile("w", prefix="rigmatch-", suffix=".html")  # noqa: SIM115  # kept; mode 600
+        target = html(self.address)
+        self._leads_there.write(f'<meta http-equiv="refresh" content="0; url={target}"><a href="{target}">rigmatch</a>')
+        self._leads_there.flush()
+        webbrowser.open(Path(self._leads_there.name).as_uri())
 
     def stop(self) -> None:
         """End the server."""

@@ -33,15 +33,21 @@ def test_a_program_goes_on_beside_the_page(tmp_path):
         urlopen(explorer.address)
 
 
-def test_the_command_line_of_the_browser_holds_no_secret():
+def test_the_command_line_of_the_browser_holds_no_secret(monkeypatch):
     pytest.importorskip("panel")
-    from matching.explore.page import redirect
+    from matching.explore.page import Explorer
 
-    with redirect("http://127.0.0.1:1/secret/page") as leads_there:
-        file = Path(url2pathname(urlsplit(leads_there).path))
-        assert "secret" not in leads_there
-        assert 'content="0; url=http://127.0.0.1:1/secret/page"' in file.read_text(encoding="utf-8")
-        assert file.stat().st_mode & 0o077 == 0
+    asked = []
+    monkeypatch.setattr("webbrowser.open", asked.append)
+    explorer = Explorer.__new__(Explorer)
+    explorer.address = "http://127.0.0.1:1/secret/page"
+    explorer.open()
+    (leads_there,) = asked
+    file = Path(url2pathname(urlsplit(leads_there).path))
+    assert "secret" not in leads_there
+    assert 'content="0; url=http://127.0.0.1:1/secret/page"' in file.read_text(encoding="utf-8")
+    assert file.stat().st_mode & 0o077 == 0
+    del explorer
     assert not file.exists()
 
 
