@@ -662,8 +662,8 @@ def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
         return opened[0].panel()
 
     return makers | {
-        "Match": match,
         "Measurement": partial(measurement_tab, workspace),
+        "Match": match,
         "Validity": partial(validity, workspace),
     }
 
