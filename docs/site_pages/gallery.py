@@ -41,8 +41,10 @@ def gallery_pages() -> dict[str, str | bytes]:
 def _card(page: str, text: str, picture: str) -> str:
     """A card: title and first paragraph of its page, with a picture where there is one."""
     title, _, rest = text.lstrip("# ").partition("\n")
-    words = re.sub(r"\[([^\]]*)\]\([^)]*\)|!\[[^\]]*\]\([^)]*\)", r"\1", rest.strip().split("\n\n")[0])
-    sentence = re.split(r"(?<=[.:])\s", " ".join(words.split()))[0]
+    plain = re.sub(r"```.*?```|!\[[^\]]*\]\([^)]*\)", "", rest, flags=re.DOTALL)
+    words = " ".join(re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", plain).split())
+    sentences = [each for each in re.split(r"(?<=[.:])\s", words) if re.match(r"[A-Z].{20,}\.$", each)]
+    sentence = sentences[0] if sentences else ""
     image = f":img-top: {picture}\n" if picture else ""
     return f":::{{grid-item-card}} {title}\n:link: {page}\n:link-type: doc\n{image}\n{sentence}\n:::\n\n"
 
