@@ -57,54 +57,20 @@ class Equivalent:
     python: str
 
 
-def show(file: str, out: str) -> Equivalent:
-    """The drawing."""
-    return _made(("show", file, "--out", out), f"rm.show({_text(file)})")
+def same(command: str, *given: str | Sequence[str], out: str | Path, **options: str | int) -> Equivalent:
+    """A command with its files and options; options that are empty are left out."""
+    words, options = [command], {name: value for name, value in options.items() if value != ""}
+    for each in given:
+        words += [each] if isinstance(each, str) else each
+    for name, value in options.items():
+        words += [f"--{name}", str(value)]
+    shown = [*map(_text, given), *(f"{name}={_text(value)}" for name, value in options.items())]
+    python = f"import rigmatch as rm\nresult = rm.{command}({', '.join(shown)})\nprint(result)"
+    return Equivalent(shlex.join(("rigmatch", *words, "--out", str(out))), python)
 
 
-def modes(file: str, out: str) -> Equivalent:
-    """Modes of a model."""
-    return _made(("modes", file, "--out", out), f"modes = rm.modes({_text(file)})\nmodes.plot()")
-
-
-def match(case: str, out: str, starts: str, seed: str) -> Equivalent:
-    """A match."""
-    words = ("match", case, "--starts", starts, "--seed", seed, "--out", out)
-    return _made(words, f"result = rm.match({_text(case)}, seed={seed}, starts={starts})\nresult.plot()")
-
-
-def map_of(case: str, x: str, y: str, out: str) -> Equivalent:
-    """A map."""
-    python = f"map = rm.map({_text(case)}, x={_text(x)}, y={_text(y)})\nmap.plot()"
-    return _made(("map", case, "--x", x, "--y", y, "--out", out), python)
-
-
-def diagnose(model: str, recordings: Sequence[str], channels: str, out: str) -> Equivalent:
-    """A diagnosis."""
-    named = ("--channels", channels) if channels else ()
-    words = ("diagnose", model, *recordings, *named, "--out", out)
-    also = f", channels={_text(channels)}" if channels else ""
-    files = ", ".join(map(_text, recordings))
-    return _made(words, f"diagnosis = rm.diagnose({_text(model)}, [{files}]{also})\nprint(diagnosis)")
-
-
-def uncertainty(budget: str, out: str, draws: int) -> Equivalent:
-    """A budget."""
-    python = f"result = rm.uncertainty({_text(budget)}, draws={draws})\nprint(result)"
-    return _made(("uncertainty", budget, "--draws", str(draws), "--out", out), python)
-
-
-def fidelity(case: str, out: str) -> Equivalent:
-    """A fidelity case."""
-    return _made(("fidelity", case, "--out", out), f"result = rm.fidelity({_text(case)})\nprint(result)")
-
-
-def _made(words: Sequence[str], python: str) -> Equivalent:
-    return Equivalent(shlex.join(("rigmatch", *words)), f"import rigmatch as rm\n{python}")
-
-
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
+def _text(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)
 
 
 # --- A command of rigmatch in a process of its own, as a terminal would run it: its progress is read, it can be ended.
@@ -341,12 +307,12 @@ caption { text-align: left; font-weight: 600; padding: .2em 0; }
 th, td { text-align: left; padding: 3px 14px 3px 0; border-bottom: 1px solid #ddd; vertical-align: top; }
 td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 h1 { font-size: 1.3rem; margin: .3em 0; } h2 { font-size: 1.1rem; margin: .9em 0 .2em; }
-summary { cursor: pointer; } img { max-width: 100%; }
+summary { cursor: pointer; }
+iframe { width: 100%; height: 860px; border: 1px solid #bbb; border-radius: 4px; background: #fff; }
 @media (max-width: 700px) { .scrolls td:last-child { min-width: 11em; } }
-@media (max-width: 700px) { .picture { overflow-x: auto; } .picture img { max-width: none; min-width: 620px; } }
 @media (prefers-color-scheme: dark) {
   :host { color: #e8e8e8; } .wrong { color: #ff9a9a; } pre { background: #2b2b2b; } a { color: #7cc4f5; }
-  th, td { border-bottom-color: #555; } .picture img { background: #fff; }
+  th, td { border-bottom-color: #555; }
 }
 """
 
@@ -387,6 +353,23 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str) -> s
 def _cell(text: str) -> str:
     number = text[:1].isdigit() or (text[:1] in "+-−×" and text[1:2] != "")
     return f'<td class="n">{html(text)}</td>' if number else f"<td>{html(text)}</td>"
+
+
+def report_frame(title: str, *, address: str = "", page: str = "") -> str:
+    """A report on the page, its first screen in sight: one that is served, or the text of its page."""
+    source = f'src="{html(address)}"' if address else f'srcdoc="{html(page)}"'
+    link = f'<p><a href="{html(address)}" target="_blank">Open the report</a></p>' if address else ""
+    return f'{link}<iframe title="{html(title)}" {source}></iframe>'
+
+
+def beside(main: Sequence[Any], side: Sequence[Any]) -> Any:
+    """Fields at the side of what they change, below it on a narrow screen."""
+    wide = {"flex": "1 1 600px", "min-width": "min(100%, 340px)"}
+    narrow = {"flex": "0 1 340px", "min-width": "min(100%, 320px)"}
+    return pn.FlexBox(
+        pn.Column(*main, styles=wide), pn.Column(*side, styles=narrow), flex_wrap="wrap", gap="0 20px",
+        align_items="flex-start", sizing_mode=WIDE,
+    )  # fmt: skip
 
 
 def offer(chooser: Any, options: dict[str, Any], wanted: Any = None) -> None:
