@@ -30,8 +30,22 @@ def generators() -> dict[str, Callable[[], Any]]:
         "on_the_bed.png": lambda: picture(measure(ROOT / "out" / "reference_circle")),
     }
     figures = {f"examples/road_to_rig/{name}": make for name, make in made.items()}
+    figures |= {f"docs/gallery/{name}.svg": make for name, make in gallery().items()}
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
     return figures | {f"notebooks/{path.name}": lambda path=path: run_notebook(path) for path in notebooks}
+
+
+def gallery() -> dict[str, Callable[[], Any]]:
+    """Pictures of the cards, by example: the drivetrain, or what the example is about."""
+    import rigmatch as rm
+
+    examples, drawn = ROOT / "examples", ("case.toml", "model.toml", "planetary_gear.toml")
+    files = {path.parent.name: path for name in reversed(drawn) for path in examples.glob(f"*/{name}")}
+    shown = {name: lambda path=path: rm.show(path) for name, path in files.items()}
+    return shown | {
+        "fidelity": lambda: rm.fidelity(examples / "fidelity" / "tab2.toml").plot(),
+        "sensors": lambda: rm.uncertainty(examples / "sensors" / "torque_M2.toml", draws=10_000).plot(),
+    }
 
 
 def run_notebook(path: Path) -> None:
@@ -73,7 +87,8 @@ def main(names: list[str]) -> None:
     for name in names or makers:
         print(f"{name} …", flush=True)
         if (figure := makers[name]()) is not None:
-            (ROOT / name).write_bytes(image(figure, "png"))
+            (ROOT / name).parent.mkdir(exist_ok=True)
+            (ROOT / name).write_bytes(image(figure, name.rpartition(".")[2]))
 
 
 if __name__ == "__main__":

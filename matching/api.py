@@ -1,6 +1,7 @@
 """What the commands do, as functions: the same names, paths or loaded objects in, results out.
 
-Every result has ``to_dict()`` (what the command writes as JSON), ``plot()`` and shows itself in a notebook.
+Every result has ``to_dict()`` (what the command writes as JSON), ``plot()`` and shows itself in a notebook. Wrong input
+raises ``InputError``: one line with file and key, what is wrong, and what would be right.
 """
 
 from __future__ import annotations
@@ -59,11 +60,6 @@ def load(path: File) -> System:
     System
         The drivetrain as data, SI; it shows its equations in a notebook.
 
-    Raises
-    ------
-    InputError
-        One line: file, key, what is wrong, what would be right. So do all functions here.
-
     Examples
     --------
     >>> model = rm.load("examples/diagnosis/model.toml")
@@ -87,11 +83,6 @@ def load_case(path: File) -> Case:
     -------
     Case
         Vehicle, rig, loop and what may be tuned, SI.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
 
     Examples
     --------
@@ -153,11 +144,6 @@ def show(file: System | Case | File) -> Figure:
     Figure
         Of Matplotlib; ``savefig`` writes it as SVG, PNG or PDF.
 
-    Raises
-    ------
-    InputError
-        One line that names file and key.
-
     Examples
     --------
     >>> rm.show("examples/road_to_rig/case.toml").savefig("drivetrain.svg")
@@ -188,11 +174,6 @@ def read_recording(path: File, model: System | File, channels: File | None = Non
     -------
     Recording
         Time (t,) in s and channels (t,) in SI by name.
-
-    Raises
-    ------
-    InputError
-        One line that names file, column or row.
 
     Examples
     --------
@@ -307,11 +288,6 @@ def modes(model: System | File, values: Mapping[str, float | str] | None = None,
         A sequence of modes, in order of frequency: ``frequency`` (Hz), ``damping_ratio``, ``kinetic`` and ``potential``
         energy shares by part, ``symmetry``.
 
-    Raises
-    ------
-    InputError
-        One line that names file and key.
-
     Examples
     --------
     >>> modes = rm.modes("examples/road_to_rig/vehicle.toml")
@@ -339,11 +315,6 @@ def response(model: System | File, frequencies: Sequence[float | str] | np.ndarr
     -------
     Response
         ``values`` (f, y, u), complex: the sensor's SI unit per N·m.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
 
     Examples
     --------
@@ -396,8 +367,6 @@ def simulate(
 
     Raises
     ------
-    InputError
-        One line that names file, key or column.
     SimulationError
         If a state is not finite.
 
@@ -467,11 +436,6 @@ def diagnose(
         ``verdict`` is ``"adequate"``, ``"explained"`` or ``"unexplained"``; ``causes`` with parameters, standard
         uncertainties, confidence and evidence; ``extended`` is the extended model.
 
-    Raises
-    ------
-    InputError
-        One line that names file, key or column.
-
     Examples
     --------
     >>> found = rm.diagnose("examples/diagnosis/model.toml", "bench.csv")  # doctest: +SKIP
@@ -516,11 +480,6 @@ def uncertainty(
     Uncertainty
         For every measurand the complete result, the budget's table and the check of first order against Monte Carlo.
 
-    Raises
-    ------
-    InputError
-        One line that names file and key.
-
     Examples
     --------
     >>> budget = rm.uncertainty("examples/gum/end_gauge.toml", draws=10_000)
@@ -564,11 +523,6 @@ def fidelity(
     -------
     XilFidelity
         ``R_XiL`` (0 … 1), its parts, and their uncertainties.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key.
 
     Examples
     --------
@@ -616,15 +570,7 @@ def explore(*files: File, out: File = "out/explore", port: int = 0, browser: boo
     ------
     InputError
         If a file cannot be read, or the packages of the explorer are not installed.
-
-    Examples
-    --------
-    >>> explorer = rm.explore("examples/road_to_rig/case.toml")  # doctest: +SKIP
-    >>> explorer.stop()  # doctest: +SKIP
     """
-    import webbrowser
-    from pathlib import Path
-
     from matching.explore.files import opened, required_packages, starter
 
     required_packages()
@@ -633,7 +579,7 @@ def explore(*files: File, out: File = "out/explore", port: int = 0, browser: boo
 
     explorer = Explorer(workspace, port)
     if browser:
-        webbrowser.open(explorer.address)
+        explorer.open()
     return explorer
 
 
@@ -662,11 +608,6 @@ def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
     -------
     Path
         Of the FMU.
-
-    Raises
-    ------
-    InputError
-        One line that names file and key, or the name of the FMU.
 
     Examples
     --------
@@ -719,11 +660,6 @@ def excite(
     ------
     InputError
         If the case lacks limits, nothing is uncertain, or a wish cannot be met.
-
-    Examples
-    --------
-    >>> plan = rm.excite("out/road_to_rig")  # doctest: +SKIP
-    >>> plan.error_after  # doctest: +SKIP
     """
     from matching.bed.excite import plan_excitation, steady_speed
     from matching.bed.proof import plan_proof
@@ -779,16 +715,6 @@ def identify(
     -------
     FromRecordings
         The case, and what was diagnosed of bed and vehicle.
-
-    Raises
-    ------
-    InputError
-        One line that names file, key or column.
-
-    Examples
-    --------
-    >>> known = rm.identify("case.toml", vehicle=["road.csv"], bed=["bed.csv"])  # doctest: +SKIP
-    >>> rm.match(known.case).status  # doctest: +SKIP
     """
     from matching.bed.identify import identify as run
 
@@ -818,16 +744,6 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
     -------
     BedVerification
         Response errors with uncertainties, modes and fidelity of the bed, each beside its prediction.
-
-    Raises
-    ------
-    InputError
-        One line that names file, key or column.
-
-    Examples
-    --------
-    >>> judged = rm.verify("out/road_to_rig", "bed_1.csv", "bed_2.csv")  # doctest: +SKIP
-    >>> judged.status  # doctest: +SKIP
     """
     from matching.bed.verify import judge, read_recordings
     from modelling.recordings.read import read_channels
@@ -879,16 +795,6 @@ def commission(
     -------
     Commissioning
         What each round found, and why it ended or what it waits for.
-
-    Raises
-    ------
-    InputError
-        One line that names what of case, bed or recording is not as it has to be.
-
-    Examples
-    --------
-    >>> result = rm.commission("case.toml", "bed.fmu", "out/commission")  # doctest: +SKIP
-    >>> result.status  # doctest: +SKIP
     """
     from matching.bed.commission import Circle, CommissionOrder
     from modelling.resources import cores
@@ -945,11 +851,6 @@ def match(
         ``status`` is ``"matched"`` or ``"limited"``, ``limits`` says what stands in the way; ``targets``,
         ``parameters``, ``response_error`` and ``verification`` hold the figures; ``tuned`` is the tuned case.
 
-    Raises
-    ------
-    InputError
-        One line that names file and key, also where no stable solution exists.
-
     Examples
     --------
     >>> result = rm.match("examples/adapter_only/case.toml", starts=1)  # doctest: +LONG
@@ -1001,11 +902,6 @@ def map(  # noqa: A001
     -------
     Map
         Response errors, margins and status of every point.
-
-    Raises
-    ------
-    InputError
-        One line that names the quantity, file or key.
 
     Examples
     --------
@@ -1060,11 +956,6 @@ def tolerance(
     Tolerance
         Quantiles of every quantity, shares of the inputs in their spread, and the yield: the share of beds within
         limits.
-
-    Raises
-    ------
-    InputError
-        One line that names the quantity, file or key.
 
     Examples
     --------

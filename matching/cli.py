@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from matching.arguments import add_arguments, described
-from matching.commands import COMMANDS, Command
+from matching.commands import COMMANDS, Command, calls
 from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, InputError, of_the_machine
 from modelling.escape import terminal
 from modelling.toml import line_of
@@ -75,7 +75,7 @@ def check_summary(result: dict[str, Any]) -> str:
 
 
 def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
-    from matching.explore.common import channel_list
+    from matching.channel_names import channel_list
     from matching.match.case import target_modes
     from matching.match.case_file import is_case, load_case
     from modelling.model_file import load
@@ -254,7 +254,7 @@ def build_parser(words: Sequence[str]) -> Parser:
             commands.add_parser(name, add_help=False)
             continue
         command = commands.add_parser(
-            name, allow_abbrev=False, formatter_class=HelpFormatter, epilog=_examples(known.calls),
+            name, allow_abbrev=False, formatter_class=HelpFormatter, epilog=_examples(calls(name)),
             description=described(known.function).text,
         )  # fmt: skip
         add_arguments(command, known.function, known.required, known.hidden)
@@ -282,10 +282,10 @@ def _commands_in_groups() -> str:
     return "\n".join([*lines[1:], "", HELP_AND_TAB])
 
 
-def _examples(calls: Sequence[str]) -> str:
+def _examples(shown: Sequence[str]) -> str:
     """Calls as one types them, one after the other, and where."""
-    before = f" ({MADE_BY_MAKE_RUN} is what make run writes)" if any(MADE_BY_MAKE_RUN in call for call in calls) else ""
-    return f"examples, in the program's folder{before}:\n" + "".join(f"  {call}\n" for call in calls)
+    before = f" ({MADE_BY_MAKE_RUN} is what make run writes)" if any(MADE_BY_MAKE_RUN in call for call in shown) else ""
+    return f"examples, in the program's folder{before}:\n" + "".join(f"  {call}\n" for call in shown)
 
 
 def _add_check(command: argparse.ArgumentParser, words: Sequence[str]) -> None:

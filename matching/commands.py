@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,18 +26,79 @@ if TYPE_CHECKING:
 
     from matching.match.case import Case
     from modelling.modal.result import Modes
-    from modelling.recordings.read import Channel
     from modelling.system import System
 
 Arguments = argparse.Namespace
 
 
-def _saved(result: Any, arguments: Arguments, made: Any = None) -> dict[str, Any]:
-    """The content of a result's file, after it and its other files were written."""
+# --- What commands share: the function is called, its result written.
+
+
+def run_function(arguments: Arguments) -> dict[str, Any]:
+    """Call the command's function, with progress and on as many processes as there are; write its result."""
+    return written(called_with_progress(arguments), arguments)
+
+
+def called_with_progress(arguments: Arguments, **more: Any) -> Any:
+    """The result of a command's function; ``more`` are given as they are."""
+    from matching.progress import OF_A_MATCH, progress, steps
+    from matching.worker_pool import executor_of
+    from modelling.resources import cores
+
+    function, command = COMMANDS[arguments.command].function, arguments.command
+    takes = {name: str(own.annotation) for name, own in inspect.signature(function).parameters.items()}
+    if "executor" in takes and arguments.workers and arguments.scheduler:
+        raise InputError("--workers", "does not go with --scheduler", "name one of them")
+    if "workers" in takes:
+        arguments.workers = arguments.workers or cores()
+    with ExitStack() as stack:
+        if "executor" in takes:
+            more["executor"] = stack.enter_context(executor_of(arguments.workers, arguments.scheduler))
+            more["record"] = Path(arguments.out) / f"{command}.partial.jsonl"
+        for name in takes.keys() & {"tell", "progress"} - more.keys():
+            counts = "int" in takes[name]
+            bar = progress(command) if counts else steps(command, OF_A_MATCH if command == "match" else None)
+            more[name] = stack.enter_context(bar)
+        return called(function, arguments, **more)
+
+
+def written(
+    result: Any, arguments: Arguments, more: Mapping[str, Any] | None = None, copies: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """The content of a result's file, with more entries, after it and its other files were written."""
     from modelling.display import files
     from modelling.writing import write_results
 
-    return write_results(arguments.out, *files(result, str(arguments.out), made))
+    content = write_results(arguments.out, *files(result, str(arguments.out), made_of(arguments, copies), more))
+    (Path(arguments.out) / f"{arguments.command}.partial.jsonl").unlink(missing_ok=True)
+    return content
+
+
+def made_of(arguments: Arguments, copies: Mapping[str, Any] | None = None) -> Any:
+    """What a command reads: its first file with those that it names, channel file and recordings (or their copies)."""
+    from matching.diagnosis.loggers import SEVERAL_LOGGERS
+    from matching.report.page import made_from, with_recordings
+
+    named = vars(arguments)
+    file = Path(next(named[key] for key in ("case", "model", "budget") if named.get(key)))
+    made = made_from(file / "case.toml" if file.is_dir() else file, named.get("seed"), ("vehicle", "rig"))
+    several = [name for key in ("recordings", "holdout") for name in named.get(key) or ()]
+    paths = [path for each in several for path in ([each] if Path(each).exists() else each.split(SEVERAL_LOGGERS))]
+    if named.get("channels"):
+        paths.insert(0, arguments.channels)
+    return with_recordings(made, ((path, (copies or {}).get(path, path)) for path in paths))
+
+
+def told(file: str) -> Callable[[dict[str, Any]], str]:
+    """What a terminal is told of the content of a result's file."""
+
+    def words(content: dict[str, Any]) -> str:
+        from matching.report import view_of
+        from matching.report.page import in_terminal
+
+        return in_terminal(view_of(file).report(content))
+
+    return words
 
 
 # --- Begin, and look
@@ -71,13 +134,12 @@ def run_show(arguments: Arguments) -> dict[str, Any]:
     return _drawn(arguments)
 
 
-def _listed(arguments: argparse.Namespace) -> dict[str, Any]:
-    from matching.explore.common import channel_list
+def _listed(arguments: Arguments) -> dict[str, Any]:
+    from matching.channel_names import channel_list
     from modelling.escape import file_name
-    from modelling.model_file import load
     from modelling.writing import write_all
 
-    listed = channel_list(arguments.file, load(arguments.model) if arguments.model else None)
+    listed = channel_list(arguments.file, api.load(arguments.model) if arguments.model else None)
     files = []
     if arguments.model:
         files = [f"{file_name(Path(arguments.file).stem)}_channels.toml"]
@@ -85,19 +147,14 @@ def _listed(arguments: argparse.Namespace) -> dict[str, Any]:
     return {"file": arguments.file, **listed, "files": files}
 
 
-def _drawn(arguments: argparse.Namespace) -> dict[str, Any]:
-    from matching.match.case_file import is_case, load_case
+def _drawn(arguments: Arguments) -> dict[str, Any]:
+    from matching.match.case_file import is_case
     from matching.report.common import image
-    from matching.report.drivetrain import case_figure, model_figure
-    from modelling.model_file import load
     from modelling.writing import write_all
 
-    if is_case(read_toml(arguments.file)):
-        case = load_case(arguments.file)
-        drawn, systems = case_figure(case), {"vehicle": case.vehicle, "rig": case.rig}
-    else:
-        system = load(arguments.file)
-        drawn, systems = model_figure(system), {"model": system}
+    shown: Any = (api.load_case if is_case(read_toml(arguments.file)) else api.load)(arguments.file)
+    systems = {"vehicle": shown.vehicle, "rig": shown.rig} if hasattr(shown, "rig") else {"model": shown}
+    drawn = api.show(shown)
     write_all(arguments.out, {f"drivetrain.{kind}": image(drawn, kind) for kind in ("svg", "png")})
     counts = {
         role: {"title": system.title, "inertias": len(system.inertias), "shafts": len(system.shafts)}
@@ -108,7 +165,8 @@ def _drawn(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def show_summary(result: dict[str, Any]) -> str:
     """What was drawn or listed, and what was written."""
-    from matching.report.common import aligned, counted
+    from matching.report.common import counted
+    from matching.report.page import aligned
 
     written = [f"written: {', '.join(result['files'])}"] if result["files"] else []
     if "channels" in result:
@@ -134,37 +192,15 @@ def explore_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
 
 
-def run_explore(arguments: argparse.Namespace) -> dict[str, Any]:
+def run_explore(arguments: Arguments) -> dict[str, Any]:
     """Serve the page until it is interrupted; the result object says where it was."""
-    import signal
-    import sys
-    import webbrowser
-    from pathlib import Path
-
-    from matching.explore.files import opened, required_packages, starter
-
-    required_packages()
-    workspace = opened(arguments.files or starter(Path(arguments.out)), arguments.out)
-    print("preparing the page …", file=sys.stderr, flush=True)
-
-    from bokeh.settings import settings
-
-    from matching.explore.page import page, redirect, serve
-
-    settings.resources = "server"  # the page needs no internet, whatever BOKEH_RESOURCES says
-    interrupt = signal.getsignal(signal.SIGINT)
-    server, address = serve(lambda: page(workspace), workspace.out, arguments.port)
-    signal.signal(signal.SIGINT, interrupt)  # with Panel's own the command would end as if it had answered
-    print(f"{address}\nCtrl-C ends it", file=sys.stderr, flush=True)
-    with redirect(address) as leads_there:
-        if not arguments.no_browser:
-            server.io_loop.add_callback(webbrowser.open, leads_there)
-        server.start()
-        try:
-            server.io_loop.start()
-        finally:
-            server.stop()
-    return {"address": address}
+    say("preparing the page …")
+    explorer = api.explore(
+        *arguments.files, out=arguments.out, port=arguments.port, browser=not arguments.no_browser
+    )  # fmt: skip
+    say(f"{explorer.address}\nCtrl-C ends it")
+    explorer.wait()
+    return {"address": explorer.address}
 
 
 # --- Understand a model
@@ -184,16 +220,14 @@ def modes_arguments(parser: argparse.ArgumentParser) -> None:
     completed(parser, "change", lambda given: [f"{name}=" for name in parameters_of_model(given.model)])
 
 
-def run_modes(arguments: argparse.Namespace) -> dict[str, Any]:
+def run_modes(arguments: Arguments) -> dict[str, Any]:
     """Find the modes and write files; the result object is the content of ``modes.json``."""
-    from modelling.errors import InputError
-    from modelling.model_file import load
     from modelling.writing import write_results
 
-    system = load(arguments.model)
+    system = api.load(arguments.model)
     try:
         changes = _changes(arguments.change, system)
-        analysed = _modes(system, arguments.damped)
+        analysed = api.modes(system, damped=arguments.damped)
         result = analysed.to_dict()
         if len(analysed) < len(analysed.coordinates) and not arguments.damped:
             result["degrees_of_freedom"] = len(analysed.coordinates)
@@ -214,23 +248,10 @@ def run_modes(arguments: argparse.Namespace) -> dict[str, Any]:
     return write_results(arguments.out or ".", "modes.json", result, files)
 
 
-def check_modes(arguments: argparse.Namespace) -> dict[str, str]:
+def check_modes(arguments: Arguments) -> dict[str, str]:
     """For ``--check``: whether the quantities to change exist; names no further file."""
-    from modelling.model_file import load
-
-    _changes(arguments.change, load(arguments.model))
+    _changes(arguments.change, api.load(arguments.model))
     return {}
-
-
-def _modes(system: System, damped: bool) -> Modes:
-    """Only what is asked for is imported: the answer comes while one waits for it."""
-    if damped:
-        from modelling.modal.modes import damped_modes
-
-        return damped_modes(system)
-    from modelling.modal.modes import modes
-
-    return modes(system)
 
 
 def _add_reduced(result: dict[str, Any], system: System, analysed: Modes) -> None:
@@ -262,29 +283,21 @@ def _changes(assignments: list[str], system: System) -> dict[str, float]:
 
 def modes_summary(result: dict[str, Any]) -> str:
     """The mode table, and reduced values where asked for."""
-    from matching.report.common import aligned
     from matching.report.modes import mode_table
+    from matching.report.page import aligned
 
     lines = [aligned(mode_table(result["modes"]))]
     if "degrees_of_freedom" in result:
         lines += ["", f"the lowest {len(result['modes'])} of {result['degrees_of_freedom']} modes"]
     if "what_if" in result:
         rows = [
-            {
-                "mode": str(row["number"]),
-                "now [Hz]": f"{row['frequency']:.4g}",
-                "Eq. 8 [Hz]": f"{row['predicted']:.4g}",
-                "Eq. 8": f"{100 * row['predicted_change']:+.1f} %",
-                "exact [Hz]": f"{row['exact']:.4g}",
-                "exact": f"{100 * row['exact_change']:+.1f} %",
-            }
+            {"mode": str(row["number"]), "now [Hz]": f"{row['frequency']:.4g}", "Eq. 8 [Hz]": f"{row['predicted']:.4g}",
+             "Eq. 8": f"{100 * row['predicted_change']:+.1f} %", "exact [Hz]": f"{row['exact']:.4g}",
+             "exact": f"{100 * row['exact_change']:+.1f} %"}
             for row in result["what_if"]["modes"]
-        ]
-        lines += [
-            "",
-            "with the changes (Eq. 8 is a first-order prediction; the exact solution is the true value):",
-            aligned(rows),
-        ]
+        ]  # fmt: skip
+        lines += ["", "with the changes (Eq. 8 is a first-order prediction; the exact solution is the true value):"]
+        lines.append(aligned(rows))
     if "reduced" in result:
         lines += ["", f"reduced to {result['reference']}:"]
         lines += [f"  {name:40} {value:.5g}" for name, value in result["reduced"].items() if value]
@@ -296,7 +309,7 @@ SMALLEST_TOLERANCE = 1e-9  # share of a reading's range; below, rounding decides
 
 def run_simulate(arguments: Arguments) -> dict[str, Any]:
     """Simulate and write files; the result object holds what was run, and the misfit by sensor."""
-    from matching.report.common import simulation_files
+    from matching.report.motions import simulation_files
     from modelling.linear.steady_motion import is_linear
     from modelling.writing import write_all
 
@@ -361,30 +374,6 @@ def simulate_summary(result: dict[str, Any]) -> str:
 # --- Match
 
 
-def run_match(arguments: Arguments) -> dict[str, Any]:
-    """Match and write files; another process draws the static figures."""
-    from matching.match.case_file import case_files, load_case
-    from matching.match.match import match
-    from matching.progress import OF_A_MATCH, steps
-    from matching.report.common import provenance
-    from matching.worker_pool import beside
-    from modelling.resources import cores
-    from modelling.writing import check_inputs_kept, write_results
-
-    case, workers = load_case(arguments.case), arguments.workers or cores()
-    check_inputs_kept(arguments.out, case_files(case))  # before the work
-    with beside(workers) as aside:
-        aside.prepare("matching.report.match", "matching.report.curves", "bokeh.plotting")
-        with steps("match", OF_A_MATCH) as tell:
-            matched = match(case, arguments.seed, arguments.starts, tell, beds=arguments.beds, aside=aside)
-        from matching.report.match import files, pictures
-
-        drawing = aside.begin(pictures, matched)
-        return write_results(
-            arguments.out, *files(matched, arguments.out, provenance(matched.case, arguments.seed), drawing)
-        )
-
-
 def study_arguments(parser: argparse.ArgumentParser) -> None:
     """A cluster in place of this machine's processes; quantities on Tab."""
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, e.g. tcp://host:8786")
@@ -393,61 +382,19 @@ def study_arguments(parser: argparse.ArgumentParser) -> None:
     completed(parser, "added", lambda given: [f"{name}=" for name in quantities_of_case(given.case)])
 
 
-def _studied(study: Callable[..., Any], name: str, arguments: Arguments, **more: Any) -> tuple[Any, Path]:
-    """The result of a study that goes on from its record, and the record."""
-    from matching.progress import progress
-    from matching.worker_pool import executor_of
-    from modelling.resources import cores
-
-    if arguments.workers and arguments.scheduler:
-        raise InputError("--workers", "does not go with --scheduler", "name one of them")
-    record = Path(arguments.out) / f"{name}.partial.jsonl"
-    with (
-        executor_of(arguments.workers or cores(), arguments.scheduler) as executor,
-        progress(name) as advance,
-    ):
-        return called(study, arguments, executor=executor, record=record, progress=advance, **more), record
-
-
 def run_map(arguments: Arguments) -> dict[str, Any]:
-    """Draw the map."""
+    """Draw the map; an axis that is wrong is named by its option."""
     from matching.match.map import axis
-    from matching.report.common import provenance
 
     case = api.load_case(arguments.case)
     axes = {name: axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y")}
-    study, record = _studied(api.map, "map", arguments, case=case, **axes)
-    written = _saved(study, arguments, provenance(case, arguments.seed))
-    record.unlink(missing_ok=True)
-    return written
-
-
-def map_summary(result: dict[str, Any]) -> str:
-    """The best point, how many match, and how many were improved from their neighbours' solutions."""
-    from matching.report.common import amount, counted, number
-
-    points = [point for point in result["points"] if point["error"] is not None]
-    matched = [point for point in points if point["status"] == "matched"]
-    lines = [f"{len(matched)} of {len(result['points'])} points matched"]
-    if points:
-        best = min(matched or points, key=lambda point: point["error"])
-        place = ", ".join(f"{result[key]['name']} {amount(best[key], result[key]['unit'])}" for key in ("x", "y"))
-        lines.append(f"least error {number(best['error'], 3)} at {place} ({best['status']})")
-    better = [point for point in points if point["objective"] != point["objective_from_own_starts"]]
-    if better:
-        lines.append(f"{counted(len(better), 'point')} improved from their neighbours' solutions")
-    return "\n".join(lines)
+    return written(called_with_progress(arguments, **axes), arguments)
 
 
 def run_tolerance(arguments: Arguments) -> dict[str, Any]:
-    """Study the tolerances."""
-    from matching.report.common import provenance
-
-    case, added = api.load_case(arguments.case), pairs(arguments.added or [], "--tolerance")
-    study, record = _studied(api.tolerance, "tolerance", arguments, case=case, added=added)
-    written = _saved(study, arguments, provenance(case, arguments.seed))
-    record.unlink(missing_ok=True)
-    return written
+    """Study the tolerances; the option is called otherwise than the parameter."""
+    added = pairs(arguments.added or [], "--tolerance")
+    return written(called_with_progress(arguments, added=added), arguments)
 
 
 def check_tolerance(arguments: Arguments) -> dict[str, str]:
@@ -458,56 +405,10 @@ def check_tolerance(arguments: Arguments) -> dict[str, str]:
     return {}
 
 
-# --- Find what a model lacks
-
-
-def run_diagnose(arguments: Arguments) -> dict[str, Any]:
-    """Diagnose and write files; figures for the browser and static ones are made by two processes."""
-    from matching.diagnosis.loggers import read_loggers
-    from matching.progress import steps
-    from matching.report.diagnosis import acting_figures, files
-    from matching.worker_pool import beside
-    from modelling.recordings.read import read_channels
-    from modelling.resources import cores
-    from modelling.writing import write_results
-
-    system = api.load(arguments.model)
-    channels = read_channels(arguments.channels) if arguments.channels else None
-    recordings, holdout = (
-        [read_loggers(paths, system, channels) for paths in several or ()]
-        for several in (arguments.recordings, arguments.holdout)
-    )
-    with steps("diagnose") as tell, beside(cores()) as aside:
-        found = api.diagnose(
-            system, recordings, holdout, keep_rest=arguments.keep_rest, time_limit=arguments.time_limit, tell=tell
-        )
-        tell("report")
-        moving = aside.begin(acting_figures, found.pictured, found.extended)
-        return write_results(arguments.out, *files(found, arguments.out, _made(arguments), moving))
-
-
-def _made(arguments: Arguments) -> Any:
-    from matching.diagnosis.loggers import SEVERAL_LOGGERS
-    from matching.report.common import made_from, with_recordings
-
-    recordings = [*arguments.recordings, *(arguments.holdout or ())]
-    paths = [path for each in recordings for path in ([each] if Path(each).exists() else each.split(SEVERAL_LOGGERS))]
-    if arguments.channels:
-        paths.insert(0, arguments.channels)
-    return with_recordings(made_from(arguments.model, None), zip(paths, paths, strict=True))
-
-
 # --- Say how far it can be trusted
 
 
-def run_uncertainty(arguments: Arguments) -> dict[str, Any]:
-    """Evaluate the budget and write files."""
-    from matching.report.common import made_from
-
-    return _saved(called(api.uncertainty, arguments), arguments, made_from(arguments.budget, arguments.seed))
-
-
-def check_uncertainty(arguments: argparse.Namespace) -> dict[str, str]:
+def check_uncertainty(arguments: Arguments) -> dict[str, str]:
     """For ``--check``: whether the wanted uncertainty is one of the measurands'; names no further file."""
     from matching.uncertainty.budget import read_budget
     from matching.uncertainty.propagate import wanted_uncertainty
@@ -519,19 +420,7 @@ def check_uncertainty(arguments: argparse.Namespace) -> dict[str, str]:
     return {}
 
 
-def run_fidelity(arguments: Arguments) -> dict[str, Any]:
-    """Judge the fidelity case and write files."""
-    from matching.report.common import made_from
-
-    return _saved(called(api.fidelity, arguments), arguments, made_from(arguments.case, arguments.seed))
-
-
 # --- Go onto the bed
-
-
-def run_excite(arguments: Arguments) -> dict[str, Any]:
-    """Plan the excitation and write files."""
-    return _saved(called(api.excite, arguments), arguments)
 
 
 def check_excite(arguments: Arguments) -> dict[str, str]:
@@ -546,23 +435,12 @@ def check_excite(arguments: Arguments) -> dict[str, str]:
     return {}
 
 
-def run_identify(arguments: Arguments) -> dict[str, Any]:
-    """Identify and write files."""
-    from matching.progress import steps
-
-    with steps("identify") as tell:
-        return _saved(called(api.identify, arguments, tell=tell), arguments)
-
-
-def check_identify(arguments: argparse.Namespace) -> dict[str, str]:
+def check_identify(arguments: Arguments) -> dict[str, str]:
     """For ``--check``: what the recordings hold, by file."""
-    from pathlib import Path
-
     from matching.bed.identify import recordings_read
-    from matching.export import tuned_case
 
     vehicle, bed = ([Path(name) for name in names] for names in (arguments.vehicle, arguments.bed))
-    return recordings_read(tuned_case(arguments.case).tuned, vehicle, bed)
+    return recordings_read(api.tuned_case_of(arguments.case), vehicle, bed)
 
 
 def verify_arguments(parser: argparse.ArgumentParser) -> None:
@@ -586,31 +464,22 @@ def run_verify(arguments: Arguments) -> dict[str, Any]:
     return _followed(arguments, case, channels)
 
 
-def _judged(
-    arguments: argparse.Namespace, case: Case, channels: Mapping[str, Channel] | None, recordings: Sequence[str | Path]
-) -> dict[str, Any]:
+def _judged(arguments: Arguments, case: Case, channels: Any, recordings: Sequence[str | Path]) -> dict[str, Any]:
     """Judge recordings, or copies of those on the command line, and write files; diagnose them where they are short."""
     from matching.bed.commission import why_short
     from matching.bed.verify import judge, read_recordings
     from matching.progress import steps
-    from matching.report.bed import verification_files
-    from matching.report.common import made_from, with_recordings
-    from modelling.writing import write_results
 
     verification = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
     reason = None
     if arguments.follow is None:  # nobody at the bed waits for minutes
         with steps("verify") as tell:
             reason = why_short(case, verification, recordings, channels, tell)
-    made = made_from(case.path, None, ("vehicle", "rig"))
-    made = with_recordings(made, zip(arguments.recordings, recordings, strict=True))
-    why = None if reason is None else reason.to_dict()
-    return write_results(
-        arguments.out, *verification_files(verification, str(arguments.out), made, arguments.case, why)
-    )
+    copies = dict(zip(arguments.recordings, recordings, strict=True))
+    return written(verification, arguments, {"diagnosis": None if reason is None else reason.to_dict()}, copies)
 
 
-def _followed(arguments: argparse.Namespace, case: Case, channels: Mapping[str, Channel] | None) -> dict[str, Any]:
+def _followed(arguments: Arguments, case: Case, channels: Any) -> dict[str, Any]:
     """Judge growing recordings again and again; a line each time says how far the answer is."""
     from tempfile import TemporaryDirectory
 
@@ -623,13 +492,13 @@ def _followed(arguments: argparse.Namespace, case: Case, channels: Mapping[str, 
         for copies in snapshots([Path(name) for name in arguments.recordings], arguments.follow, Path(folder)):
             try:
                 result, wrong = _judged(arguments, case, channels, copies), None
-                print(interim(result), file=sys.stderr, flush=True)
+                say(interim(result))
             except InputError as error:
                 where = error.where
                 for copy, name in zip(copies, arguments.recordings, strict=True):
                     where = where.replace(str(copy), name)
                 wrong = InputError(where, error.wrong, error.right)
-                print(f"not yet: {wrong}", file=sys.stderr, flush=True)
+                say(f"not yet: {wrong}")
     if wrong is not None and result is not None:  # an answer that the files as they are do not give
         before = f"{arguments.out} holds what was judged before"
         raise InputError(wrong.where, wrong.wrong, "; ".join(filter(None, (wrong.right, before))))
@@ -639,30 +508,18 @@ def _followed(arguments: argparse.Namespace, case: Case, channels: Mapping[str, 
 
 
 def run_commission(arguments: Arguments) -> dict[str, Any]:
-    """Go round and write files."""
-    from matching.progress import steps
-    from matching.report.bed import commissioning_files
-    from matching.report.common import made_from
-    from modelling.writing import write_results
-
-    with steps("commission") as step:
-        tell = step if arguments.follow is None else _said
-        commissioning = called(api.commission, arguments, tell=tell)
-    case = Path(arguments.case)
-    made = made_from(case / "case.toml" if case.is_dir() else case, arguments.seed, ("vehicle", "rig"))
-    return write_results(arguments.out, *commissioning_files(commissioning, str(arguments.out), made, arguments.case))
+    """Go round; a person at the bed is told every step in a line of its own."""
+    more = {} if arguments.follow is None else {"tell": say}
+    return written(called_with_progress(arguments, **more), arguments)
 
 
-def check_commission(arguments: argparse.Namespace) -> dict[str, str]:
+def check_commission(arguments: Arguments) -> dict[str, str]:
     """For ``--check``: what the bed is, and what the vehicle's recordings hold, by file."""
-    from pathlib import Path
-
     from matching.bed.excite import check_order
     from matching.bed.identify import recordings_read
     from matching.bed.simulated_bed import FmuBed, check_bed
-    from matching.export import tuned_case
 
-    case, bed = tuned_case(arguments.case).tuned, Path(arguments.bed)
+    case, bed = api.tuned_case_of(arguments.case), Path(arguments.bed)
     check_order(case, api.commission_excitation(arguments.duration, arguments.speed))
     check_bed(bed)
     contents = {arguments.bed: "a folder for recordings of the bed"}
@@ -673,8 +530,8 @@ def check_commission(arguments: argparse.Namespace) -> dict[str, str]:
     return contents | (recordings_read(case, recordings, []) if recordings else {})
 
 
-def _said(what: str) -> None:
-    """For a person at the bed, a line each."""
+def say(what: str) -> None:
+    """Tell a person at the bed, a line each."""
     print(what, file=sys.stderr, flush=True)
 
 
@@ -767,18 +624,6 @@ def _completed_parameters(model: dict[str, Any]) -> list[str]:
 # --- The list of commands
 
 
-def _summary(module: str, name: str) -> Callable[[dict[str, Any]], str]:
-    """A report module's words for the terminal, imported when they are needed."""
-
-    def words(result: dict[str, Any]) -> str:
-        from importlib import import_module
-
-        text: str = getattr(import_module(f"matching.report.{module}"), name)(result)
-        return text
-
-    return words
-
-
 @dataclass(frozen=True)
 class Command:
     """A command of the terminal; it imports what computes when it runs, so that help is instant.
@@ -791,8 +636,6 @@ class Command:
         Of :mod:`matching.api`: its parameters are the command's arguments, its docstring is the help.
     run : callable
         Does it and writes files; returns the result object.
-    examples : tuple of str
-        Calls that work as typed, one after the other, in the program's folder after ``make run``.
     summary : callable, optional
         The result for a reader at a terminal.
     check : callable, optional
@@ -809,8 +652,7 @@ class Command:
 
     group: str
     function: Callable[..., Any]
-    run: Callable[[Arguments], dict[str, Any]]
-    examples: tuple[str, ...]
+    run: Callable[[Arguments], dict[str, Any]] = run_function
     summary: Callable[[dict[str, Any]], str] | None = None
     check: Callable[[Arguments], dict[str, str]] | None = None
     page: str = ""
@@ -819,17 +661,12 @@ class Command:
     hidden: tuple[str, ...] = ()
     further: Callable[[argparse.ArgumentParser], None] | None = None
 
-    @property
-    def calls(self) -> list[str]:
-        """The examples as one types them."""
-        return [call if call.startswith("python ") else f"rigmatch {call}" for call in self.examples]
-
 
 BEGIN, UNDERSTAND, MATCH, LACKS, TRUST, BED = (
     "begin, and look", "understand a model", "match", "find what a model lacks", "say how far it can be trusted",
     "go onto the bed",
 )  # fmt: skip
-EXAMPLES = {  # each works as typed after those before it, in the program's folder after ``make run``
+EXAMPLES = {
     "new": (
         "new my_bed",
         "new bench/electric_drive",
@@ -911,68 +748,53 @@ EXAMPLES = {  # each works as typed after those before it, in the program's fold
         "--bed out/bed.fmu --out out/known_vehicle",
     ),
 }
+NO_OUT: dict[str, Any] = {"out": None}
+HERE: dict[str, Any] = {"out": "."}
 COMMANDS: dict[str, Command] = {
-    "new": Command(
-        BEGIN, api.new, run_new, EXAMPLES["new"], summary=new_summary, out=None,
-    ),
-    "show": Command(
-        BEGIN, api.show, run_show, EXAMPLES["show"], summary=show_summary, out=".", further=show_arguments,
-    ),
-    "explore": Command(
-        BEGIN, api.explore, run_explore, EXAMPLES["explore"], out=None, hidden=("browser",),
-        further=explore_arguments,
-    ),
+    "new": Command(BEGIN, api.new, run_new, summary=new_summary, **NO_OUT),
+    "show": Command(BEGIN, api.show, run_show, summary=show_summary, further=show_arguments, **HERE),
+    "explore": Command(BEGIN, api.explore, run_explore, hidden=("browser",), further=explore_arguments, **NO_OUT),
     "modes": Command(
-        UNDERSTAND, api.modes, run_modes, EXAMPLES["modes"], summary=modes_summary, check=check_modes, out=None,
-        hidden=("values",), further=modes_arguments,
+        UNDERSTAND, api.modes, run_modes, summary=modes_summary, check=check_modes, hidden=("values",),
+        further=modes_arguments, **NO_OUT,
     ),
-    "simulate": Command(
-        UNDERSTAND, api.simulate, run_simulate, EXAMPLES["simulate"], summary=simulate_summary,
-    ),
-    "match": Command(
-        MATCH, api.match, run_match, EXAMPLES["match"], summary=_summary("match", "summary"), page="report.html",
-    ),
+    "simulate": Command(UNDERSTAND, api.simulate, run_simulate, summary=simulate_summary),
+    "match": Command(MATCH, api.match, summary=told("result.json"), page="report.html"),
     "map": Command(
-        MATCH, api.map, run_map, EXAMPLES["map"], summary=map_summary, page="report.html", required=("x", "y"),
-        hidden=("record",), further=study_arguments,
+        MATCH, api.map, run_map, summary=told("map.json"), page="report.html", required=("x", "y"), hidden=("record",),
+        further=study_arguments,
     ),
     "tolerance": Command(
-        MATCH, api.tolerance, run_tolerance, EXAMPLES["tolerance"], summary=_summary("studies", "summary"),
-        check=check_tolerance, page="report.html", hidden=("record",), further=study_arguments,
+        MATCH, api.tolerance, run_tolerance, summary=told("tolerance.json"), check=check_tolerance, page="report.html",
+        hidden=("record",), further=study_arguments,
     ),
-    "diagnose": Command(
-        LACKS, api.diagnose, run_diagnose, EXAMPLES["diagnose"], summary=_summary("diagnosis", "summary"),
-        page="report.html",
-    ),
+    "diagnose": Command(LACKS, api.diagnose, summary=told("diagnosis.json"), page="report.html"),
     "uncertainty": Command(
-        TRUST, api.uncertainty, run_uncertainty, EXAMPLES["uncertainty"], summary=_summary("evidence",
-        "uncertainty_summary"), check=check_uncertainty, page="uncertainty.html", out=".",
+        TRUST, api.uncertainty, summary=told("uncertainty.json"), check=check_uncertainty, page="uncertainty.html",
+        **HERE,
     ),
-    "fidelity": Command(
-        TRUST, api.fidelity, run_fidelity, EXAMPLES["fidelity"], summary=_summary("evidence", "fidelity_summary"),
-        page="fidelity.html", out=".",
-    ),
+    "fidelity": Command(TRUST, api.fidelity, summary=told("fidelity.json"), page="fidelity.html", **HERE),
     "export": Command(
-        BED, api.export, run_export, EXAMPLES["export"], summary=export_summary, out=None, hidden=("fmu",),
-        further=export_arguments,
+        BED, api.export, run_export, summary=export_summary, hidden=("fmu",), further=export_arguments, **NO_OUT
     ),
     "excite": Command(
-        BED, api.excite, run_excite, EXAMPLES["excite"], summary=_summary("bed", "excitation_summary"),
+        BED, api.excite, summary=lambda plan: told("proof.json" if "period" in plan else "excite.json")(plan),
         check=check_excite,
     ),
-    "identify": Command(
-        BED, api.identify, run_identify, EXAMPLES["identify"], summary=_summary("bed", "identification_summary"),
-        check=check_identify,
-    ),
+    "identify": Command(BED, api.identify, summary=told("identification.json"), check=check_identify),
     "verify": Command(
-        BED, api.verify, run_verify, EXAMPLES["verify"], summary=_summary("bed", "verification_summary"),
-        page="report.html", further=verify_arguments,
+        BED, api.verify, run_verify, summary=told("verification.json"), page="report.html", further=verify_arguments
     ),
     "commission": Command(
-        BED, api.commission, run_commission, EXAMPLES["commission"], summary=_summary("bed",
-        "commissioning_summary"), check=check_commission, page="report.html", out=None, required=("bed", "out"),
+        BED, api.commission, run_commission, summary=told("commission.json"), check=check_commission,
+        page="report.html", required=("bed", "out"), **NO_OUT,
     ),
 }  # fmt: skip
+
+
+def calls(command: str) -> list[str]:
+    """Calls that work as typed, one after the other, in the program's folder after ``make run``."""
+    return [call if call.startswith("python ") else f"rigmatch {call}" for call in EXAMPLES[command]]
 
 
 @display.text.register

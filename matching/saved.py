@@ -84,7 +84,7 @@ def load_result(path: Path) -> SavedResult:
 
 @display.html.register
 def _(saved: SavedResult) -> str:
-    from matching.report.common import preformatted
+    from matching.report.page import preformatted
 
     return preformatted(str(saved))
 

@@ -143,13 +143,14 @@ def animation(result: Any) -> Any:
 
 
 @singledispatch
-def files(result: Any, folder: str, made: Any = None) -> ResultFiles:
+def files(result: Any, folder: str, made: Any = None, more: Mapping[str, Any] | None = None) -> ResultFiles:
     """What :meth:`Displayed.save` writes to a folder, whose name a page shows in its commands.
 
-    ``made`` says on the page what the result was made from. Raises as :func:`plot` does.
+    ``made`` says on the page what the result was made from; ``more`` are further entries of the result's file. Raises
+    as :func:`plot` does.
     """
     view: Any = _registered(files, result)
-    answer: ResultFiles = view(result, folder, made)
+    answer: ResultFiles = view(result, folder, made, **({"more": more} if more else {}))
     return answer
 
 

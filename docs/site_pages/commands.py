@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterator
 
 from matching.cli import build_parser
-from matching.commands import COMMANDS
+from matching.commands import COMMANDS, calls
 
 TOP = """# Commands
 
@@ -29,7 +29,7 @@ def _section(name: str) -> str:
     rows = list(_rows(command))
     table = ["| argument | means |", "|---|---|", *rows] if rows else []
     return "\n".join(
-        [f"## rigmatch {name}", "", command.description or "", "", "```", *COMMANDS[name].calls, "```", "", *table, ""]
+        [f"## rigmatch {name}", "", command.description or "", "", "```", *calls(name), "```", "", *table, ""]
     )
 
 

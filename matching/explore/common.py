@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import re
 import shlex
 import signal
 import subprocess
@@ -13,7 +12,6 @@ import sys
 import threading
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import SequenceMatcher
 from functools import partial
 from pathlib import Path
 from time import monotonic
@@ -28,13 +26,14 @@ from panel.custom import JSComponent
 from scipy.interpolate import RegularGridInterpolator
 
 from matching.bed.measured import estimated_response, spectra
+from matching.channel_names import Suggestion, channel_file, suggestions, time_column
 from matching.explore.files import Document, ModelDocument, Workspace
 from matching.progress import PROGRESS_ALWAYS
 from matching.report.common import LIMIT, NOISE, RIG, VEHICLE
 from matching.report.drivetrain import Picture, case_drawings, drawing, picture
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
-from modelling.escape import file_name, html, toml_string
+from modelling.escape import file_name, html
 from modelling.linear.linearise import linearise
 from modelling.linear.state_space import Response, response
 from modelling.modal.modes import LARGEST_WITH_ALL_MODES, damped_modes_of, modes_of
@@ -42,9 +41,9 @@ from modelling.modal.result import Mode, Modes
 from modelling.recordings.read import Channel, read_recording
 from modelling.recordings.readers import read_table
 from modelling.recordings.recording import Recording
-from modelling.recordings.table import TIME_NAMES, Column, Table, time_hint
+from modelling.recordings.table import Table
 from modelling.system import Quantity, System
-from modelling.units import SENSOR_UNITS, factor
+from modelling.units import factor
 from modelling.writing import write_all
 
 # --- What does the same without the page: a command for the terminal, and lines of Python.
@@ -58,54 +57,20 @@ class Equivalent:
     python: str
 
 
-def show(file: str, out: str) -> Equivalent:
-    """The drawing."""
-    return _made(("show", file, "--out", out), f"rm.show({_text(file)})")
+def same(command: str, *given: str | Sequence[str], out: str | Path, **options: str | int) -> Equivalent:
+    """A command with its files and options; options that are empty are left out."""
+    words, options = [command], {name: value for name, value in options.items() if value != ""}
+    for each in given:
+        words += [each] if isinstance(each, str) else each
+    for name, value in options.items():
+        words += [f"--{name}", str(value)]
+    shown = [*map(_text, given), *(f"{name}={_text(value)}" for name, value in options.items())]
+    python = f"import rigmatch as rm\nresult = rm.{command}({', '.join(shown)})\nprint(result)"
+    return Equivalent(shlex.join(("rigmatch", *words, "--out", str(out))), python)
 
 
-def modes(file: str, out: str) -> Equivalent:
-    """Modes of a model."""
-    return _made(("modes", file, "--out", out), f"modes = rm.modes({_text(file)})\nmodes.plot()")
-
-
-def match(case: str, out: str, starts: str, seed: str) -> Equivalent:
-    """A match."""
-    words = ("match", case, "--starts", starts, "--seed", seed, "--out", out)
-    return _made(words, f"result = rm.match({_text(case)}, seed={seed}, starts={starts})\nresult.plot()")
-
-
-def map_of(case: str, x: str, y: str, out: str) -> Equivalent:
-    """A map."""
-    python = f"map = rm.map({_text(case)}, x={_text(x)}, y={_text(y)})\nmap.plot()"
-    return _made(("map", case, "--x", x, "--y", y, "--out", out), python)
-
-
-def diagnose(model: str, recordings: Sequence[str], channels: str, out: str) -> Equivalent:
-    """A diagnosis."""
-    named = ("--channels", channels) if channels else ()
-    words = ("diagnose", model, *recordings, *named, "--out", out)
-    also = f", channels={_text(channels)}" if channels else ""
-    files = ", ".join(map(_text, recordings))
-    return _made(words, f"diagnosis = rm.diagnose({_text(model)}, [{files}]{also})\nprint(diagnosis)")
-
-
-def uncertainty(budget: str, out: str, draws: int) -> Equivalent:
-    """A budget."""
-    python = f"result = rm.uncertainty({_text(budget)}, draws={draws})\nprint(result)"
-    return _made(("uncertainty", budget, "--draws", str(draws), "--out", out), python)
-
-
-def fidelity(case: str, out: str) -> Equivalent:
-    """A fidelity case."""
-    return _made(("fidelity", case, "--out", out), f"result = rm.fidelity({_text(case)})\nprint(result)")
-
-
-def _made(words: Sequence[str], python: str) -> Equivalent:
-    return Equivalent(shlex.join(("rigmatch", *words)), f"import rigmatch as rm\n{python}")
-
-
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
+def _text(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)
 
 
 # --- A command of rigmatch in a process of its own, as a terminal would run it: its progress is read, it can be ended.
@@ -342,12 +307,12 @@ caption { text-align: left; font-weight: 600; padding: .2em 0; }
 th, td { text-align: left; padding: 3px 14px 3px 0; border-bottom: 1px solid #ddd; vertical-align: top; }
 td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 h1 { font-size: 1.3rem; margin: .3em 0; } h2 { font-size: 1.1rem; margin: .9em 0 .2em; }
-summary { cursor: pointer; } img { max-width: 100%; }
+summary { cursor: pointer; }
+iframe { width: 100%; height: 860px; border: 1px solid #bbb; border-radius: 4px; background: #fff; }
 @media (max-width: 700px) { .scrolls td:last-child { min-width: 11em; } }
-@media (max-width: 700px) { .picture { overflow-x: auto; } .picture img { max-width: none; min-width: 620px; } }
 @media (prefers-color-scheme: dark) {
   :host { color: #e8e8e8; } .wrong { color: #ff9a9a; } pre { background: #2b2b2b; } a { color: #7cc4f5; }
-  th, td { border-bottom-color: #555; } .picture img { background: #fff; }
+  th, td { border-bottom-color: #555; }
 }
 """
 
@@ -388,6 +353,23 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str) -> s
 def _cell(text: str) -> str:
     number = text[:1].isdigit() or (text[:1] in "+-−×" and text[1:2] != "")
     return f'<td class="n">{html(text)}</td>' if number else f"<td>{html(text)}</td>"
+
+
+def report_frame(title: str, *, address: str = "", page: str = "") -> str:
+    """A report on the page, its first screen in sight: one that is served, or the text of its page."""
+    source = f'src="{html(address)}"' if address else f'srcdoc="{html(page)}"'
+    link = f'<p><a href="{html(address)}" target="_blank">Open the report</a></p>' if address else ""
+    return f'{link}<iframe title="{html(title)}" {source}></iframe>'
+
+
+def beside(main: Sequence[Any], side: Sequence[Any]) -> Any:
+    """Fields at the side of what they change, below it on a narrow screen."""
+    wide = {"flex": "1 1 600px", "min-width": "min(100%, 340px)"}
+    narrow = {"flex": "0 1 340px", "min-width": "min(100%, 320px)"}
+    return pn.FlexBox(
+        pn.Column(*main, styles=wide), pn.Column(*side, styles=narrow), flex_wrap="wrap", gap="0 20px",
+        align_items="flex-start", sizing_mode=WIDE,
+    )  # fmt: skip
 
 
 def offer(chooser: Any, options: dict[str, Any], wanted: Any = None) -> None:
@@ -1008,162 +990,6 @@ def pictures(workspace: Workspace) -> dict[str, Picture]:
     drawn = dict(zip(("vehicle", "rig"), case_drawings(workspace.load_case()), strict=True))
     largest = max(part.J.value for system in systems.values() for part in system.inertias)
     return {role: picture(drawing(system, drawn[role].emphasis, largest)) for role, system in systems.items()}
-
-
-# --- Which column of a measurement file is probably which channel of a model, and in which unit.
-
-LEAST_SIMILARITY = 0.45  # of two names, below which nothing is suggested
-UNIT_BONUS = 0.2  # for a unit that fits
-KIND_BONUS = 0.25  # for a word that means the same kind of quantity
-# What test benches call the kinds of quantities, in English and German, whole words
-KIND_WORDS = {
-    "torque": {"torque", "trq", "tq", "m", "t", "md", "moment", "drehmoment", "mom"},
-    "speed": {"speed", "spd", "n", "w", "omega", "rpm", "drehzahl", "vel", "velocity"},
-    "angle": {"angle", "phi", "winkel", "ang", "pos", "position"},
-    "acceleration": {"acceleration", "acc", "alpha", "accel"},
-}
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """A channel of a model: an input or a sensor, its kind of quantity, and whether it must be there."""
-
-    name: str
-    kind: str
-    needed: bool
-
-    @property
-    def si(self) -> str:
-        """Its SI unit."""
-        return SENSOR_UNITS[self.kind]
-
-
-@dataclass(frozen=True)
-class Suggestion:
-    """A column of the file for a channel; empty where none is like it."""
-
-    column: str
-    unit: str
-    similarity: float
-
-
-def wanted_channels(system: System) -> list[Wanted]:
-    """Inputs, which must be there, then sensors."""
-    inputs = [Wanted(part.name, "torque", True) for part in system.inputs]
-    return inputs + [Wanted(part.name, part.measures, False) for part in system.sensors]
-
-
-def suggestions(system: System, columns: Mapping[str, str]) -> dict[str, Suggestion]:
-    """The likeliest column for every channel, each column once, the likeliest pairs first.
-
-    Parameters
-    ----------
-    columns : mapping of str to str
-        Unit by column, empty where the file states none.
-    """
-    pairs = sorted(
-        (
-            (_similarity(wanted, column, unit), wanted, column)
-            for wanted in wanted_channels(system)
-            for column, unit in columns.items()
-            if _fits(wanted, unit)
-        ),
-        key=lambda pair: -pair[0],
-    )
-    by_channel: dict[str, Suggestion] = {}
-    used: set[str] = set()
-    for similarity, wanted, column in pairs:
-        if similarity >= LEAST_SIMILARITY and wanted.name not in by_channel and column not in used:
-            by_channel[wanted.name] = Suggestion(column, columns[column] or wanted.si, similarity)
-            used.add(column)
-    return {w.name: by_channel.get(w.name, Suggestion("", w.si, 0.0)) for w in wanted_channels(system)}
-
-
-def time_column(columns: Sequence[str]) -> str:
-    """The column that is probably time; empty where none is."""
-    return next((name for name in columns if name.strip().lower() in TIME_NAMES), "")
-
-
-def channel_file(chosen: Mapping[str, tuple[str, str]], time: str) -> str:
-    """The text of a channel file from column and unit by channel; empty columns are left out."""
-    rows = [
-        f"{toml_string(name)} = {{ channel = {toml_string(column)}, unit = {toml_string(unit)} }}"
-        for name, (column, unit) in chosen.items()
-        if column
-    ]
-    return "\n".join(["[channels]", f"time = {toml_string(time)}", *rows]) + "\n"
-
-
-def _fits(wanted: Wanted, unit: str) -> bool:
-    try:
-        factor(unit, wanted.si)
-    except InputError:
-        return False
-    return True
-
-
-def _words(name: str) -> list[str]:
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
-    return [word.lower() for word in re.split(r"[^A-Za-z]+", parted) if word]
-
-
-def _similarity(wanted: Wanted, column: str, unit: str) -> float:
-    """Likeness of the names without the words for the kind of quantity, and bonuses for kind and unit."""
-    kinds = set().union(*KIND_WORDS.values())
-    mine, theirs = _words(wanted.name), _words(column)
-    same_kind = bool(KIND_WORDS[wanted.kind] & set(theirs))
-    other_kind = not same_kind and bool(kinds - KIND_WORDS[wanted.kind] & set(theirs)) and bool(kinds & set(theirs))
-    a, b = ("".join(word for word in words if word not in kinds) for words in (mine, theirs))
-    alike = 1.0 if wanted.name == column else SequenceMatcher(None, a or "".join(mine), b or "".join(theirs)).ratio()
-    bonus = KIND_BONUS * (same_kind - other_kind) + (UNIT_BONUS if unit else 0.0)
-    return alike + bonus
-
-
-# --- What a measurement file holds: its channels in a table, and a channel file that fits a model.
-
-
-def channel_list(path: str | Path, system: System | None = None) -> dict[str, Any]:
-    """Channels of a measurement file as they stand there, in the file's names and units.
-
-    Parameters
-    ----------
-    path : path
-        CSV, MDF, ``.mat`` or Parquet.
-    system : System, optional
-        A model for which a channel file is suggested.
-
-    Returns
-    -------
-    dict
-        ``channels``: name, unit, samples, from, to (as time stands in the file), least and largest of each; ``notes``
-        of the reader; ``channel_file``: its text, empty without a model.
-    """
-    table = read_table(path)
-    time = time_column(table.names)
-    notes = list(table.notes)
-    if not time:
-        notes.append(f"no channel is called time: {time_hint(table.names)}")
-    stamps = table[time].values if time else np.arange(table.rows, dtype=float)
-    channels = [_channel(column, stamps) for column in table.columns]
-    suggested = ""
-    if system is not None:
-        columns = {column.name: column.unit for column in table.columns if column.name != time}
-        chosen = {name: (found.column, found.unit) for name, found in suggestions(system, columns).items()}
-        suggested = channel_file(chosen, time or "NAME")
-    return {"channels": channels, "notes": notes, "channel_file": suggested}
-
-
-def _channel(column: Column, stamps: np.ndarray) -> dict[str, Any]:
-    values = column.values
-    there = np.isfinite(values)
-    found: dict[str, Any] = {"name": column.name, "unit": column.unit, "samples": int(there.sum())}
-    if not there.any():
-        return found | dict.fromkeys(("from", "to", "least", "largest"))
-    recorded = stamps[there & np.isfinite(stamps)]
-    ends = (float(recorded[0]), float(recorded[-1])) if len(recorded) else (None, None)
-    return found | {
-        "from": ends[0], "to": ends[1], "least": float(values[there].min()), "largest": float(values[there].max()),
-    }  # fmt: skip
 
 
 # --- Long signals for a screen: the least and the largest sample of every column of pixels, so that no peak is lost.

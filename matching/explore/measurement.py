@@ -8,11 +8,12 @@ from typing import Any
 import panel as pn
 from bokeh.models import ColumnDataSource, PlainText, Range1d
 
-from matching.explore import common
+from matching.channel_names import wanted_channels
 from matching.explore.common import (
     PANE_STYLE,
     WIDE,
     Ended,
+    Equivalent,
     EquivalentBox,
     Measurement,
     Message,
@@ -23,13 +24,13 @@ from matching.explore.common import (
     opened_measurement,
     paragraph,
     plain_figure,
-    wanted_channels,
+    report_frame,
+    same,
 )
 from matching.explore.files import Workspace, write_model
 from matching.report.common import RIG, VEHICLE
-from matching.report.diagnosis import summary
 from modelling.errors import InputError
-from modelling.escape import file_name, html
+from modelling.escape import file_name
 from modelling.recordings.readers import READERS, read_table
 from modelling.writing import write_all
 
@@ -80,14 +81,13 @@ class MeasurementTab:
             self.drop,
             self.path,
             self.message,
-            self.channels,
-            self.signals,
             heading("Model against recording"),
-            self.compare.panel(),
-            self.diagnose.panel(),
+            pn.FlexBox(self.compare.panel(), self.diagnose.panel()),
             self.result,
             pn.FlexBox(self.keep_as, self.keep, align_items="end"),
             self.kept,
+            self.signals,
+            self.channels,
             self.same,
             sizing_mode=WIDE,
         )
@@ -137,9 +137,9 @@ class MeasurementTab:
         except InputError as error:
             self.message.say(str(error), wrong=True)
 
-    def _equivalent(self, recording: str, channels: str) -> common.Equivalent:
+    def _equivalent(self, recording: str, channels: str) -> Equivalent:
         model = str(write_model(self.workspace, self.role.value))
-        return common.diagnose(model, [recording], channels, str(self.workspace.out / "diagnosis"))
+        return same("diagnose", model, [recording], out=self.workspace.out / "diagnosis", channels=channels)
 
     def show_signal(self) -> None:
         """Draw what is in sight of the chosen signal."""
@@ -231,13 +231,9 @@ class MeasurementTab:
         time, values = drawn.signal(name, self.figure.x_range.start, self.figure.x_range.end)
         self.simulated.data = {"t": time, "y": in_units_of(values, si, unit)}
 
-    def _show_diagnosis(self, ended: Ended) -> None:
+    def _show_diagnosis(self, _: Ended) -> None:
         out = self.workspace.out / "diagnosis"
-        report = address_of(out / "report.html", self.workspace.out)
-        self.result.object = (
-            f'<pre class="words" tabindex="0" aria-label="Diagnosis">{html(summary(ended.result))}</pre>'
-            f'<p><a href="{html(report)}" target="_blank">Open the report</a></p>'
-        )
+        self.result.object = report_frame("Diagnosis", address=address_of(out / "report.html", self.workspace.out))
         model = self.workspace.models[self.role.value].path
         self.keep_as.param.update(value=str(model.with_name(f"{model.stem}_extended.toml")), visible=True)
         self.keep.visible = True

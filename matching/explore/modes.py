@@ -9,7 +9,6 @@ from typing import Any
 import panel as pn
 import param
 
-from matching.explore import common
 from matching.explore.common import (
     PANE_STYLE,
     WIDE,
@@ -17,12 +16,14 @@ from matching.explore.common import (
     Editing,
     EnergyBars,
     Entry,
+    Equivalent,
     EquivalentBox,
     MeasuredCurves,
     Message,
     ResponseFigures,
     Slider,
     WhatIf,
+    beside,
     heading,
     largest_shares,
     lay_out,
@@ -31,6 +32,7 @@ from matching.explore.common import (
     paragraph,
     pictures,
     read_as_suggested,
+    same,
     table,
 )
 from matching.explore.files import Document, Workspace, part_of, write_case, write_model
@@ -74,24 +76,13 @@ class DrivetrainTab:
     def panel(self) -> Any:
         """The tab's content."""
         drawings = [part for role, view in self.views.items() for part in (heading(self._title(role), 2), view)]
-        return pn.Column(
-            *drawings,
-            paragraph(
-                f"Click a part, or choose it below, to see and change its values. {LEGEND[0].upper()}{LEGEND[1:]}."
-            ),
-            heading("Values", 2),
-            self.chooser,
-            self.values,
-            self.editing.message,
-            self.changes,
-            self.editing.buttons(),
-            heading("Parts", 2),
-            paragraph("A new part sits at the part that is chosen above. With a part goes what hangs on it."),
-            pn.FlexBox(self.kind, self.named, self.other, self.add, align_items="end"),
-            pn.FlexBox(self.new_name, self.rename, self.remove, align_items="end"),
-            self.same,
-            sizing_mode=WIDE,
-        )
+        how = paragraph(f"Click a part to see and change its values. {LEGEND[0].upper()}{LEGEND[1:]}.")
+        fields = [
+            heading("Values", 2), self.chooser, self.values, self.editing.message, self.changes, self.editing.buttons(),
+            heading("Parts", 2), paragraph("A new part sits at the chosen part. With a part goes what hangs on it."),
+            self.kind, self.named, self.other, self.add, self.new_name, pn.FlexBox(self.rename, self.remove),
+        ]  # fmt: skip
+        return pn.Column(beside([*drawings, how], fields), self.same, sizing_mode=WIDE)
 
     def _add(self) -> str:
         at = self._part.partition(".")[2]
@@ -153,10 +144,10 @@ class DrivetrainTab:
         lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
 
-    def _equivalent(self) -> common.Equivalent:
+    def _equivalent(self) -> Equivalent:
         has_case = self.workspace.case is not None
         file = write_case(self.workspace) if has_case else write_model(self.workspace, self._role)
-        return common.show(str(file), str(self.workspace.out))
+        return same("show", str(file), out=self.workspace.out)
 
     def _groups(self) -> dict[str, dict[str, tuple[str, str]]]:
         groups = {}
@@ -240,7 +231,7 @@ class ModesTab:
         self.input, self.sensor = (pn.widgets.Select(name=name, width=250) for name in ("Input", "Sensor"))
         self.responses, self.message = ResponseFigures(), Message()
         self.energies = pn.Column(sizing_mode=WIDE)
-        self.same = EquivalentBox(common.modes("", ""))
+        self.same = EquivalentBox(same("modes", "", out=""))
         self.open_model()
         self.role.param.watch(lambda _: self.open_model(), "value")
         self.mode.param.watch(lambda _: self._show_mode(), "value")
@@ -253,11 +244,9 @@ class ModesTab:
 
     def panel(self) -> Any:
         """The tab's content."""
+        fields = [self.role, self.mode, self.quantity, self.slider, pn.FlexBox(self.reset, self.keep), self.message]
         return pn.Column(
-            pn.FlexBox(self.role, self.mode),
-            self.view,
-            pn.FlexBox(self.quantity, self.slider, self.reset, self.keep),
-            self.message,
+            beside([self.view], fields),
             self.table,
             heading("Energy"),
             self.energies,
@@ -288,7 +277,7 @@ class ModesTab:
         offer(self.input, {part.name: part.name for part in document.system.inputs})
         offer(self.sensor, {part.name: part.name for part in document.system.sensors})
         self.measured = self._measured()
-        self.same.set(common.modes(str(write_model(self.workspace, self.role.value)), str(self.workspace.out)))
+        self.same.set(same("modes", str(write_model(self.workspace, self.role.value)), out=self.workspace.out))
         self._set_slider()
         self.show()
 

@@ -7,8 +7,8 @@ import json
 import re
 import secrets
 import socket
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import webbrowser
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -19,6 +19,7 @@ import numpy as np
 import panel as pn
 from bokeh.events import Tap
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LogColorMapper
+from bokeh.settings import settings
 from panel.io.server import get_server
 from tornado.web import OutputTransform, RequestHandler
 
@@ -36,7 +37,7 @@ from matching.explore.common import (
     Runner,
     TabBar,
     address_of,
-    fidelity,
+    beside,
     grid,
     heading,
     interpolated_error,
@@ -45,8 +46,8 @@ from matching.explore.common import (
     offer,
     paragraph,
     plain_figure,
-    table,
-    uncertainty,
+    report_frame,
+    same,
 )
 from matching.explore.files import (
     TEMPLATES,
@@ -71,14 +72,14 @@ from matching.explore.modes import DrivetrainTab, ModesTab
 from matching.fidelity import fidelity_from_tables, xil_fidelity
 from matching.match.case import Case
 from matching.match.map import axis, quantities
-from matching.report.common import amount, component, embedded, image, number, spaced, unit
-from matching.report.evidence import fidelity_text, plot_fidelity, plot_uncertainty, uncertainty_text
-from matching.report.match import PEAK_UNITS, answer, summary
+from matching.report.common import component, number, spaced, unit
+from matching.report.match import PEAK_UNITS, answer
 from matching.uncertainty.budget import budget_from_tables
 from matching.uncertainty.evaluate import evaluate
 from modelling import escape
 from modelling.bed.controllers import STRUCTURES
 from modelling.bed.manoeuvres import UNITS as MANOEUVRE_UNITS
+from modelling.display import files
 from modelling.errors import InputError
 from modelling.escape import html
 from modelling.units import to_si
@@ -139,7 +140,7 @@ class MapView:
 
     def _equivalent(self) -> common.Equivalent:
         x, y = (f"{name}{self._range(name)}" for name in (self.x.value, self.y.value))
-        return common.map_of(str(case_path(self.workspace)), x, y, str(self.out))
+        return same("map", str(case_path(self.workspace)), out=self.out, x=x, y=y)
 
     def _show(self, ended: Ended) -> None:
         self.show_map(ended.result)
@@ -218,43 +219,6 @@ def _usual_range(case: Case, name: str) -> tuple[float, float]:
     return values[0], values[-1]
 
 
-# --- What a match answered, on the page: in words, what to order, the figures that show it, its report.
-
-FIGURES = {
-    "trade": "The trade: response error for unmeasured torques over each adapter quantity, the rest tuned for it",
-    "overview": "Responses, manoeuvre and target modes of vehicle, rig and matched rig",
-}
-HEAD = ("adapter quantity", "as planned", "to order", "as good within 2 % between", "error as planned", "as ordered")
-
-
-def result_html(result: Mapping[str, Any], folder: Path, out: Path) -> str:
-    """The result of ``rigmatch match`` in ``folder``, which is served below ``out``."""
-    report = address_of(folder / "report.html", out)
-    rows = [_row(trade) for trade in result["adapters"]]
-    caption = "What to order (median errors over fresh beds, over their tolerance, the rest tuned for each)"
-    order = table(HEAD, rows, caption) if rows else "<p>No quantity of an adapter was allowed to move.</p>"
-    figures = "".join(
-        f'<figure class="picture" tabindex="0">'
-        f'<img src="{html(address_of(folder / "figures" / f"{name}.svg", out))}" alt="{html(words)}">'
-        f"<figcaption>{html(words)}</figcaption></figure>"
-        for name, words in FIGURES.items()
-        if name != "trade" or rows
-    )
-    return (
-        f'<pre class="words" tabindex="0" aria-label="Result">{html(summary(result))}</pre>{order}'
-        f'<p><a href="{html(report)}" target="_blank">Open the report</a></p>{figures}'
-    )
-
-
-def _row(trade: Mapping[str, Any]) -> tuple[str, ...]:
-    si = trade["unit"]
-    low, high = (number(value) for value in trade["acceptable"])
-    return (
-        component(trade["name"]), amount(trade["planned"], si), amount(trade["ordered"], si),
-        f"{low} and {high} {unit(si)}", number(trade["error_as_planned"], 2), number(trade["error_as_ordered"], 2),
-    )  # fmt: skip
-
-
 # --- The tab *Match*: the case as a form, a run with progress, results, and a map that answers what-if questions.
 
 STARTS = 4
@@ -303,18 +267,17 @@ class MatchTab:
     def panel(self) -> Any:
         """The tab's content."""
         return pn.Column(
+            heading("Run"),
+            paragraph("A run takes the values as they are shown below, saved or not."),
+            pn.FlexBox(self.starts, self.seed, self.runner.panel(), align_items="end"),
+            self.result,
+            self.take,
             heading("Case"),
             self.tables,
             pn.FlexBox(self.added, self.add, self.held, self.hold, align_items="end"),
             pn.FlexBox(self.limit, self.limit_text, self.state, align_items="end"),
             self.editing.message,
             self.editing.buttons(),
-            heading("Run"),
-            paragraph("A run takes the values as they are shown, saved or not."),
-            pn.FlexBox(self.starts, self.seed),
-            self.runner.panel(),
-            self.result,
-            self.take,
             self.same,
             self.map.panel(),
             sizing_mode=WIDE,
@@ -348,7 +311,7 @@ class MatchTab:
         self.same.set(self._equivalent())
         self.map.refresh()
         if self.result.object and self._texts() != self._ran:
-            self.runner.message.say("The result below is of the case before the last change")
+            self.runner.message.say("The report is of the case before the last change")
 
     def models_changed(self) -> None:
         """Follow changes of the models in other tabs."""
@@ -408,7 +371,10 @@ class MatchTab:
         return f"{'.'.join(map(str, keys))} is {text}. {self._changed_words()}"
 
     def _equivalent(self) -> common.Equivalent:
-        return common.match(str(write_case(self.workspace)), str(self.out), self.starts.value, self.seed.value)
+        starts, seed = (
+            int(field.value) if field.value.isdigit() else field.value for field in (self.starts, self.seed)
+        )
+        return same("match", str(write_case(self.workspace)), out=self.out, starts=starts, seed=seed)
 
     def _words(self) -> list[str]:
         self.editing.all_taken()
@@ -420,7 +386,7 @@ class MatchTab:
         return [file.text for file in (self.form.document, *self.workspace.models.values())]
 
     def _show(self, ended: Ended) -> None:
-        self.result.object = result_html(ended.result, self.out, self.workspace.out)
+        self.result.object = report_frame("Report", address=address_of(self.out / "report.html", self.workspace.out))
         self._ordered = {trade["name"].removeprefix("rig."): trade["ordered"] for trade in ended.result["adapters"]}
         self.take.visible = bool(self._ordered)
 
@@ -448,34 +414,27 @@ class EditedTable:
     Parameters
     ----------
     judge : callable
-        Text and figure of the file's content.
+        The report (HTML) of what follows from the file's content.
     """
 
-    def __init__(self, title: str, document: Document, same: Equivalent, judge: Callable[[dict[str, Any]], Any]):
+    def __init__(self, title: str, document: Document, same: Equivalent, judge: Callable[[dict[str, Any]], str]):
         self.title, self.document, self._judge = title, document, judge
         self.editing = Editing(self._enter, document.undo, lambda: [document], self.refresh, width=230)
         self.rows, self._boxes = pn.Column(sizing_mode=WIDE), dict[str, Any]()
         self.answer = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
         self.same = EquivalentBox(same)
         self._content: dict[str, Any] = {}  # what was judged last
-        self._judged: tuple[str, Any] = ("", None)
+        self._judged = ""
         self.editing.do(lambda: "")
 
     def panel(self) -> Any:
         """Fields, answer, command."""
-        return pn.Column(
-            heading(self.title), self.rows, self.editing.message, self.editing.buttons(), self.answer, self.same,
-            sizing_mode=WIDE,
-        )  # fmt: skip
+        fields = [self.rows, self.editing.message, self.editing.buttons()]
+        return pn.Column(heading(self.title), beside([self.answer], fields), self.same, sizing_mode=WIDE)
 
     def refresh(self) -> None:
         """Show the file as it is, and what follows from it."""
-        text, picture = self._judged_once(self.document.content)
-        self.answer.object = (
-            f'<pre tabindex="0" aria-label="Result">{html(text)}</pre>'
-            f'<div class="picture" tabindex="0" role="region" aria-label="Figure of {html(self.title)}">'
-            f'<img src="{embedded(image(picture))}" alt="Figure of the result"></div>'
-        )
+        self.answer.object = report_frame(self.title, page=self._judged_once(self.document.content))
         form = fields(self.document)
         by_table: dict[str, list[Any]] = {}
         for field, widget in zip(form, self.editing.entries.show(map(_entry, form)), strict=True):
@@ -491,8 +450,8 @@ class EditedTable:
         name = ".".join(map(str, keys)).removesuffix(".value")
         return f"{name} is {text}. {'Changed; not saved yet' if self.document.changed else 'As in the file'}"
 
-    def _judged_once(self, content: dict[str, Any]) -> tuple[str, Any]:
-        """Text and figure; judging takes a second, and entering and showing both ask."""
+    def _judged_once(self, content: dict[str, Any]) -> str:
+        """The report; judging takes a second, and entering and showing both ask."""
         if content != self._content:
             self._judged = self._judge(content)
             self._content = content
@@ -504,26 +463,30 @@ def _entry(field: Field) -> Entry:
     return Entry(field.keys, label, field.text)
 
 
+def _page_of(result: Any) -> str:
+    *_, others = files(result, "")
+    return next(str(text) for name, text in others.items() if name.endswith(".html"))
+
+
 def validity(workspace: Workspace) -> Any:
     """The tab's content."""
     parts = []
     if workspace.budget is not None:
         path = workspace.budget.path
-        same = uncertainty(str(path), str(workspace.out / "uncertainty"), BUDGET_DRAWS)
 
-        def judge_budget(content: dict[str, Any]) -> Any:
-            evaluated = evaluate(budget_from_tables(content, str(path)), draws=BUDGET_DRAWS)
-            return uncertainty_text(evaluated), plot_uncertainty(evaluated)
+        def judge_budget(content: dict[str, Any]) -> str:
+            return _page_of(evaluate(budget_from_tables(content, str(path)), draws=BUDGET_DRAWS))
 
-        parts.append(EditedTable("Uncertainty budget", workspace.budget, same, judge_budget).panel())
+        command = same("uncertainty", str(path), out=workspace.out / "uncertainty", draws=BUDGET_DRAWS)
+        parts.append(EditedTable("Uncertainty budget", workspace.budget, command, judge_budget).panel())
     if workspace.fidelity is not None:
-        case, same = workspace.fidelity.path, fidelity(str(workspace.fidelity.path), str(workspace.out / "fidelity"))
+        case = workspace.fidelity.path
 
-        def judge_fidelity(content: dict[str, Any]) -> Any:
-            judged = xil_fidelity(*fidelity_from_tables(content, case), DRAWS, SEED)
-            return fidelity_text(judged), plot_fidelity(judged)
+        def judge_fidelity(content: dict[str, Any]) -> str:
+            return _page_of(xil_fidelity(*fidelity_from_tables(content, case), DRAWS, SEED))
 
-        parts.append(EditedTable("XiL fidelity", workspace.fidelity, same, judge_fidelity).panel())
+        command = same("fidelity", str(case), out=workspace.out / "fidelity")
+        parts.append(EditedTable("XiL fidelity", workspace.fidelity, command, judge_fidelity).panel())
     if not parts:
         parts.append(paragraph("Open or make a budget or a fidelity case under Files."))
     return pn.Column(*parts, sizing_mode=WIDE)
@@ -625,7 +588,17 @@ def page(workspace: Workspace) -> Any:
         ]
 
     show_files()
-    workspace.leave = partial(own.add_next_tick_callback, empty) if own is not None else empty
+    if own is None:
+        workspace.leave = empty
+        return whole
+    workspace.leave = leave = partial(own.add_next_tick_callback, empty)
+
+    def gone(_: Any) -> None:
+        """The browser has left the page: there is nothing to empty."""
+        if workspace.leave is leave:
+            workspace.leave = lambda: None
+
+    own.on_session_destroyed(gone)
     return whole
 
 
@@ -689,8 +662,8 @@ def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
         return opened[0].panel()
 
     return makers | {
-        "Match": match,
         "Measurement": partial(measurement_tab, workspace),
+        "Match": match,
         "Validity": partial(validity, workspace),
     }
 
@@ -703,6 +676,7 @@ def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
     token = secrets.token_urlsafe(TOKEN_BYTES)
     number = port or _free_port()
     out.mkdir(parents=True, exist_ok=True)
+    settings.resources = "server"  # the page needs no internet, whatever BOKEH_RESOURCES says
     pn.extension("filedropper", raw_css=[STYLE])
     server = get_server(
         {"page": make}, address=HOST, port=number, prefix=f"/{token}", websocket_origin=[f"{HOST}:{number}"],
@@ -711,19 +685,6 @@ def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
     )  # fmt: skip
     server._tornado.add_transform(SafeHeaders)
     return server, f"http://{HOST}:{number}/{token}/page"
-
-
-@contextmanager
-def redirect(address: str) -> Iterator[str]:
-    """URL of a file that only this user can read and that leads to the address.
-
-    All users of a machine see the command line of the browser.
-    """
-    with NamedTemporaryFile("w", prefix="rigmatch-", suffix=".html", encoding="utf-8") as file:  # of mode 600
-        target = escape.html(address)
-        file.write(f'<meta http-equiv="refresh" content="0; url={target}"><a href="{target}">rigmatch</a>')
-        file.flush()
-        yield Path(file.name).as_uri()
 
 
 class Explorer:
@@ -758,6 +719,17 @@ class Explorer:
             self._begun.set()
         self._server.io_loop.start()
         self._server.stop()
+
+    def open(self) -> None:
+        """Open the page in the browser: by a file that leads there and that only this user can read.
+
+        All users of a machine see the command line of the browser.
+        """
+        self._leads_there = NamedTemporaryFile("w", prefix="rigmatch-", suffix=".html")  # noqa: SIM115  # kept; mode 600
+        target = html(self.address)
+        self._leads_there.write(f'<meta http-equiv="refresh" content="0; url={target}"><a href="{target}">rigmatch</a>')
+        self._leads_there.flush()
+        webbrowser.open(Path(self._leads_there.name).as_uri())
 
     def stop(self) -> None:
         """End the server."""

@@ -1,6 +1,7 @@
 """Figures, pages and texts of results; each room registers the views of its results in its ``view`` module."""
 
 from importlib import import_module
+from typing import Any
 
 VIEWS = {
     "matching.saved.SavedResult": "matching.commands",
@@ -19,11 +20,24 @@ VIEWS = {
     "matching.uncertainty.result.Uncertainty": "matching.report.evidence",
     "matching.fidelity.XilFidelity": "matching.report.evidence",
     "modelling.equations.lagrange.Equations": "matching.report.modes",
-    "modelling.linear.state_space.Response": "matching.report.common",
+    "modelling.linear.state_space.Response": "matching.report.motions",
     "modelling.modal.result.Modes": "matching.report.modes",
     "modelling.system.System": "matching.report.drivetrain",
-    "modelling.simulation.stepping.Simulation": "matching.report.common",
+    "modelling.simulation.stepping.Simulation": "matching.report.motions",
 }
+MODULES = {  # of views, by the name of a result's file
+    "result.json": "match", "map.json": "studies", "tolerance.json": "studies", "diagnosis.json": "diagnosis",
+    "uncertainty.json": "evidence", "fidelity.json": "evidence", "excite.json": "bed", "proof.json": "bed",
+    "identification.json": "bed", "verification.json": "bed", "commission.json": "bed",
+}  # fmt: skip
+
+
+def view_of(file: str) -> Any:
+    """The view of the results in a file (:class:`matching.report.page.View`)."""
+    import_module(f"matching.report.{MODULES[file]}")
+    from matching.report.page import VIEWS_OF_FILES
+
+    return VIEWS_OF_FILES[file]
 
 
 def load_view(result_class: type) -> None:

@@ -1,4 +1,4 @@
-"""Views of a planned excitation."""
+"""On the bed: planned excitation and proof, identification, verification, commissioning: figures and reports."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from matching.bed.commission import Commissioning
@@ -19,23 +20,18 @@ from matching.report.common import (
     NOISE,
     RIG,
     VEHICLE,
-    Provenance,
-    ScreenPoint,
+    component,
     csv_table,
     curve,
-    embedded,
-    environment,
+    decimated,
     figure,
-    image,
-    in_address,
     number,
     plain_ticks,
     spaced,
     styled,
     unit,
 )
-from matching.report.curves import acting
-from modelling import display
+from matching.report.page import Fold, Picture, Provenance, Report, Step, Table, View, register
 
 # --- The curves of a verification's figure as a table (CSV), to be calculated with.
 
@@ -59,7 +55,7 @@ def curve_data(curves: Sequence[FunctionCurves]) -> str:
             ]
         head.append(f"{curve.sensor} / {curve.input}, expanded uncertainty (k = {COVERAGE_FACTOR:g}) [{per}]")
         columns.append(_placed(COVERAGE_FACTOR * curve.uncertainty, row, frequencies))
-    return csv_table(head, ([_known(value) for value in row] for row in zip(*columns, strict=True)))
+    return csv_table(head, ([_finite(value) for value in row] for row in zip(*columns, strict=True)))
 
 
 def _placed(values: np.ndarray, row: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
@@ -68,7 +64,7 @@ def _placed(values: np.ndarray, row: np.ndarray, frequencies: np.ndarray) -> np.
     return placed
 
 
-def _known(value: Any) -> Any:
+def _finite(value: Any) -> Any:
     return value if np.isfinite(value) else None
 
 
@@ -125,14 +121,54 @@ def _panel(ax: Any, curve: FunctionCurves) -> None:
     ax.set_ylabel(f"{unit(curve.unit)} per N·m")
 
 
-# --- The verification of a bed in words.
+# --- The report of a bed's verification: measured errors with their uncertainty, and what to do.
 
+RESPONSES = (
+    "Compared functions over frequency, modulus: the vehicle, the prediction for the bed with its controller, and what "
+    "the recordings show with about 95 % uncertainty."
+)
 VERDICT_MEANING = {
     "as_predicted": "The bed answers as the match predicted, within what was measured and what the case states as "
     "uncertain, and no worse than the case allows.",
     "short": "The bed falls short of the prediction by more than the uncertainty of the measurement.",
     "undetermined": "The recordings do not decide it: record longer, or excite the bed more.",
 }
+HOW_ERRORS = (
+    "Root mean square of |log(H bed/H vehicle)| over the band, with expanded uncertainty (k = 2); noise taken off. "
+    "From whole periods each value is the quotient at a line; from other recordings it comes from local rational "
+    "models of the spectra."
+)
+HOW_MODES = "One estimator for vehicle, prediction and bed: a pair of poles that the compared functions share."
+HOW_FIDELITY = "The vehicle is simulated on the recorded torques (Eqs. 14 to 23 of the paper as defined)."
+
+
+def verification_report(
+    content: Mapping[str, Any], folder: str = "OUT", made: Provenance | None = None, result: Any = None
+) -> Report:
+    """What a verification says."""
+    fidelity = [
+        {"recording": row["recording"], "R_SD": number(row["R_SD"]), "R_MU": number(row["R_MU"]), "R_XiL": _known(row)}
+        for row in content["fidelity"]
+    ]
+    band = f"{number(content['band'][0])} to {number(content['band'][1])} Hz"
+    return Report(
+        title=f"Bed against vehicle: {content['title']}" if content["title"] else "Bed against vehicle",
+        status=spaced(content["status"]),
+        answer=answer(content),
+        good=content["status"] == "as_predicted",
+        lists={
+            "Why it falls short": [Step(sentence) for sentence in why(content)],
+            "What to do now": verification_steps(content, made.case if made else "CASE", folder),
+        },
+        table=Table([_error(f"all {error['name']} torques", error) for error in content["errors"]]),
+        folds=[
+            Fold("Modes", [Table([row for mode in content["modes"] for row in _mode(mode)], HOW_MODES)], told=True),
+            Fold("XiL fidelity of the recordings", [Table(fidelity, HOW_FIDELITY)], told=True),
+            Fold(f"Response error of each compared function, {band}",
+                 [Table([_error(spaced(row["name"]), row) for row in content["functions"]], HOW_ERRORS)]),
+        ],
+        notes=content["notes"],
+    )  # fmt: skip
 
 
 def answer(result: Mapping[str, Any]) -> str:
@@ -153,27 +189,32 @@ def with_uncertainty(value: float | None, standard: float | None, digits: int = 
     return f"{number(value, digits)} ± {number(2 * standard, 2)}"
 
 
-def verification_summary(result: Mapping[str, Any]) -> str:
-    """At most twenty lines for a terminal."""
-    lines = [f"{result['status']}: {answer(result)}"]
-    for error in result["errors"]:
-        lines.append(f"response error to {error['name']} torques: {error_words(error)}: {error['status']}")
-    for mode in result["modes"]:
-        lines.append(f"vehicle mode {mode['vehicle_mode']}: {mode_words(mode)}: {mode['status']}")
-    for fidelity in result["fidelity"]:
-        lines.append(
-            f"R_XiL of {fidelity['recording']}: {with_uncertainty(fidelity['R_XiL'], fidelity['standard_uncertainty'])}"
-        )
-    lines += [f"why: {sentence}" for sentence in why(result)]
-    lines.append(f"uncertainties: k = {number(result['coverage_factor'])}, about 95 %")
-    return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
+def _known(row: Mapping[str, Any], key: str = "R_XiL") -> str:
+    return with_uncertainty(row[key], row["standard_uncertainty"])
 
 
-def error_words(error: Mapping[str, Any]) -> str:
-    """A measured response error beside what it is judged by."""
-    measured = with_uncertainty(error["error"], error["standard_uncertainty"])
+def _error(name: str, error: Mapping[str, Any]) -> dict[str, str]:
     predicted, expected, allowed = (number(error[key], 3) for key in ("predicted", "expected", "allowed"))
-    return f"{measured} (predicted {predicted}, on 95 % of drawn beds below {expected}, allowed {allowed})"
+    return {
+        "response error": name, "on the bed": _known(error, "error"), "predicted": predicted,
+        "95 % of drawn beds below": expected, "allowed": allowed, "": spaced(error["status"]),
+    }  # fmt: skip
+
+
+def _mode(mode: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Frequency and damping ratio of vehicle, prediction and bed."""
+    rows = dict.fromkeys(("vehicle", "predicted", "on the bed"), ("does not show", ""))
+    for who in ("vehicle", "predicted"):
+        if (own := mode[who]) is not None:
+            rows[who] = f"{number(own['frequency'], 4)} Hz", number(own["damping_ratio"], 3)
+    if (bed := mode["measured"]) is not None:
+        frequency = with_uncertainty(bed["frequency"], bed["frequency_uncertainty"], 4)
+        rows["on the bed"] = f"{frequency} Hz", with_uncertainty(bed["damping_ratio"], bed["damping_uncertainty"])
+    return [
+        {"vehicle mode": f"{mode['vehicle_mode']}, {who}", "frequency": frequency, "damping ratio": damping,
+         "": spaced(mode["status"]) if who == "on the bed" else ""}
+        for who, (frequency, damping) in rows.items()
+    ]  # fmt: skip
 
 
 def why(result: Mapping[str, Any]) -> list[str]:
@@ -183,47 +224,21 @@ def why(result: Mapping[str, Any]) -> list[str]:
 
 def interim(result: Mapping[str, Any]) -> str:
     """One line on what a recording shows that is still being written."""
-    errors = [
-        f"{error['name']} torques {with_uncertainty(error['error'], error['standard_uncertainty'])}"
-        for error in result["errors"]
-    ]
+    errors = [f"{error['name']} torques {_known(error, 'error')}" for error in result["errors"]]
     return f"so far {result['status']}: response error to {', '.join(errors)}"
 
 
-def mode_words(mode: Mapping[str, Any]) -> str:
-    """Frequency and damping ratio of vehicle, prediction and bed."""
-    parts = [f"vehicle {_pair(mode['vehicle'])}", f"predicted {_pair(mode['predicted'])}"]
-    measured = mode["measured"]
-    if measured is None:
-        return ", ".join([*parts, "measured: does not show"])
-    return ", ".join(
-        [
-            *parts,
-            f"measured {with_uncertainty(measured['frequency'], measured['frequency_uncertainty'], 4)} Hz, "
-            f"damping ratio {with_uncertainty(measured['damping_ratio'], measured['damping_uncertainty'])}",
-        ]
-    )
-
-
-def _pair(values: Mapping[str, float] | None) -> str:
-    if values is None:
-        return "does not show"
-    return f"{number(values['frequency'], 4)} Hz, {number(values['damping_ratio'], 3)}"
-
-
-def verification_steps(
-    result: Mapping[str, Any], case: str, folder: str, *, commissioned: bool = False
-) -> list[ScreenPoint]:
+def verification_steps(result: Mapping[str, Any], case: str, folder: str, *, commissioned: bool = False) -> list[Step]:
     """What to do after a verification, with its command."""
     if result["status"] == "as_predicted":
         return [
-            ScreenPoint("Drive the manoeuvres: the bed answers like the vehicle as far as the match promised"),
-            ScreenPoint("Repeat the proof after every change of specimen, adapter or loop",
+            Step("Drive the manoeuvres: the bed answers like the vehicle as far as the match promised"),
+            Step("Repeat the proof after every change of specimen, adapter or loop",
                         command=f"rigmatch verify {case} RECORDING --out {folder}"),
         ]  # fmt: skip
     if result["status"] == "short":
         return [
-            ScreenPoint("Find what differs from the model, and match again with it",
+            Step("Find what differs from the model, and match again with it",
                         "it records the bed without emulation, diagnoses it and matches with what it found",
                         command=f"rigmatch commission {case} --bed FOLDER --out commission"),
         ] if not commissioned else []  # fmt: skip
@@ -239,156 +254,90 @@ def verification_steps(
     hidden = [f"vehicle mode {mode['vehicle_mode']}" for mode in result["modes"] if mode["status"] == "undetermined"]
     why = "; ".join([*longer, *(f"{name} is open" for name in hidden)])
     return [
-        ScreenPoint("Record again, longer or with larger torques: the proof plans them for this case", why,
+        Step("Record again, longer or with larger torques: the proof plans them for this case", why,
                     command=f"rigmatch excite {case} --proof --out proof"),
-        ScreenPoint("Judge it together with what there is", command=f"rigmatch verify {case} OLD NEW --out {folder}"),
+        Step("Judge it together with what there is", command=f"rigmatch verify {case} OLD NEW --out {folder}"),
     ]  # fmt: skip
 
 
-# --- The report of a bed's verification: one HTML page that opens anywhere, without network.
-
-CAPTIONS = {
-    "responses": "Compared functions over frequency, modulus: the vehicle, the prediction for the bed with its "
-    "controller, and what the recordings show with about 95 % uncertainty."
-}
+def verification_pictures(found: BedVerification) -> dict[str, Picture]:
+    """Measured responses over vehicle and prediction."""
+    return {"responses": Picture(lambda: responses(found), RESPONSES, curve_data(found.curves))}
 
 
-def verification_page(
-    result: Mapping[str, Any],
-    images: Mapping[str, bytes],
-    moving: Mapping[str, str] | None = None,
-    made: Provenance | None = None,
-    data: Mapping[str, str] | None = None,
-    steps: Sequence[ScreenPoint] = (),
-) -> str:
-    """The page as HTML.
-
-    Parameters
-    ----------
-    result : mapping
-        The content of ``verification.json``.
-    images : mapping of str to bytes
-        The figure ``responses``.
-    moving : mapping of str to str, optional
-        The same figure to act in the browser, as :func:`matching.report.curves.acting` has it.
-    made : Provenance, optional
-        Where the result comes from.
-    data : mapping of str to str, optional
-        Curves of the same figure (CSV).
-    steps : sequence of ScreenPoint
-        What to do now.
-    """
-    values = {
-        "title": f"Bed against vehicle: {result['title']}" if result["title"] else "Bed against vehicle",
-        "status": result["status"],
-        "answer": answer(result),
-        "band": result["band"],
-        "errors": [_row(error) for error in result["errors"]],
-        "functions": [_row(function) for function in result["functions"]],
-        "modes": [_mode(mode) for mode in result["modes"]],
-        "fidelity": [
-            {**fidelity, "total": with_uncertainty(fidelity["R_XiL"], fidelity["standard_uncertainty"])}
-            for fidelity in result["fidelity"]
-        ],
-        "notes": result["notes"],
-        "diagnosis": why(result),
-        "figures": {name: embedded(content) for name, content in images.items()},
-        "captions": CAPTIONS,
-        "moving": moving or {},
-        "data": {name: in_address(text, "text/csv") for name, text in (data or {}).items()},
-        "made": made,
-        "steps_now": steps,
-    }
-    return environment().get_template("bed_test.html").render(values)
+register(BedVerification, View("verification.json", verification_report, verification_pictures))
 
 
-def _mode(mode: Mapping[str, Any]) -> dict[str, Any]:
-    row, bed = {**mode, "number": mode["vehicle_mode"]}, mode["measured"]
-    if bed is not None:
-        row["frequency"] = with_uncertainty(bed["frequency"], bed["frequency_uncertainty"], 4)
-        row["damping"] = with_uncertainty(bed["damping_ratio"], bed["damping_uncertainty"])
-    return row
-
-
-def _row(error: Mapping[str, Any]) -> dict[str, Any]:
-    return {**error, "value": with_uncertainty(error["error"], error["standard_uncertainty"])}
-
-
-# --- Views of a bed's verification.
-
-
-def _paragraphs(text: str) -> str:
-    """A paragraph a line."""
-    template = environment().from_string("{% for line in lines %}<p>{{ line }}</p>{% endfor %}")
-    return template.render(lines=text.splitlines())
-
-
-@display.plot.register
-def _(verification: BedVerification) -> Figure:
-    return responses(verification)
-
-
-@display.files.register
-def verification_files(
-    verification: BedVerification, folder: str, made: Provenance | None = None, case: str = "CASE",
-    diagnosis: Mapping[str, Any] | None = None,
-) -> display.ResultFiles:  # fmt: skip
-    """``verification.json``, report and figure; why the bed is short, and the case for the commands of the page."""
-    result, figure = {**verification.to_dict(), "diagnosis": diagnosis}, responses(verification)
-    images, data = {"responses": image(figure)}, {"responses": curve_data(verification.curves)}
-    steps = verification_steps(result, case, folder)
-    report = verification_page(result, images, acting({"responses": figure}), made, data, steps)
-    return "verification.json", result, {"report.html": report, "figures/responses.svg": images["responses"]}
-
-
-@display.text.register
-def _(verification: BedVerification) -> str:
-    return verification_summary(verification.to_dict())
-
-
-@display.html.register
-def _(verification: BedVerification) -> str:
-    return _paragraphs(verification_summary(verification.to_dict()))
-
-
-# --- A commissioning in words.
+# --- The report of a commissioning: the circle with what each round gained.
 
 END_MEANING = {
     "as_predicted": "The bed answers as the last match predicted, within what the case states as uncertain.",
     "short": "The bed falls short of what the last match predicted.",
     "undetermined": "The recordings do not decide whether the bed answers as predicted.",
-    "waiting": "A recording is waited for.",
+    "waiting": "Waiting for your recording.",
 }
+ROUNDS = "Measured response error of each round, against the last round's vehicle."
+BESIDE = Markup(
+    "<p>± is the half-width that the next match counts with (k = 2). Errors and R_XiL are stated with k = 2. Every "
+    "step's files lie in a folder of its name beside this page. The C sources of a controller are in its FMU: "
+    "<code>unzip -j 1_export/controller.fmu 'sources/controller*'</code>, then <code>cc -std=c99 main.c controller.c "
+    "-lm</code>; <code>controller.h</code> says what <code>main.c</code> has to call.</p>"
+)
 
 
-def commissioning_summary(result: Mapping[str, Any]) -> str:
-    """The answer, then a few lines a round."""
-    lines = [f"{result['status']}: {END_MEANING[result['status']]}", *ending(result)]
-    if result.get("vehicle"):
-        lines += [f"vehicle: {line}" for line in identification_lines(result["vehicle"])]
-    for entry in result["rounds"]:
-        lines += [f"round {entry['round']}: {line}" for line in round_lines(entry)]
-    if result["waiting_for"]:
-        lines.append(f"next: {result['waiting_for']}")
-    return "\n".join(lines)
+def commissioning_report(
+    content: Mapping[str, Any], folder: str = "OUT", made: Provenance | None = None, result: Any = None
+) -> Report:
+    """What a commissioning says."""
+    told = [("Vehicle on the road", identification_lines(content["vehicle"]), content["vehicle"]["values"])] \
+        if content.get("vehicle") else []  # fmt: skip
+    told += [
+        (f"Round {entry['round']}", round_lines(entry), entry.get("identification", {}).get("values", ()))
+        for entry in content["rounds"]
+    ]
+    return Report(
+        title="Commissioning",
+        status=spaced(content["status"]),
+        answer=" ".join(filter(None, [END_MEANING[content["status"]], ending(content), gain(content)])),
+        good=content["status"] == "as_predicted",
+        lists={"What to do now": next_steps(content, made.case if made else "CASE", folder)},
+        folds=[
+            *(Fold(name, [lines, *([Table([_value(own) for own in values])] if values else [])], told=True)
+              for name, lines, values in told),
+            Fold("Files beside this page", [BESIDE]),
+        ],
+    )  # fmt: skip
 
 
-def ending(result: Mapping[str, Any]) -> list[str]:
-    """Why the circle ended, and which controller to use, a sentence each."""
-    lines = []
+def _value(own: Mapping[str, Any]) -> dict[str, str]:
+    return {"quantity": component(own["name"]), "before": number(own["before"]), "as recorded": number(own["after"]),
+            "±": number(own["half_width"], 2)}  # fmt: skip
+
+
+def ending(result: Mapping[str, Any]) -> str:
+    """Why the circle ended, a sentence."""
     if result["end"]:
-        lines.append(f"It ended with round {result['rounds'][-1]['round']}: {result['end']}.")
-    elif result["status"] in ("short", "undetermined", "as_predicted"):
-        lines.append("It ended with the last round that was asked for; a further one may gain.")
-    if result["best_round"]:
-        lines.append(f"The controller with the least error on the bed: {result['best_round']}_export/controller.fmu.")
-    return lines
+        return f"It ended with round {result['rounds'][-1]['round']}: {result['end']}."
+    if result["status"] in VERDICT_MEANING:
+        return "It ended with the last round that was asked for; a further one may gain."
+    return ""
 
 
-def identification_summary(result: Mapping[str, Any]) -> str:
-    """What the recordings say, a few lines each."""
-    parts = {name: result[name] for name in ("bed", "vehicle") if result[name] is not None}
-    return "\n".join(f"{name}: {line}" for name, part in parts.items() for line in identification_lines(part))
+def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[Step]:
+    """What to do after a commissioning, with its command."""
+    again = f"rigmatch commission {case} --bed BED --out {folder}"
+    if result["waiting_for"]:
+        return [Step(f"Record: {result['waiting_for']}"), Step("Go on", command=again)]
+    best = result["best_round"]
+    judged = {entry["round"]: entry.get("verification") for entry in result["rounds"]}
+    points = [Step(f"Use the controller of round {best}", f"it has the least error on the bed: "
+                          f"{best}_export/controller.fmu")] if best else []  # fmt: skip
+    last = next((proof for _, proof in sorted(judged.items(), reverse=True) if proof), None)
+    if last:
+        points += verification_steps(last, f"{folder}/{max(judged)}_match", folder, commissioned=True)
+    if result["end"] is None:
+        points.append(Step("Allow a further round: it may gain", command=f"{again} --rounds {len(judged) + 1}"))
+    return points
 
 
 def identification_lines(identification: Mapping[str, Any]) -> list[str]:
@@ -418,75 +367,21 @@ def round_lines(entry: Mapping[str, Any]) -> list[str]:
     if "against_last_vehicle" in entry:
         same = entry["against_last_vehicle"]
         for error in same["errors"]:
-            measured = with_uncertainty(error["error"], error["standard_uncertainty"])
+            measured = _known(error, "error")
             lines.append(f"against the last round's vehicle: response error to {error['name']} torques {measured}")
         lines += _fidelity(same, " against the last round's vehicle")
     return lines
 
 
+def error_words(error: Mapping[str, Any]) -> str:
+    """A measured response error beside what it is judged by."""
+    predicted, expected, allowed = (number(error[key], 3) for key in ("predicted", "expected", "allowed"))
+    measured = _known(error, "error")
+    return f"{measured} (predicted {predicted}, on 95 % of drawn beds below {expected}, allowed {allowed})"
+
+
 def _fidelity(judged: Mapping[str, Any], against: str) -> list[str]:
-    return [
-        f"R_XiL{against} {with_uncertainty(fidelity['R_XiL'], fidelity['standard_uncertainty'])}"
-        for fidelity in judged["fidelity"]
-    ]
-
-
-# --- The page of a commissioning: the circle with what each round gained.
-
-
-def commissioning_figures(result: Commissioning) -> dict[str, Figure]:
-    """The bed's responses of the last round, and the error of every round where there are two."""
-    figures = {} if result.last is None else {"responses": responses(result.last)}
-    content = result.to_dict()
-    return figures | ({"rounds": rounds_figure(content)} if len(round_errors(content)) > 1 else {})
-
-
-def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[ScreenPoint]:
-    """What to do after a commissioning, with its command."""
-    again = f"rigmatch commission {case} --bed BED --out {folder}"
-    if result["waiting_for"]:
-        return [ScreenPoint(f"Record: {result['waiting_for']}"), ScreenPoint("Go on", command=again)]
-    best = result["best_round"]
-    judged = {entry["round"]: entry.get("verification") for entry in result["rounds"]}
-    points = [ScreenPoint(f"Use the controller of round {best}", f"it has the least error on the bed: "
-                          f"{best}_export/controller.fmu")] if best else []  # fmt: skip
-    last = next((proof for _, proof in sorted(judged.items(), reverse=True) if proof), None)
-    if last:
-        points += verification_steps(last, f"{folder}/{max(judged)}_match", folder, commissioned=True)
-    if result["end"] is None:
-        points.append(ScreenPoint("Allow a further round: it may gain", command=f"{again} --rounds {len(judged) + 1}"))
-    return points
-
-
-def commissioning_page(
-    result: Mapping[str, Any],
-    made: Provenance | None = None,
-    images: Mapping[str, bytes] | None = None,
-    moving: Mapping[str, str] | None = None,
-    steps: Sequence[ScreenPoint] = (),
-) -> str:
-    """The content of ``commission.json`` as HTML, where it comes from, its figures and what to do next."""
-    rounds = [
-        {
-            "id": f"round-{entry['round']}", "title": f"Round {entry['round']}", "lines": round_lines(entry),
-            "values": entry.get("identification", {}).get("values"),
-        }
-        for entry in result["rounds"]
-    ]  # fmt: skip
-    if result.get("vehicle"):
-        lines = identification_lines(result["vehicle"])
-        values = result["vehicle"]["values"]
-        rounds.insert(0, {"id": "vehicle", "title": "Vehicle on the road", "lines": lines, "values": values})
-    return (
-        environment()
-        .get_template("commission.html")
-        .render(
-            title="Commissioning", status=result["status"], answer=END_MEANING[result["status"]], rounds=rounds,
-            ending=ending(result), gain=gain(result), made=made, moving=moving or {}, steps_now=steps,
-            figures={name: embedded(content) for name, content in (images or {}).items()},
-            captions=CAPTIONS | {"rounds": "Measured response error of each round, against the last round's vehicle."},
-        )
-    )  # fmt: skip
+    return [f"R_XiL{against} {_known(fidelity)}" for fidelity in judged["fidelity"]]
 
 
 def gain(result: Mapping[str, Any]) -> str:
@@ -533,37 +428,17 @@ def rounds_figure(result: Mapping[str, Any]) -> Figure:
     return fig
 
 
-# --- Views of a commissioning.
+def commissioning_pictures(result: Commissioning) -> dict[str, Picture]:
+    """The bed's responses of the last round, and the error of every round where there are two."""
+    pictures, last, content = dict[str, Picture](), result.last, result.to_dict()
+    if len(round_errors(content)) > 1:
+        pictures["rounds"] = Picture(lambda: rounds_figure(content), ROUNDS)
+    if last is not None:
+        pictures["responses"] = Picture(lambda: responses(last), RESPONSES)
+    return pictures
 
 
-@display.plot.register
-def _(result: Commissioning) -> Figure:
-    return rounds_figure(result.to_dict())
-
-
-@display.files.register
-def commissioning_files(
-    result: Commissioning, folder: str, made: Provenance | None = None, case: str = "CASE"
-) -> display.ResultFiles:
-    """``commission.json`` and report; the folders of the rounds stay where they are."""
-    entries, figures = result.to_dict(), commissioning_figures(result)
-    images = {name: image(drawn) for name, drawn in figures.items()}
-    steps = next_steps(entries, case, folder)
-    return (
-        "commission.json",
-        entries,
-        {"report.html": commissioning_page(entries, made, images, acting(figures) if figures else {}, steps)},
-    )
-
-
-@display.text.register
-def _(result: Commissioning) -> str:
-    return commissioning_summary(result.to_dict())
-
-
-@display.html.register
-def _(result: Commissioning) -> str:
-    return _paragraphs(commissioning_summary(result.to_dict()))
+register(Commissioning, View("commission.json", commissioning_report, commissioning_pictures))
 
 
 # --- Figures of a planned excitation: torques over time, and what is known before and after.
@@ -586,7 +461,7 @@ def excitation(plan: ExcitationPlan) -> Figure:
             for part in plan.parts[::2]:
                 ax.axvspan(part.begin, part.end, color=BAND, linewidth=0)
             look = curve(j) | {"linestyle": "-"}  # alone in its panel
-            ax.plot(plan.time, plan.torques[:, j], linewidth=0.6, rasterized=True, **look)
+            ax.plot(*decimated(plan.time, plan.torques[:, j]), linewidth=0.6, **look)
             ax.set_ylabel(f"{spaced(name)}\nin N·m")
             if j == 0:
                 for part in plan.parts:
@@ -611,116 +486,91 @@ def excitation(plan: ExcitationPlan) -> Figure:
     return fig
 
 
-# --- A planned excitation in words.
+# --- The reports of an identification, of a planned excitation, and of a planned proof; they have no page.
 
-NAMED = 8  # quantities in a summary
+NAMED = 8  # quantities of a plan that are told
+FROM_NOISE = "± is a standard uncertainty (k = 1) from sensor noise alone: a model that lacks something adds to it"
 
 
-def excitation_summary(result: Mapping[str, Any]) -> str:
+def identification_report(content: Mapping[str, Any], *_: Any) -> Report:
+    """What the recordings say."""
+    parts = {name: content[name] for name in ("bed", "vehicle") if content[name] is not None}
+    folds = [Fold(name, [identification_lines(part)], told=True) for name, part in parts.items()]
+    return Report("Identification", "identified", f"Values of {' and '.join(parts)} from recordings.", folds=folds)
+
+
+def excitation_report(content: Mapping[str, Any], *_: Any) -> Report:
     """What the recording is expected to tell, and what of the limits it uses."""
-    if "period" in result:
-        return proof_summary(result)
-    error = result["response_error"]
+    error = content["response_error"]
     hold = ", ".join(
         f"{name} {number(gains['proportional'], 3)} N·m·s/rad and {number(gains['integral'], 3)} N·m/rad"
-        for name, gains in result["speed_hold"].items()
+        for name, gains in content["speed_hold"].items()
     )
-    lines = [
-        f"excitation of {number(result['duration'], 3)} s about a rotor speed of {number(result['speed'], 3)} rad/s",
-        f"hold the speed slowly beside it: {hold}",
-        f"response error from what is not known: {number(error['before'], 2)} now, "
-        f"{number(error['after'], 2)} expected with what the recording tells",
-    ]
-    for quantity in result["expected"][:NAMED]:
-        before, after = (number(quantity[f"standard_uncertainty_{when}"], 2) for when in ("before", "after"))
-        line = f"{quantity['name']}: {number(quantity['value'], 4)} ± {after} {unit(quantity['unit'])}".rstrip()
-        lines.append(f"{line} (known to ± {before})")
-    most = max(result["limits_used"], key=result["limits_used"].get)
-    lines.append(
-        f"limits: {result['beds']} beds within what is not known use at most {result['limits_used'][most]:.0%} of one "
-        f"({most}); asked for {1 - result['margin']:.0%}"
-    )
-    lines.append("± is a standard uncertainty (k = 1) from sensor noise alone: a model that lacks something adds to it")
-    return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
+    rows = [
+        {"quantity": component(own["name"]), "value": f"{number(own['value'])} {unit(own['unit'])}".rstrip(),
+         "now known to": f"± {number(own['standard_uncertainty_before'], 2)}",
+         "then to": f"± {number(own['standard_uncertainty_after'], 2)}"}
+        for own in content["expected"][:NAMED]
+    ]  # fmt: skip
+    most = max(content["limits_used"], key=content["limits_used"].get)
+    return Report(
+        title="Excitation",
+        status=f"{number(content['duration'], 3)} s",
+        answer=f"About a rotor speed of {number(content['speed'], 3)} rad/s. The response error from what is not known "
+        f"is {number(error['before'], 2)} now, and {number(error['after'], 2)} expected with what the recording tells.",
+        lists={"What to do now": [
+            Step("Run excitation.csv on the bed without emulation, and record the sensors of the rig"),
+            Step(f"Hold the speed slowly beside it: {hold}"),
+        ]},
+        table=Table(rows, FROM_NOISE),
+        notes=[
+            f"{content['beds']} beds within what is not known use at most {content['limits_used'][most]:.0%} of one "
+            f"limit ({component(most)}); asked for {1 - content['margin']:.0%}",
+            *content["notes"],
+        ],
+    )  # fmt: skip
 
 
-def proof_summary(result: Mapping[str, Any]) -> str:
+def proof_report(content: Mapping[str, Any], *_: Any) -> Report:
     """How long the proof lasts, and what it will tell."""
-    lines = [
-        f"proof of {number(result['duration'], 3)} s: {result['periods']} periods of {number(result['period'], 3)} s, "
-        f"emulation on, torques {', '.join(result['inputs'])}"
-    ]
-    for error in result["expected"]:
+    told = []
+    for error in content["expected"]:
         at = list(zip(error["errors"], error["standard_uncertainties"], strict=True))
         near = min(at, key=lambda pair: abs(pair[0] - error["allowed"]))
-        lines.append(
+        told.append(
             f"response error to {error['name']} torques: {number(near[0], 2)} will be known to "
             f"± {number(COVERAGE_FACTOR * near[1], 2)}, and one above {number(COVERAGE_FACTOR * at[0][1], 2)} is told "
             f"from none ({number(error['allowed'], 2)} allowed; k = 2)"
         )
-    for mode in result["modes"]:
+    for mode in content["modes"]:
         known = (mode["frequency_uncertainty"], mode["damping_uncertainty"])
-        told = "will not show" if None in known else (
+        words = "will not show" if None in known else (
             f"± {number(COVERAGE_FACTOR * known[0], 2)} Hz, damping ratio ± {number(COVERAGE_FACTOR * known[1], 2)}"
         )  # fmt: skip
-        lines.append(f"vehicle mode {mode['vehicle_mode']}: {told}")
-    most = max(result["limits_used"], key=result["limits_used"].get)
-    lines.append(f"limits: at most {result['limits_used'][most]:.0%} of one ({most})")
-    lines.append("from the noise of the sensors alone: a bed that is not linear adds to it, and the verdict counts it")
-    return "\n".join(lines + [f"note: {note}" for note in result["notes"]])
+        told.append(f"vehicle mode {mode['vehicle_mode']}: {words}")
+    most = max(content["limits_used"], key=content["limits_used"].get)
+    return Report(
+        title="Proof",
+        status=f"{number(content['duration'], 3)} s",
+        answer=f"{content['periods']} periods of {number(content['period'], 3)} s with the emulation on; torques "
+        f"{', '.join(map(spaced, content['inputs']))}.",
+        folds=[Fold("What it will tell", [told], told=True)],
+        notes=[
+            f"at most {content['limits_used'][most]:.0%} of one limit is used ({component(most)})",
+            "from the noise of the sensors alone: a bed that is not linear adds to it, and the verdict counts it",
+            *content["notes"],
+        ],
+    )
 
 
-# --- View
-
-
-@display.plot.register
-def _(plan: ExcitationPlan) -> Figure:
-    return excitation(plan)
-
-
-@display.files.register
-def _(plan: ExcitationPlan, folder: str, made: Any = None) -> display.ResultFiles:
-    return "excite.json", plan.to_dict(), {
-        "excitation.csv": excitation_csv(plan), "figures/excitation.svg": image(excitation(plan)),
-    }  # fmt: skip
-
-
-@display.files.register
-def _(proof: Proof, folder: str, made: Any = None) -> display.ResultFiles:
-    return "proof.json", proof.to_dict(), {"excitation.csv": proof_csv(proof)}
-
-
-@display.text.register
-def _(known: FromRecordings) -> str:
-    return identification_summary(known.to_dict())
-
-
-@display.html.register
-def _(known: FromRecordings) -> str:
-    return _paragraphs(identification_summary(known.to_dict()))
-
-
-@display.files.register
-def _(known: FromRecordings, folder: str, made: Any = None) -> display.ResultFiles:
-    name = "identification.json"
-    return name, known.to_dict(), {file: text for file, text in known.files().items() if file != name}
-
-
-@display.text.register
-def _(proof: Proof) -> str:
-    return proof_summary(proof.to_dict())
-
-
-@display.html.register
-def _(proof: Proof) -> str:
-    return _paragraphs(proof_summary(proof.to_dict()))
-
-
-@display.text.register
-def _(plan: ExcitationPlan) -> str:
-    return excitation_summary(plan.to_dict())
-
-
-@display.html.register
-def _(plan: ExcitationPlan) -> str:
-    return _paragraphs(excitation_summary(plan.to_dict()))
+register(FromRecordings, View(
+    "identification.json", identification_report, page="",
+    others=lambda known: {name: text for name, text in known.files().items() if name != "identification.json"},
+))  # fmt: skip
+register(ExcitationPlan, View(
+    "excite.json", excitation_report, lambda plan: {"excitation": Picture(lambda: excitation(plan), "")}, page="",
+    others=lambda plan: {"excitation.csv": excitation_csv(plan)},
+))  # fmt: skip
+register(Proof, View(
+    "proof.json", proof_report, page="", others=lambda proof: {"excitation.csv": proof_csv(proof)},
+))  # fmt: skip

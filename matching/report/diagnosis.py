@@ -1,9 +1,9 @@
-"""Views of a diagnosis: figures, page, sentences."""
+"""A diagnosis: figures, sentences, report."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from string import Formatter
 from typing import Any
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFormatter
 
 from matching.diagnosis.holdout import HoldoutData
-from matching.diagnosis.result import UNITS, Diagnosis, DiscrepancyCurve, Pictured, PlotData, SensorErrors
+from matching.diagnosis.result import UNITS, Diagnosis, DiscrepancyCurve, PlotData, SensorErrors
 from matching.report.common import (
     BAND,
     EXTENDED,
@@ -23,24 +23,18 @@ from matching.report.common import (
     NOISE,
     RIG,
     VEHICLE,
-    Provenance,
-    embedded,
-    environment,
+    decimated,
     figure,
-    image,
     number,
     percent,
     plain_ticks,
-    preformatted,
     spaced,
     styled,
     unit,
 )
-from matching.report.curves import acting
-from modelling import display
+from matching.report.page import Fold, Picture, Provenance, Report, Show, Step, Table, View, in_terminal, register
 from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_words, shared_place
-from modelling.escape import html
 from modelling.model_file import dumps
 from modelling.system import Sensor, System
 
@@ -57,14 +51,13 @@ SMOOTH: dict[str, dict[str, Any]] = {
 }
 MEASURED: dict[str, Any] = {"color": VEHICLE, "linewidth": 3.6, "alpha": 0.4, "label": "measured", "zorder": 2.0}
 SENSORS_SHOWN = 4
-MOST_VECTOR_POINTS = 1500  # a longer line is stored as pixels, so that files stay small
 LONGEST_JOINED = 3  # times the usual distance of a sensor's samples: what is longer is a gap
 LINEAR_TO = 10  # times the noise; beyond, the axis is logarithmic
 LEAST_RANGE = 6.0  # times the noise, either way
 
 
 @dataclass(frozen=True)
-class View:
+class SensorView:
     """One sensor and the components whose motion it is drawn over.
 
     Attributes
@@ -84,7 +77,7 @@ class View:
     shaft: str | None
 
 
-def views(system: System, plot_data: PlotData) -> list[View]:
+def views(system: System, plot_data: PlotData) -> list[SensorView]:
     """The sensors with the largest residuals of the base model, in times their noise, largest first."""
     with np.errstate(invalid="ignore"):
         misfit = _rms_by_sensor(plot_data.residual_before) / plot_data.noise
@@ -92,13 +85,13 @@ def views(system: System, plot_data: PlotData) -> list[View]:
     return [_view(system, plot_data, j) for j in order[:SENSORS_SHOWN]]
 
 
-def _view(system: System, plot_data: PlotData, j: int) -> View:
+def _view(system: System, plot_data: PlotData, j: int) -> SensorView:
     sensor, motion = system.sensors[j], plot_data.before
     if sensor.measures == "torque":
-        return View(j, sensor, motion.ends[sensor.of][0], sensor.of)
+        return SensorView(j, sensor, motion.ends[sensor.of][0], sensor.of)
     attached = [name for name, ends in motion.ends.items() if sensor.of in ends]
     liveliest = max(attached, key=lambda name: float(np.std(motion.torque[name])), default=None)
-    return View(j, sensor, sensor.of, liveliest)
+    return SensorView(j, sensor, sensor.of, liveliest)
 
 
 def _rms_by_sensor(residual: np.ndarray) -> np.ndarray:
@@ -119,8 +112,8 @@ def label(sensor: Sensor) -> str:
 
 
 def line(axes: Any, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
-    """A line through points x (t,), y (t,), stored as pixels if it is long."""
-    axes.plot(x, y, rasterized=len(x) > MOST_VECTOR_POINTS, **look)
+    """A line through points x (t,), y (t,), of a long one its least and largest values."""
+    axes.plot(*decimated(x, y), **look)
 
 
 def noise_band(row: Sequence[Any]) -> None:
@@ -339,7 +332,7 @@ def errors_figure(errors: Mapping[str, SensorErrors]) -> Figure:
     return fig
 
 
-def holdout_figure(data: HoldoutData, sensor_views: list[View]) -> Figure:
+def holdout_figure(data: HoldoutData, sensor_views: list[SensorView]) -> Figure:
     """Traces around the largest error of the base model, and the residuals of all held-out data."""
     with styled():
         fig = figure(11, 0.9 + 1.75 * len(sensor_views))
@@ -357,7 +350,7 @@ def holdout_figure(data: HoldoutData, sensor_views: list[View]) -> Figure:
     return fig
 
 
-def _traces(axes: Any, data: HoldoutData, view: View) -> None:
+def _traces(axes: Any, data: HoldoutData, view: SensorView) -> None:
     j = view.index
     error = np.abs(np.nan_to_num(data.before[:, j]))
     smooth = np.convolve(error, np.ones(MEAN_OVER) / MEAN_OVER, "same")
@@ -383,7 +376,7 @@ WELCH_SAMPLES = 4096  # of a segment
 UNEVEN = 0.1  # share of the longer steps, and of the shorter ones, where a rate is no whole part of that of the grid
 
 
-def time_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
+def time_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figure:
     """Residuals over the fitted data, in times the noise."""
     time = continuous_time(plot_data)
     with styled():
@@ -404,7 +397,7 @@ def time_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
     return fig
 
 
-def where_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
+def where_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figure:
     """Residuals over the motion at the sensor's component: dots, and the mean of each bin."""
     with styled():
         fig = figure(11, 0.9 + 2.1 * len(sensor_views))
@@ -429,7 +422,7 @@ def where_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
     return fig
 
 
-def spectrum_figure(plot_data: PlotData, sensor_views: list[View]) -> Figure:
+def spectrum_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figure:
     """Amplitude spectra over frequency and over orders of the rotation; white noise of the stated size is 1."""
     with styled():
         fig = figure(11, 0.9 + 2.1 * len(sensor_views))
@@ -474,7 +467,7 @@ def _both(plot_data: PlotData) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
     return styled_residuals(plot_data.residual_before, plot_data.residual_after)
 
 
-def _motion(plot_data: PlotData, view: View) -> dict[str, np.ndarray]:
+def _motion(plot_data: PlotData, view: SensorView) -> dict[str, np.ndarray]:
     motion = plot_data.before
     over = {f"Speed of {view.inertia} in rad/s": motion.speed[view.inertia]}
     if view.shaft is not None:
@@ -545,29 +538,23 @@ def _orders(residual: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.nda
 SENSORS_IN_DETAIL = 3  # with a row each in the figures over motion and frequency
 
 
-def figures(shown: Pictured, system: System) -> dict[str, Figure]:
-    """All figures by name: errors and traces of held-out data, residuals over time, motion and frequency, balance."""
+def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
+    """Measured and simulated on held-out data first; errors, residuals over time, motion and frequency, balance."""
+    shown, system = diagnosis.pictured, diagnosis.extended
     plot_data = shown.plot_data
     sensor_views = views(system, plot_data)
-    rest = {"discrepancy": discrepancy_figure(shown.discrepancy)} if shown.discrepancy else {}
-    return rest | {
-        "errors": errors_figure(shown.errors),
-        "unseen": holdout_figure(plot_data.holdout, sensor_views),
-        "balance": balance_figure(plot_data),
-        "time": time_figure(plot_data, sensor_views),
-        "where": where_figure(plot_data, sensor_views[:SENSORS_IN_DETAIL]),
-        "spectrum": spectrum_figure(plot_data, sensor_views[:SENSORS_IN_DETAIL]),
+    detailed = sensor_views[:SENSORS_IN_DETAIL]
+    draw: dict[str, Callable[[], Figure]] = {
+        "unseen": lambda: holdout_figure(plot_data.holdout, sensor_views),
+        "errors": lambda: errors_figure(shown.errors),
+        "balance": lambda: balance_figure(plot_data),
+        "time": lambda: time_figure(plot_data, sensor_views),
+        "where": lambda: where_figure(plot_data, detailed),
+        "spectrum": lambda: spectrum_figure(plot_data, detailed),
     }
-
-
-def pictures(shown: Pictured, system: System) -> dict[str, bytes]:
-    """The files of :func:`figures` (SVG), by name."""
-    return {name: image(drawn) for name, drawn in figures(shown, system).items()}
-
-
-def acting_figures(shown: Pictured, system: System) -> dict[str, str]:
-    """The same to act in the browser, as :func:`matching.report.curves.acting` has them."""
-    return acting(figures(shown, system))
+    if shown.discrepancy:
+        draw["discrepancy"] = lambda: discrepancy_figure(shown.discrepancy)
+    return {name: Picture(make, CAPTIONS[name]) for name, make in draw.items()}
 
 
 # --- A diagnosis in words, from the content of ``diagnosis.json``: one sentence, and a summary for a terminal.
@@ -688,36 +675,7 @@ def _worst(errors: Mapping[str, Mapping[str, float | None]]) -> tuple[str, float
 
 def summary(result: Mapping[str, Any]) -> str:
     """The result for a terminal: the answer, what to do next, then the evidence."""
-    lines = [answer(result), *(f"  first: {step}" for step in to_correct(result))]
-    if result["next_recording"]:
-        lines.append(f"  next: {result['next_recording']}")
-    for cause in result["causes"]:
-        lines += _evidence(cause)
-    for name, error in result["errors"].items():
-        before, after = (number(_in_noise(error, key), 3) for key in ("before_holdout", "after_holdout"))
-        lines.append(f"  {name}: error on held-out data from {before} to {after} times the noise")
-    if result["fidelity"]:
-        before, after = result["fidelity"]["before"], result["fidelity"]["after"]
-        lines.append(
-            f"  fidelity on held-out data: R_RVM from {percent(before['R_RVM'])} to {percent(after['R_RVM'])}"
-            f" (a perfect model: {percent(result['fidelity']['noise_floor']['R_RVM'])})"
-        )
-    for row in result["rest"]:
-        lines.append(
-            f"  remaining error of {row['sensor']}: largest from {row['from']:g} to {row['to']:g} s, "
-            f"{number(row['worst_ratio'], 3)} times the noise"
-        )
-    lines += [f"  {shape(curve)}" for curve in result.get("discrepancy", [])[:1]]
-    if kept := result.get("kept_discrepancy"):
-        before, after = percent(kept["nrmse_before"]), percent(kept["nrmse_after"])
-        lines.append(
-            f"  the extended model keeps the torque over the {kept['over']} of {kept['at']} as a table: the error of "
-            f"held-out data falls from {before} to {after} of the sensors' ranges"
-        )
-    unidentified = not_identifiable(result)
-    if unidentified:
-        lines.append(f"  not identifiable from these data: {', '.join(unidentified)}")
-    return "\n".join([*lines, *(f"  note: {note}" for note in result["notes"])])
+    return in_terminal(report(result))
 
 
 def shape(curve: Mapping[str, Any]) -> str:
@@ -727,13 +685,6 @@ def shape(curve: Mapping[str, Any]) -> str:
     if curve["repeats"] is not None:
         text += f"; the curves of both halves of the data correlate by {number(curve['repeats'], 2)}"
     return text
-
-
-def _evidence(cause: Mapping[str, Any]) -> list[str]:
-    lines = [f"  {kind_and_place(cause)}, confidence {cause['confidence']:.2f}: {cause['evidence']}"]
-    lines += [f"    {key}: {estimate['note']}" for key, estimate in cause["parameters"].items() if "note" in estimate]
-    rivals = [f"{kind_and_place(rival)} ({rival['confidence']:.2f})" for rival in cause["alternatives"][:3]]
-    return [*lines, f"    rivals: {', '.join(rivals)}"] if rivals else lines
 
 
 def to_correct(result: Mapping[str, Any]) -> list[str]:
@@ -773,7 +724,7 @@ def not_identifiable(result: Mapping[str, Any]) -> list[str]:
     return [name for name, estimate in parameters if "not identifiable" in estimate.get("note", "")]
 
 
-# --- The report of a diagnosis: one HTML page that opens anywhere, without network.
+# --- The report of a diagnosis.
 
 MEANING = {
     "adequate": "Every sensor's residual is white noise of its stated uncertainty. Nothing was added to the model.",
@@ -792,6 +743,15 @@ REASONS = {
     "rival": "another explains more",
 }
 NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
+NOTHING_NAMED = "No cause is named and no effect is added: extended.toml is the base model with its fitted values."
+HOW_ERRORS = (
+    "Root mean square of measured minus simulated; the simulation starts from fitted states and uses no measured "
+    "sensor afterwards."
+)
+HOW_CANDIDATES = (
+    "Every candidate was refitted together with all uncertain quantities. The confidence weighs fitted and held-out "
+    "data; χ² counts independent samples."
+)
 
 
 def content(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -800,55 +760,51 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
     return {"answer": answer(result), **result}
 
 
-def page(
-    result: Mapping[str, Any], title: str, units: Mapping[str, str], images: Mapping[str, bytes],
-    moving: Mapping[str, str] | None = None, made: Provenance | None = None,
-) -> str:  # fmt: skip
-    """The page as HTML.
-
-    Parameters
-    ----------
-    result : mapping
-        The content of ``diagnosis.json``.
-    title : str
-        Of the model; may be empty.
-    units : dict of str to str
-        SI unit of every sensor.
-    images : mapping of str to bytes
-        Figures by the names of :func:`matching.report.diagnosis.figures`.
-    moving : mapping of str to str, optional
-        Some of them to act in the browser, as :func:`matching.report.curves.acting` has them.
-    made : Provenance, optional
-        Where the result comes from.
-    """
-    verdict, causes = result["verdict"], result["causes"]
-    values = {
-        "made": made,
-        "title": f"Diagnosis: {title}" if title else "Diagnosis of a model",
-        "verdict": verdict,
-        "answer": result["answer"],
-        "meaning": NO_CAUSE if verdict == "unexplained" and not causes else MEANING[verdict],
-        "to_do": _to_do(result),
-        "causes": [_cause(cause) for cause in causes],
-        "errors": [_error(name, units[name], error) for name, error in result["errors"].items()],
-        "gain": result["gain"],
-        "fidelity": _fidelity(result["fidelity"]) if result["fidelity"] else None,
-        "rest": result["rest"],
-        "shapes": [shape(curve) for curve in result.get("discrepancy", [])],
-        "rivals": _rival_rows([row for row in result["candidates"] if row["instead_of"]]),
-        "not_taken": _not_taken([row for row in result["candidates"] if not row["instead_of"]]),
-        "quantities": [
-            {"name": name, "value": measured(estimate), "note": estimate.get("note", "")}
-            for name, estimate in result["parameters"].items()
+def report(
+    result: Mapping[str, Any], folder: str = "", made: Provenance | None = None, diagnosis: Diagnosis | None = None
+) -> Report:
+    """What a diagnosis says."""
+    verdict, causes, system = result["verdict"], result["causes"], diagnosis.extended if diagnosis else None
+    units = {sensor.name: unit(sensor.unit) for sensor in system.sensors} if system else {}
+    title = system.title if system else ""
+    rest = [
+        {"sensor": row["sensor"], "in times the noise": number(row["ratio"], 3),
+         "at its largest": number(row["worst_ratio"], 3), "from … to": f"{row['from']:.4g} to {row['to']:.4g} s",
+         "speeds there, rad/s": _spans(row["speed"]), "torques there, N·m": _spans(row["torque"])}
+        for row in result["rest"]
+    ]  # fmt: skip
+    quantities = [
+        {"quantity": name, "value, standard uncertainty": measured(estimate), "": estimate.get("note", "")}
+        for name, estimate in result["parameters"].items()
+    ]
+    return Report(
+        title=f"Diagnosis: {title}" if title else "Diagnosis of a model",
+        status=verdict,
+        answer=answer(result),
+        good=verdict != "unexplained",
+        lists={"What to do next": [Step(step) for step in _to_do(result)]},
+        table=Table([_cause(cause) for cause in causes], ""),
+        folds=[
+            Fold("What the verdict means", [NO_CAUSE if verdict == "unexplained" and not causes else MEANING[verdict]]),
+            Fold("Evidence for the causes", [_evidence(cause) for cause in causes] or [NOTHING_NAMED], told=True),
+            Fold("Errors before and after, on fitted and on held-out data",
+                 [Table(_errors(result, units), HOW_ERRORS), Show("errors")], told=True),
+            Fold("Where the base model fails", [Show("balance"), Show("time"), Show("where"), Show("spectrum")]),
+            Fold("Error that remains after the extension",
+                 [Table(rest), [*map(shape, result.get("discrepancy", [])), *_kept(result)], Show("discrepancy")]
+                 if rest or result.get("discrepancy") else [], told=bool(rest)),
+            Fold("Fidelity as a residual vehicle model",
+                 _fidelity(result["fidelity"]) if result["fidelity"] else [], told=True),
+            Fold("Candidates", _candidates(result["candidates"])),
+            Fold("Fitted quantities of the model",
+                 [Table(quantities)] if quantities else ["Only the start states were fitted."]),
         ],
-        "notes": result["notes"],
-        "figures": {name: embedded(image) for name, image in images.items()},
-        "captions": CAPTIONS,
-        "moving": moving or {},
-    }
-    templates = environment()
-    templates.filters["share"] = _share
-    return templates.get_template("diagnosis.html").render(values)
+        notes=result["notes"],
+    )  # fmt: skip
+
+
+def _spans(spans: Mapping[str, Sequence[float]]) -> str:
+    return "; ".join(f"{name} {number(low, 3)} … {number(high, 3)}" for name, (low, high) in spans.items())
 
 
 def _to_do(result: Mapping[str, Any]) -> list[str]:
@@ -864,93 +820,113 @@ def _to_do(result: Mapping[str, Any]) -> list[str]:
             "Add a sensor near the component where the remaining error is largest, or look for an effect that the "
             "program does not know: no rival of a named cause is left that another recording could separate."
         )
-    unidentified = not_identifiable(result)
-    if unidentified:
+    if unidentified := not_identifiable(result):
         steps.append(
-            f"Do not rely on the fitted values of {', '.join(unidentified)}: these data do not determine them."
+            f"Do not rely on the fitted values of {', '.join(unidentified)}: these data do not determine them "
+            "(not identifiable)."
         )
     return steps or ["Nothing: the model can be used, and no further recording is needed."]
 
 
-def _share(value: float | None) -> str:
-    return "–" if value is None else f"{number(100 * value, 3)} %"
-
-
-def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
-    estimates = cause["parameters"].items()
+def _cause(cause: Mapping[str, Any]) -> dict[str, str]:
+    values = [f"{spaced(key)} {measured(estimate)}" for key, estimate in cause["parameters"].items()]
     return {
-        "kind": spaced(cause["kind"]),
-        "at": place(cause["at"]),
-        "values": [(spaced(key), measured(estimate)) for key, estimate in estimates],
-        "confidence": f"{cause['confidence']:.2f}",
-        "gain": number(cause["gain"], 3),
-        "evidence": cause["evidence"],
-        "notes": [f"{spaced(key)}: {estimate['note']}" for key, estimate in estimates if "note" in estimate],
-    }
+        "cause": spaced(cause["kind"]), "at": place(cause["at"]), "values, standard uncertainty": ", ".join(values),
+        "confidence": f"{cause['confidence']:.2f}", "χ² without it over χ² with it": number(cause["gain"], 3),
+    }  # fmt: skip
 
 
-def _error(name: str, unit: str, error: Mapping[str, Any]) -> dict[str, Any]:
-    after = error["after_holdout"]
-    return {"name": name, "unit": unit, **error, "ratio": None if after is None else after / error["noise"]}
+def _evidence(cause: Mapping[str, Any]) -> list[str]:
+    notes = [f"{key}: {estimate['note']}" for key, estimate in cause["parameters"].items() if "note" in estimate]
+    rivals = [f"{kind_and_place(rival)} ({rival['confidence']:.2f})" for rival in cause["alternatives"][:3]]
+    said = f"{kind_and_place(cause)}, confidence {cause['confidence']:.2f}: {cause['evidence']}"
+    return [said, *notes, *([f"rivals: {', '.join(rivals)}"] if rivals else [])]
 
 
-def _rival_rows(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Candidates by the cause that they could replace, with the second best in words."""
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for candidate in candidates:
-        groups.setdefault(candidate["instead_of"], []).append(candidate)
-    out = []
-    for cause, rows in groups.items():
-        named = next(row["chi_square"] for row in rows if _label(row) == cause)
-        table = [
-            row | {"kind": spaced(row["kind"]), "at": place(row["at"]), "margin": row["chi_square"] - named,
-                   "confidence": f"{row['confidence']:.2g}"}
-            for row in rows
-        ]  # fmt: skip
-        others = [row for row in rows if _label(row) != cause]
-        words = "No other candidate was worth a fit."
-        if others:
-            second = max(others, key=lambda row: (row["confidence"], -row["chi_square"]))
-            words = (
-                f"Second best: {spaced(second['kind'])} at {place(second['at'])}, whose residual is "
-                f"{number(second['misfit'], 3)} times the noise; the χ² of its fit minus that of the cause is "
-                f"{number(second['chi_square'] - named, 3)}."
-            )
-        out.append({"cause": cause, "rows": table, "words": words})
-    return out
+def _errors(result: Mapping[str, Any], units: Mapping[str, str]) -> list[dict[str, str]]:
+    """A row a sensor; the last one for all of them, each over its range."""
+    keys = {
+        "before": "base model, fitted data", "after": "extended, fitted data",
+        "before_holdout": "base model, held-out data", "after_holdout": "extended, held-out data",
+    }  # fmt: skip
+    rows = [
+        {"sensor": name, "noise": f"{number(error['noise'], 3)} {units.get(name, '')}".rstrip()}
+        | {head: number(error[key], 3) for key, head in keys.items()}
+        | {"in times the noise": number(_in_noise(error, "after_holdout"), 3)}
+        for name, error in result["errors"].items()
+    ]
+    gain = result["gain"]
+    shares = (gain["noise_floor"], None, None, gain["nrmse_before"], gain["nrmse_after"])
+    cells = [percent(share) if share is not None else "" for share in shares]
+    heads = ("noise", *keys.values())
+    return [*rows, {"sensor": "all sensors, each over its range", **dict(zip(heads, cells, strict=True)),
+                    "in times the noise": ""}]  # fmt: skip
 
 
-def _not_taken(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Candidates that were fitted by themselves and stand in no cause's place, with the reason in words."""
+def _kept(result: Mapping[str, Any]) -> list[str]:
+    """Of the torque that the extended model keeps as a table."""
+    if not (kept := result.get("kept_discrepancy")):
+        return []
+    before, after = percent(kept["nrmse_before"]), percent(kept["nrmse_after"])
     return [
-        row | {"kind": spaced(row["kind"]), "at": place(row["at"]), "reason": REASONS[row["not_taken"] or ""]}
-        for row in candidates
+        f"the extended model keeps the torque over the {kept['over']} of {kept['at']} as a table: the error of "
+        f"held-out data falls from {before} to {after} of the sensors' ranges"
     ]
 
 
-def _label(candidate: Mapping[str, Any]) -> str:
-    return kind_and_place(candidate)
+def _candidates(candidates: Sequence[Mapping[str, Any]]) -> list[Any]:
+    """By the cause that they could replace, then those that were fitted by themselves."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for candidate in candidates:
+        groups.setdefault(candidate["instead_of"] or "", []).append(candidate)
+    alone = groups.pop("", [])
+    blocks: list[Any] = []
+    for cause, rows in groups.items():
+        named = next(row["chi_square"] for row in rows if kind_and_place(row) == cause)
+        blocks += [
+            f"Instead of {cause}:",
+            Table([
+                {"candidate": spaced(row["kind"]), "at": place(row["at"]),
+                 "residual, in times the noise": number(row["misfit"]),
+                 "χ² minus that of the cause": number(row["chi_square"] - named, 3),
+                 "confidence": f"{row['confidence']:.2g}"}
+                for row in rows
+            ], HOW_CANDIDATES),
+        ]  # fmt: skip
+    if alone:
+        rows = [
+            {"candidate": spaced(row["kind"]), "at": place(row["at"]),
+             "residual, in times the noise": number(row["misfit"]), "held-out data": number(row["misfit_holdout"]),
+             "why it was not taken": REASONS[row["not_taken"] or ""]}
+            for row in alone
+        ]  # fmt: skip
+        blocks += ["Fitted alone and not taken:", Table(rows, HOW_CANDIDATES)]
+    return blocks or ["No candidate was worth a fit."]
 
 
-def _fidelity(fidelity: Mapping[str, Any]) -> dict[str, Any]:
+def _fidelity(fidelity: Mapping[str, Any]) -> list[Any]:
     before, after = fidelity["before"], fidelity["after"]
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for base, extended in zip(before["signals"], after["signals"], strict=True):
-        name = f"<code>{html(base['name'])}</code>"
         delays = f"delay: {_delay(base)} base model, {_delay(extended)} extended"
-        rows.append({"name": f"{name}, R<sub>NRMSE</sub>", "what": "deviation over the range of the measurement",
-                     "before": percent(base["R_NRMSE"]), "after": percent(extended["R_NRMSE"])})  # fmt: skip
-        rows.append({"name": f"{name}, R<sub>τ</sub>", "what": delays,
-                     "before": percent(base["R_tau"]), "after": percent(extended["R_tau"])})  # fmt: skip
+        for key, what in (("R_NRMSE", "deviation over the range of the measurement"), ("R_tau", delays)):
+            rows.append(
+                (f"{base['name']}, {key.replace('tau', 'τ')}", percent(base[key]), percent(extended[key]), what)
+            )
     for name, u, what in (
         ("R_RVM", "R_RVM_standard_uncertainty", "the model's simulation against the measurement, all sensors (Eq. 21)"),
         ("R_MU", None, "uncertainty of the sensors over the range of the measurement (Eqs. 22, 23)"),
         ("R_XiL", "standard_uncertainty", "both, without R_SD, which needs a test bed (Eq. 16)"),
     ):
         cells = [percent(side[name]) + (f" ± {percent(2 * side[u])}" if u else "") for side in (before, after)]
-        rows.append({"name": f"<b>R<sub>{name[2:]}</sub></b>", "before": cells[0], "after": cells[1], "what": what})
-    floor = percent(fidelity["noise_floor"]["R_RVM"])
-    return {"rows": rows, "f_max": fidelity["f_max"], "notes": fidelity["notes"], "floor": floor}
+        rows.append((name, *cells, what))
+    note = (
+        f"XiL fidelity by Eqs. 14 to 23 of the paper as defined, delay included, on held-out data up to "
+        f"{number(fidelity['f_max'])} Hz; the uncertainty (k = 2) is that of the noise and of the delays. A perfect "
+        f"model reaches R_RVM = {percent(fidelity['noise_floor']['R_RVM'])} because of the noise."
+    )
+    heads = ("", "base model", "extended", "what it compares")
+    return [Table([dict(zip(heads, row, strict=True)) for row in rows], note), list(fidelity["notes"])]
 
 
 def _delay(signal: Mapping[str, Any]) -> str:
@@ -959,35 +935,10 @@ def _delay(signal: Mapping[str, Any]) -> str:
     return f"{number(1e3 * signal['delay'], 3)} ± {number(1e3 * signal['delay_standard_uncertainty'], 2)} ms"
 
 
-# --- Views of a diagnosis: measured and simulated on held-out data, and the answer in words.
-
-
-@display.plot.register
-def plot(diagnosis: Diagnosis) -> Figure:
-    """Measurement, base model and extended model on data that no fit used."""
-    with styled():
-        return holdout_figure(diagnosis.plot_data.holdout, views(diagnosis.extended, diagnosis.plot_data))
-
-
-@display.files.register
-def files(diagnosis: Diagnosis, folder: str, made: Provenance | None = None, moving: Any = None) -> display.ResultFiles:
-    """``diagnosis.json``, report, figures and the extended model; ``moving`` is a task of :func:`acting_figures`."""
-    system, entries = diagnosis.extended, content(diagnosis)
-    drawn = pictures(diagnosis.pictured, system)
-    moving = acting_figures(diagnosis.pictured, system) if moving is None else moving.result()
-    units = {sensor.name: sensor.unit for sensor in system.sensors}
-    others: dict[str, str | bytes] = {"report.html": page(entries, system.title, units, drawn, moving, made)}
-    others |= {"extended.toml": dumps(diagnosis.extended)}
-    return "diagnosis.json", entries, others | {f"figures/{name}.svg": picture for name, picture in drawn.items()}
-
-
-@display.text.register
-def as_text(diagnosis: Diagnosis) -> str:
-    """The answer in a sentence, what to do, causes and errors."""
-    return summary(content(diagnosis))
-
-
-@display.html.register
-def as_html(diagnosis: Diagnosis) -> str:
-    """The text of the result as HTML for a notebook."""
-    return preformatted(as_text(diagnosis))
+register(
+    Diagnosis,
+    View(
+        "diagnosis.json", report, pictures, content,
+        others=lambda diagnosis: {"extended.toml": dumps(diagnosis.extended)},
+    ),
+)  # fmt: skip

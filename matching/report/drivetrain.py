@@ -27,14 +27,13 @@ from matching.report.common import (
     RIG,
     VEHICLE,
     amount,
-    embedded,
-    environment,
     figure,
     image,
     number,
     spaced,
     styled,
 )
+from matching.report.page import embedded, environment
 from modelling import display
 from modelling.equations import lagrange
 from modelling.equations.lagrange import derive

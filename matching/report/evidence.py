@@ -1,7 +1,8 @@
-"""Views of an uncertainty budget: contributions of the first measurand, and the table."""
+"""XiL fidelities and uncertainty budgets: figures and reports."""
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,25 +13,11 @@ from matplotlib.figure import Figure
 
 from matching.fidelity import XilFidelity
 from matching.report import common
-from matching.report.common import (
-    PageFigures,
-    PageTable,
-    Provenance,
-    ScreenPoint,
-    StudyPage,
-    csv_table,
-    image,
-    number,
-    percent,
-    preformatted,
-    spaced,
-    study_page,
-)
-from matching.report.curves import acting
+from matching.report.common import csv_table, number, percent, spaced
+from matching.report.page import Fold, Picture, Report, Step, Table, View, in_terminal, register
 from matching.uncertainty.budget import InputQuantity
 from matching.uncertainty.propagate import written
 from matching.uncertainty.result import MeasurandResult, Row, Uncertainty
-from modelling import display
 from modelling.fidelity.measures import delay_fidelity
 from modelling.units import printed
 from modelling.writing import file_stem
@@ -173,63 +160,7 @@ def bands_figure(xil: XilFidelity) -> Figure:
     return fig
 
 
-# --- An XiL fidelity in words and columns, from the content of ``fidelity.json``.
-
-RANKED = 8  # causes that are listed
-LEAST_SHOWN = 5e-5  # of an uncertainty: less is 0.00 %
-
-
-def fidelity_summary(answer: dict[str, Any]) -> str:
-    """Total and partial fidelities, then every signal and sensor, then what is lost to which cause."""
-    lines = [answer["title"], *_fidelities(answer), "", f"{'':44} {'R_NRMSE':>9} {'R_τ':>9}   delay"]
-    for domain, signals in answer["signals"].items():
-        for signal in signals:
-            name = f"{domain}.{signal['name']}"
-            lines.append(f"{name:44} {_percent(signal['R_NRMSE'])} {_percent(signal['R_tau'])}   {_delay(signal)}")
-    for sensor in answer["sensors"]:
-        lines.append(f"{'measurement_uncertainty.' + sensor['name']:44} {_percent(sensor['fidelity'])}   (1 - U/range)")
-    if "attribution" in answer:
-        lines += ["", *_losses(answer["attribution"])]
-    return "\n".join([*lines, *(f"note: {note}" for note in answer["notes"])]) + "\n"
-
-
-def _fidelities(answer: dict[str, Any]) -> list[str]:
-    lines = []
-    for name, value in [("R_XiL", answer["R_XiL"]), *answer["domains"].items()]:
-        spread = answer["uncertainty"]["total" if name == "R_XiL" else name]
-        weight = f"weight {answer['weights'][name]:g}" if name in answer["weights"] else "total"
-        lines.append(f"{name:44} {_percent(value)}   {_uncertainty(spread):32} {weight}")
-    return lines
-
-
-def _uncertainty(spread: dict[str, Any]) -> str:
-    if spread["standard_uncertainty"] < LEAST_SHOWN:
-        return "without uncertainty"
-    low, high = spread["interval"]
-    return f"u = {100 * spread['standard_uncertainty']:.2f} %, {100 * low:.2f} ... {100 * high:.2f} %"
-
-
-def _losses(attribution: dict[str, Any]) -> list[str]:
-    shares = ", ".join(f"{origin} {100 * share:.1f} %" for origin, share in attribution["by_origin"].items())
-    return [f"lost to {shares}"] + [
-        f"  {loss['origin']:12} {loss['signal']:24} {loss['cause']:12} "
-        f"R_XiL would rise by {100 * loss['gain']:.2f} percentage points"
-        for loss in attribution["ranked"][:RANKED]
-    ]
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:7.2f} %"
-
-
-def _delay(signal: dict[str, Any]) -> str:
-    if signal["delay"] is None:
-        return f"undetermined: {signal['delay_undetermined']}"
-    uncertainty = signal["delay_standard_uncertainty"]
-    return f"{1000 * signal['delay']:.3f} ms" + (f" (u = {1000 * uncertainty:.3f} ms)" if uncertainty else "")
-
-
-# --- The page of an XiL fidelity: the total, what to improve first, what it rests on; signals and causes to download.
+# --- The report of an XiL fidelity: the total, what to improve first, what it rests on.
 
 CAPTIONS = {
     "attribution": "What R_XiL would gain if one cause alone were removed.",
@@ -237,141 +168,101 @@ CAPTIONS = {
     "bands": "At which frequencies the signals deviate: amplitude plain, phase hatched.",
 }
 FIRST_CAUSES = 4  # causes on the first screen
+LEAST_SHOWN = 5e-5  # of an uncertainty: less is 0.00 %
 
 
-def fidelity_page(
-    fidelity: XilFidelity, figures: Mapping[str, Figure], images: Mapping[str, bytes], made: Provenance | None = None
-) -> str:
-    """The page as HTML, from a fidelity, its figures and their pictures by name."""
-    answer = fidelity.to_dict()
-    total = answer["uncertainty"]["total"]
-    low, high = total["interval"]
-    words = f"R_XiL = {percent(fidelity.R_XiL)}"
-    if total["standard_uncertainty"] > LEAST_SHOWN:
-        words += f" (u = {percent(total['standard_uncertainty'])}, 95 % between {percent(low)} and {percent(high)})"
-    content = StudyPage(
-        title=f"XiL fidelity: {fidelity.title}" if fidelity.title else "XiL fidelity",
-        status=percent(fidelity.R_XiL, 1),
-        answer=f"{words}: how faithfully the bed reproduces this manoeuvre up to {answer['f_max']:g} Hz.",
-        good=False,
-        first_screen={
-            "What to improve first": _causes_to_improve(answer),
-            "What it rests on": _rests_on(answer),
-            "What to watch": [ScreenPoint(note) for note in answer["notes"]] or [ScreenPoint("nothing was left out")],
-        },
-        captions=CAPTIONS,
-        tables=[PageTable("Signals", _signals(answer)), PageTable("Sensors", _sensors(answer))],
+def fidelity_report(content: Mapping[str, Any], folder: str = "", made: Any = None, result: Any = None) -> Report:
+    """What an XiL fidelity says."""
+    spread = content["uncertainty"]
+    rows = [
+        {"": spaced(name), "fidelity": percent(value), "standard uncertainty": _spread(spread[key]),
+         "weight": f"{content['weights'][name]:g}" if name in content["weights"] else "total"}
+        for name, key, value in [("R_XiL", "total", content["R_XiL"])]
+        + [(name, name, value) for name, value in content["domains"].items()]
+    ]  # fmt: skip
+    signals = [
+        {"domain": spaced(domain), "signal": signal["name"], "R_NRMSE": percent(signal["R_NRMSE"]),
+         "R_τ": percent(signal["R_tau"]), "delay": _delay(signal)}
+        for domain, members in content["signals"].items()
+        for signal in members
+    ]  # fmt: skip
+    sensors = [
+        {"sensor": sensor["name"], "U over range": percent(sensor["uncertainty_over_range"]),
+         "fidelity": percent(sensor["fidelity"])}
+        for sensor in content["sensors"]
+    ]  # fmt: skip
+    return Report(
+        title=f"XiL fidelity: {content['title']}" if content["title"] else "XiL fidelity",
+        status=percent(content["R_XiL"], 1),
+        answer=f"R_XiL = {percent(content['R_XiL'])}, {_spread(spread['total'])}: how faithfully the bed reproduces "
+        f"this manoeuvre up to {content['f_max']:g} Hz.",
+        lists={"What to improve first": _causes_to_improve(content)},
+        table=Table(rows),
+        folds=[Fold("Signals", [Table(signals)], told=True), Fold("Sensors", [Table(sensors)], told=True)],
+        notes=content["notes"],
     )
-    data = {name: text for name, text in _data(answer).items() if name in images}
-    return study_page(content, PageFigures(images, acting(figures), data), made)
 
 
-def _causes_to_improve(answer: Mapping[str, Any]) -> list[ScreenPoint]:
-    if "attribution" not in answer:
-        return [ScreenPoint("not known", "the published arithmetic does not split the loss by cause")]
+def _spread(spread: Mapping[str, Any]) -> str:
+    if spread["standard_uncertainty"] < LEAST_SHOWN:
+        return "without uncertainty"
+    low, high = spread["interval"]
+    return f"u = {percent(spread['standard_uncertainty'])}, 95 % between {percent(low)} and {percent(high)}"
+
+
+def _causes_to_improve(content: Mapping[str, Any]) -> list[Step]:
+    if "attribution" not in content:
+        return [Step("not known", "the published arithmetic does not split the loss by cause")]
     return [
-        ScreenPoint(
+        Step(
             f"{spaced(loss['signal'])}: {spaced(loss['cause'])} ({loss['origin']})",
             f"without it R_XiL would be {100 * loss['gain']:.2f} percentage points higher",
         )
-        for loss in answer["attribution"]["ranked"][:FIRST_CAUSES]
-    ] or [ScreenPoint("nothing", "no cause loses anything")]
+        for loss in content["attribution"]["ranked"][:FIRST_CAUSES]
+    ] or [Step("nothing", "no cause loses anything")]
 
 
-def _rests_on(answer: Mapping[str, Any]) -> list[ScreenPoint]:
-    return [
-        ScreenPoint(f"{spaced(name)}: {percent(value)}", f"weight {answer['weights'].get(name, 0):g}")
-        for name, value in answer["domains"].items()
-    ]
-
-
-def _signals(answer: Mapping[str, Any]) -> list[dict[str, str]]:
-    return [
-        {
-            "domain": spaced(domain), "signal": signal["name"], "R_NRMSE": percent(signal["R_NRMSE"]),
-            "R_τ": percent(signal["R_tau"]), "delay": _delay_cell(signal),
-        }
-        for domain, signals in answer["signals"].items()
-        for signal in signals
-    ]  # fmt: skip
-
-
-def _delay_cell(signal: Mapping[str, Any]) -> str:
+def _delay(signal: Mapping[str, Any]) -> str:
     if signal["delay"] is None:
         return f"undetermined: {signal['delay_undetermined']}"
-    return f"{1000 * signal['delay']:.3f} ms"
+    uncertainty = signal["delay_standard_uncertainty"]
+    return f"{1000 * signal['delay']:.3f} ms" + (f" (u = {1000 * uncertainty:.3f} ms)" if uncertainty else "")
 
 
-def _sensors(answer: Mapping[str, Any]) -> list[dict[str, str]]:
-    return [
-        {
-            "sensor": sensor["name"],
-            "U over range": percent(sensor["uncertainty_over_range"]),
-            "fidelity": percent(sensor["fidelity"]),
-        }
-        for sensor in answer["sensors"]
-    ]
-
-
-def _data(answer: Mapping[str, Any]) -> dict[str, str]:
-    """Tables (CSV) by the name of the figure that they belong to."""
+def fidelity_pictures(xil: XilFidelity) -> dict[str, Picture]:
+    """What is lost to what, ranked; the delay curve first where the case names values instead of signals."""
+    answer = xil.to_dict()
     rows = [
         (domain, signal["name"], signal["R_NRMSE"], signal["R_tau"], signal["nearest_delay"])
         for domain, signals in answer["signals"].items()
         for signal in signals
     ]
-    tables = {"delay": csv_table(["domain", "signal", "R_NRMSE", "R_tau", "delay [s]"], rows)}
-    if "attribution" in answer:
-        losses = [
-            [loss[key] for key in ("origin", "signal", "cause", "gain")] for loss in answer["attribution"]["ranked"]
+    delays = csv_table(["domain", "signal", "R_NRMSE", "R_tau", "delay [s]"], rows)
+    pictures = {"delay": Picture(lambda: delay_curve(xil), CAPTIONS["delay"], delays)}
+    if xil.attribution is not None:
+        keys = ("origin", "signal", "cause", "gain")
+        losses = [[loss[key] for key in keys] for loss in answer["attribution"]["ranked"]]
+        ranked = csv_table(["origin", "signal", "cause", "gain in R_XiL"], losses)
+        pictures = {"attribution": Picture(lambda: attribution_figure(xil), CAPTIONS["attribution"], ranked)} | pictures
+    if xil.bands:
+        head = ["domain", "signal", "from [Hz]", "to [Hz]", "R_NRMSE", "amplitude share", "phase share"]
+        bands = [
+            (domain, name, band["low"], band["high"], band["nrmse"], band["amplitude_share"], band["phase_share"])
+            for domain, signals in answer["bands"].items()
+            for name, spectrum in signals.items()
+            for band in spectrum
         ]
-        tables["attribution"] = csv_table(["origin", "signal", "cause", "gain in R_XiL"], losses)
-    bands = [
-        (domain, name, band["low"], band["high"], band["nrmse"], band["amplitude_share"], band["phase_share"])
-        for domain, signals in answer.get("bands", {}).items()
-        for name, spectrum in signals.items()
-        for band in spectrum
-    ]
-    tables["bands"] = csv_table(
-        ["domain", "signal", "from [Hz]", "to [Hz]", "R_NRMSE", "amplitude share", "phase share"], bands
-    )
-    return tables
+        pictures["bands"] = Picture(lambda: bands_figure(xil), CAPTIONS["bands"], csv_table(head, bands))
+    return pictures
 
 
-# --- Views of an XiL fidelity: what is lost and to what, and the table.
-
-
-@display.plot.register
-def plot_fidelity(fidelity: XilFidelity) -> Figure:
-    """What is lost to what, ranked; the delay curve where the case names values instead of signals."""
-    return delay_curve(fidelity) if fidelity.attribution is None else attribution_figure(fidelity)
-
-
-@display.files.register
-def fidelity_files(fidelity: XilFidelity, folder: str, made: Provenance | None = None) -> display.ResultFiles:
-    """``fidelity.json``, table, page and figures."""
-    figures = {"delay": delay_curve(fidelity)}
-    if fidelity.attribution is not None:
-        figures["attribution"] = attribution_figure(fidelity)
-    if fidelity.bands:
-        figures["bands"] = bands_figure(fidelity)
-    answer, images = fidelity.to_dict(), {name: image(drawn) for name, drawn in figures.items()}
-    others: dict[str, str | bytes] = {f"{name}.svg": picture for name, picture in images.items()}
-    others["fidelity.txt"] = fidelity_summary(answer)
-    others["fidelity.html"] = fidelity_page(fidelity, figures, images, made)
-    return "fidelity.json", answer, others
-
-
-@display.text.register
-def fidelity_text(fidelity: XilFidelity) -> str:
-    """Total and partial fidelities with their uncertainty."""
-    return fidelity_summary(fidelity.to_dict())
-
-
-@display.html.register
-def fidelity_html(fidelity: XilFidelity) -> str:
-    """The text of the result as HTML for a notebook."""
-    return preformatted(fidelity_text(fidelity))
+register(
+    XilFidelity,
+    View(
+        "fidelity.json", fidelity_report, fidelity_pictures, page="fidelity.html", folder="",
+        others=lambda xil: {"fidelity.txt": in_terminal(fidelity_report(xil.to_dict()))},
+    ),
+)  # fmt: skip
 
 
 # --- Figures of an uncertainty budget: contributions as bars, causes as Ishikawa diagram (like Figs. 4 and 5).
@@ -470,69 +361,62 @@ def _axis_unit(result: MeasurandResult) -> str:
     return "" if text == "1" else f" in {printed(text)}"
 
 
-# --- The page of an uncertainty budget: the result as it is reported, what to improve first; the budget to download.
+# --- The report of an uncertainty budget: the result as it is reported, what to improve first.
 
 NO_CAUSE = InputQuantity.cause  # of an input for which none is stated
 FIRST_INPUTS = 3  # inputs of a measurand on the first screen
+BARS = "Contribution of each input to the standard uncertainty; dashed: all together."
+BONES = "Causes of the uncertainty; line widths and numbers follow the share of u²."
 COLUMNS = (
-    "name",
-    "value",
-    "standard_uncertainty",
-    "unit",
-    "distribution",
-    "cause",
-    "sensitivity",
-    "contribution",
-    "share",
-)
+    "name", "value", "standard_uncertainty", "unit", "distribution", "cause", "sensitivity", "contribution", "share",
+)  # fmt: skip
 
 
-def uncertainty_page(
-    uncertainty: Uncertainty, figures: Mapping[str, Figure], images: Mapping[str, bytes],
-    made: Provenance | None = None,
-) -> str:  # fmt: skip
-    """The page as HTML, from an evaluated budget, its figures and their pictures by name."""
-    answer = uncertainty.to_dict()
-    measurands = answer["measurands"]
-    content = StudyPage(
-        title=f"Uncertainty budget: {answer['title']}" if answer["title"] else "Uncertainty budget",
+def uncertainty_report(content: Mapping[str, Any], folder: str = "", made: Any = None, result: Any = None) -> Report:
+    """What an evaluated budget says."""
+    measurands = content["measurands"]
+    names = [measurand["name"] for measurand in measurands]
+    correlations = [
+        f"r({first}, {second}) = {content['correlation'][i][j]:+.3f}"
+        for i, first in enumerate(names)
+        for j, second in enumerate(names)
+        if j > i
+    ]
+    folds = [
+        Fold(f"Budget of {each['name']}", [Table([_row(row) for row in each["budget"]]), _checks(each)], told=True)
+        for each in measurands
+    ]
+    return Report(
+        title=f"Uncertainty budget: {content['title']}" if content["title"] else "Uncertainty budget",
         status="result" if len(measurands) == 1 else f"{len(measurands)} results",
-        answer=measurands[0]["statement"],
-        good=False,
-        first_screen={
-            "What to report": [ScreenPoint(each["statement"], _by(each)) for each in measurands],
-            "What to improve first": [point for each in measurands for point in _inputs_to_improve(each)],
-            "What to watch": _to_watch(answer),
+        answer=f"{measurands[0]['statement']}, {_by(measurands[0])}.",
+        lists={
+            "Further results": [Step(each["statement"], _by(each)) for each in measurands[1:]],
+            "What to improve first": [step for each in measurands for step in _inputs_to_improve(each)]
+            + [Step(line) for wish in content.get("inverse", []) for line in _improvements(wish)],
+            "What to watch": _to_watch(content),
         },
-        captions={name: _caption(name) for name in images},
-        tables=[PageTable(f"Budget of {each['name']}", [_row(row) for row in each["budget"]]) for each in measurands],
+        folds=[*folds, Fold("Correlation of the results", [correlations] if correlations else [], told=True)],
     )
-    bars = [name for name in images if not name.endswith("ishikawa")]
-    data = {name: budget_data([each]) for name, each in zip(bars, measurands, strict=False)}
-    return study_page(content, PageFigures(images, acting(figures), data), made)
 
 
-def budget_data(measurands: Sequence[Mapping[str, Any]]) -> str:
-    """The budgets of measurands (CSV)."""
-    rows = [[each["name"], *(row[key] for key in COLUMNS)] for each in measurands for row in each["budget"]]
+def budget_data(measurand: Mapping[str, Any]) -> str:
+    """The budget of a measurand (CSV)."""
+    rows = [[measurand["name"], *(row[key] for key in COLUMNS)] for row in measurand["budget"]]
     return csv_table(["measurand", *COLUMNS], rows)
 
 
 def _by(measurand: Mapping[str, Any]) -> str:
     if measurand["method"] == "first_order":
         return "by the law of propagation"
-    undecided = measurand.get("first_order_check", {}).get("verdict") == "open"
-    why = (
-        "the draws do not decide whether the law of propagation holds"
-        if undecided
-        else "the law of propagation does not hold here"
-    )
-    return f"by Monte Carlo: {why}"
+    if measurand.get("first_order_check", {}).get("verdict") == "open":
+        return "by Monte Carlo: the draws do not decide whether the law of propagation holds"
+    return "by Monte Carlo: the law of propagation does not hold here"
 
 
-def _inputs_to_improve(measurand: Mapping[str, Any]) -> list[ScreenPoint]:
+def _inputs_to_improve(measurand: Mapping[str, Any]) -> list[Step]:
     return [
-        ScreenPoint(
+        Step(
             row["name"],
             f"{100 * row['share']:.3g} % of u² of {measurand['name']}"
             + (f"; {row['cause']}" if row["cause"] != NO_CAUSE else ""),
@@ -542,80 +426,29 @@ def _inputs_to_improve(measurand: Mapping[str, Any]) -> list[ScreenPoint]:
     ]
 
 
-def _to_watch(answer: Mapping[str, Any]) -> list[ScreenPoint]:
-    points = []
-    several = len(answer["measurands"]) > 1
-    for measurand in answer["measurands"]:
-        of_it = f"{measurand['name']}: " if several else ""
-        points += [ScreenPoint(f"{of_it}{warning}") for warning in measurand["warnings"]]
+def _to_watch(content: Mapping[str, Any]) -> list[Step]:
+    steps = []
+    for measurand in content["measurands"]:
+        of_it = f"{measurand['name']}: " if len(content["measurands"]) > 1 else ""
+        steps += [Step(f"{of_it}{warning}") for warning in measurand["warnings"]]
         if measurand.get("first_order_check", {}).get("verdict") == "good":  # of the others a warning speaks
-            points.append(
-                ScreenPoint(f"{measurand['name']}: propagation and Monte Carlo agree", "check of JCGM 101, 8")
-            )
-    for wish in answer.get("inverse", []):
-        reached = wish["present"] <= wish["wanted"]
-        points.append(
-            ScreenPoint(
-                f"{wish['name']}: wanted U {wish['wanted']:.3g} {wish['unit']}, now {wish['present']:.3g}",
-                "reached" if reached else "which inputs have to improve, and to what, stands in uncertainty.txt",
-            )
-        )
-    return points or [ScreenPoint("nothing")]
-
-
-def _caption(name: str) -> str:
-    if name.endswith("ishikawa"):
-        return "Causes of the uncertainty; line widths and numbers follow the share of u²."
-    return "Contribution of each input to the standard uncertainty; dashed: all together."
+            steps.append(Step(f"{measurand['name']}: propagation and Monte Carlo agree", "check of JCGM 101, 8"))
+    return steps
 
 
 def _row(row: Mapping[str, Any]) -> dict[str, str]:
+    freedom = row["degrees_of_freedom"]
     return {
         "input": row["name"], "value": f"{row['value']:.8g} {row['unit']}".removesuffix(" 1"),
         "u(x)": number(row["standard_uncertainty"], 4), "distribution": row["distribution"],
-        "|c|·u": number(row["contribution"], 4), "share of u²": f"{100 * row['share']:.2f} %", "cause": row["cause"],
+        "ν": "∞" if freedom is None else number(freedom, 3), "|c|·u": number(row["contribution"], 4),
+        "share of u²": f"{100 * row['share']:.2f} %", "cause": row["cause"],
     }  # fmt: skip
 
 
-# --- An uncertainty budget in words and columns, from the content of ``uncertainty.json``.
-
-
-def uncertainty_summary(answer: dict[str, Any]) -> str:
-    """Statement of every measurand, then its budget table, checks and correlations; last what would have to improve."""
-    measurands = answer["measurands"]
-    lines = [answer["title"], *(measurand["statement"] for measurand in measurands)]
-    for measurand in measurands:
-        notes = (f"note: {line}" for line in measurand["warnings"])
-        heading = [f"{measurand['name']}:"] if len(measurands) > 1 else []
-        lines += ["", *heading, *_table(measurand), "", *_checks(measurand), *notes]
-    names = [measurand["name"] for measurand in measurands]
-    for i, first in enumerate(names):
-        lines += [
-            f"r({first}, {second}) = {answer['correlation'][i][j]:+.3f}" for j, second in enumerate(names) if j > i
-        ]
-    for wish in answer.get("inverse", []):
-        lines += ["", *_improvements(wish)]
-    return "\n".join(lines) + "\n"
-
-
-def _table(measurand: dict[str, Any]) -> list[str]:
-    head = (
-        f"{'input':24} {'value':>14} {'u(x)':>11} {'unit':10} {'distribution':13} {'ν':>5} {'|c|·u':>11} {'share':>8}"
-    )
-    lines = [head, "-" * len(head)]
-    for row in measurand["budget"]:
-        freedom = "∞" if row["degrees_of_freedom"] is None else f"{row['degrees_of_freedom']:.3g}"
-        lines.append(
-            f"{row['name']:24} {row['value']:14.8g} {row['standard_uncertainty']:11.4g} {row['unit']:10} "
-            f"{row['distribution']:13} {freedom:>5} {row['contribution']:11.4g} {100 * row['share']:7.2f}%"
-        )
-    return lines
-
-
-def _checks(measurand: dict[str, Any]) -> list[str]:
+def _checks(measurand: Mapping[str, Any]) -> list[str]:
     unit = "" if measurand["unit"] == "1" else f" {measurand['unit']}"
-    freedom = measurand["degrees_of_freedom"]
-    second = measurand["standard_uncertainty_second_order"]
+    freedom, second = measurand["degrees_of_freedom"], measurand["standard_uncertainty_second_order"]
     refused = measurand["degrees_of_freedom_refused"]
     effective = "refused" if refused else "∞" if freedom is None else f"{freedom:.1f}"
     lines = [
@@ -628,64 +461,44 @@ def _checks(measurand: dict[str, Any]) -> list[str]:
         low, high = (written(end, sampled["standard_uncertainty"])[0] for end in sampled["shortest_interval"])
         lines += [
             f"Monte Carlo: u = {sampled['standard_uncertainty']:.4g}{unit}, "
-            f"shortest {100 * measurand['coverage']:.4g} % interval "
-            f"{low} ... {high}{unit}, {sampled['draws']} draws",
+            f"shortest {100 * measurand['coverage']:.4g} % interval {low} ... {high}{unit}, {sampled['draws']} draws",
             f"first order against Monte Carlo (JCGM 101, 8): {check['verdict']} "
             f"(d = {check['distances'][0]:.2g}, {check['distances'][1]:.2g}; δ = {check['tolerance']:.2g}{unit})",
         ]
     return lines
 
 
-def _improvements(wish: dict[str, Any]) -> list[str]:
+def _improvements(wish: Mapping[str, Any]) -> list[str]:
+    """What has to improve for a wanted uncertainty, a sentence each."""
+    name, unit, wanted = wish["name"], wish["unit"], f"{wish['wanted']:.4g}"
     if wish["present"] <= wish["wanted"]:
-        return [
-            f"{wish['name']}: U = {wish['present']:.4g} {wish['unit']} "
-            f"is already within the wanted {wish['wanted']:.4g}"
-        ]
-    lines = [f"{wish['name']}: from U = {wish['present']:.4g} to {wish['wanted']:.4g} {wish['unit']}"]
-    lines += [
-        f"  either {name} alone to u = {item['needed']:.4g} {item['unit']} ({100 * item['ratio']:.3g} % of today)"
+        return [f"{name}: U = {wish['present']:.4g} {unit} is already within the wanted {wanted}"]
+    lines = [
+        f"from U({name}) = {wish['present']:.4g} to {wanted} {unit}: {own} alone to u = {item['needed']:.4g} "
+        f"{item['unit']} ({100 * item['ratio']:.3g} % of today)"
         for step in wish["alone"]
-        for name, item in step.items()
-    ]
-    if not wish["alone"]:
-        lines.append("  no improvement of a single input is enough")
-    needed = [f"{name} to u = {item['needed']:.4g} {item['unit']}" for name, item in wish["together"].items()]
-    return [*lines, f"  or all of these together, the largest contributions reduced to one level: {', '.join(needed)}"]
+        for own, item in step.items()
+    ] or [f"to reach U({name}) = {wanted} {unit} no improvement of a single input is enough"]
+    needed = [f"{own} to u = {item['needed']:.4g} {item['unit']}" for own, item in wish["together"].items()]
+    return [*lines, f"or all of these together, the largest contributions reduced to one level: {', '.join(needed)}"]
 
 
-# --- View
-
-
-@display.plot.register
-def plot_uncertainty(uncertainty: Uncertainty) -> Figure:
-    """Contributions of the inputs to the first measurand."""
-    return contributions(uncertainty.measurands[0])
-
-
-@display.files.register
-def uncertainty_files(found: Uncertainty, folder: str, made: Provenance | None = None) -> display.ResultFiles:
-    """``uncertainty.json``, table, page, and the figures of every measurand."""
-    answer, prefixes, figures = found.to_dict(), list[str](), dict[str, Figure]()
-    for result in found.measurands:
+def uncertainty_pictures(found: Uncertainty) -> dict[str, Picture]:
+    """Contributions and causes of every measurand."""
+    pictures, prefixes = dict[str, Picture](), list[str]()
+    for result, content in zip(found.measurands, found.to_dict()["measurands"], strict=True):
         prefix = f"{file_stem(result.measurand.name)}_" if len(found.measurands) > 1 else ""
         prefixes.append(f"{prefix}{len(prefixes) + 1}_" if prefix in prefixes else prefix)
-        figures[f"{prefixes[-1]}contributions"] = contributions(result)
-        figures[f"{prefixes[-1]}ishikawa"] = ishikawa(result)
-    images = {name: image(drawn) for name, drawn in figures.items()}
-    others: dict[str, str | bytes] = {"uncertainty.txt": uncertainty_summary(answer)}
-    others |= {f"{name}.svg": picture for name, picture in images.items()}
-    others["uncertainty.html"] = uncertainty_page(found, figures, images, made)
-    return "uncertainty.json", answer, others
+        bars, bones = (functools.partial(draw, result) for draw in (contributions, ishikawa))
+        pictures[f"{prefixes[-1]}contributions"] = Picture(bars, BARS, budget_data(content))
+        pictures[f"{prefixes[-1]}ishikawa"] = Picture(bones, BONES)
+    return pictures
 
 
-@display.text.register
-def uncertainty_text(uncertainty: Uncertainty) -> str:
-    """Statement, budget table and checks."""
-    return uncertainty_summary(uncertainty.to_dict())
-
-
-@display.html.register
-def uncertainty_html(uncertainty: Uncertainty) -> str:
-    """The text of the result as HTML for a notebook."""
-    return preformatted(uncertainty_text(uncertainty))
+register(
+    Uncertainty,
+    View(
+        "uncertainty.json", uncertainty_report, uncertainty_pictures, page="uncertainty.html", folder="",
+        others=lambda found: {"uncertainty.txt": in_terminal(uncertainty_report(found.to_dict()))},
+    ),
+)  # fmt: skip

@@ -1,13 +1,14 @@
-"""Views of a match: figures, page, text."""
+"""A match: figures and report."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 
@@ -28,22 +29,15 @@ from matching.report.common import (
     MATCHED,
     RIG,
     VEHICLE,
-    Provenance,
-    ScreenPoint,
     amount,
     change,
     component,
     csv_table,
     decimated,
-    embedded,
-    environment,
     equations,
     figure,
     hertz,
-    image,
-    in_address,
     legend_above,
-    made_from,
     number,
     percent,
     plain_ticks,
@@ -53,10 +47,22 @@ from matching.report.common import (
     styled,
     unit,
 )
-from matching.report.curves import acting
 from matching.report.drivetrain import MOST_INERTIAS, case_figure
 from matching.report.modes import Column, energy_figure
-from modelling import display
+from matching.report.page import (
+    Block,
+    Fold,
+    Picture,
+    Provenance,
+    Report,
+    Show,
+    Step,
+    Table,
+    View,
+    in_terminal,
+    provenance,
+    register,
+)
 from modelling.bed.bed import HARDWARE
 from modelling.bed.controllers import STRUCTURES
 from modelling.modal.result import Mode
@@ -90,78 +96,50 @@ def beds_figure(beds: BedsCheck, tolerance: float) -> Figure:
 # --- What is asked of a match with an observer beyond its targets, and what drawn beds, loop and sensors made of it.
 
 
-@dataclass(frozen=True)
-class RequirementRow:
-    """One requirement: what, its value, what is asked, and whether it holds."""
-
-    what: str
-    value: str
-    asked: str
-    holds: bool
-
-
-def requirement_rows(robust: Verification) -> list[RequirementRow]:
-    """Requirements on beds, margin, roll-off and noise."""
+def requirement_rows(robust: Verification) -> list[dict[str, str]]:
+    """Requirements on beds, margin, roll-off and noise: what, its value, what is asked, and whether it holds."""
     beds, loop, required = robust.beds, robust.loop, robust.required
     assert beds is not None, "beds were drawn"
-    rows = []
+    rows: list[tuple[str, str, str, bool]] = []
+    damping = f"at least {number(required.damping_ratio, 3)}"
     eased = beds.damped == beds.drawn and beds.smallest_damping_ratio < required.damping_ratio
     less = "; less is a mode of the bed's own beyond the roll-off" if eased else ""
     if beds.drawn:
+        least = number(beds.smallest_damping_ratio, 3)
         rows = [
-            RequirementRow("beds stable", f"{beds.stable} of {beds.drawn}", "all", beds.stable == beds.drawn),
-            RequirementRow(
-                "least damping ratio of any mode on any bed", number(beds.smallest_damping_ratio, 3),
-                f"at least {number(required.damping_ratio, 3)}{less}", beds.damped == beds.drawn,
-            ),
-        ]  # fmt: skip
+            ("beds stable", f"{beds.stable} of {beds.drawn}", "all", beds.stable == beds.drawn),
+            ("least damping ratio of any mode on any bed", least, damping + less, beds.damped == beds.drawn),
+        ]
     if beds.drawn and beds.worst is not None:
-        least = beds.worst.damping_ratio
-        rows.append(
-            RequirementRow(
-                f"least damping ratio of the worst bed of the box (most by {', '.join(beds.worst.named[:2])})",
-                number(least, 3), f"at least {number(required.damping_ratio, 3)}", least >= required.damping_ratio,
-            )
-        )  # fmt: skip
+        what = f"least damping ratio of the worst bed of the box (most by {', '.join(beds.worst.named[:2])})"
+        ratio = beds.worst.damping_ratio
+        rows.append((what, number(ratio, 3), damping, ratio >= required.damping_ratio))
     rows += [
-        RequirementRow(
-            f"modulus margin from {number(required.margin_from)} Hz", number(loop.modulus_margin, 3),
-            f"at least {number(required.modulus_margin)}", loop.modulus_margin >= required.modulus_margin,
-        ),
-        RequirementRow(
-            f"roll-off: |T| from {number(required.rolled_off_from)} Hz", number(loop.largest_rolled_off, 3),
-            f"at most {number(required.rolled_off)}", loop.largest_rolled_off <= required.rolled_off,
-        ),
+        (f"modulus margin from {number(required.margin_from)} Hz", number(loop.modulus_margin, 3),
+         f"at least {number(required.modulus_margin)}", loop.modulus_margin >= required.modulus_margin),
+        (f"roll-off: |T| from {number(required.rolled_off_from)} Hz", number(loop.largest_rolled_off, 3),
+         f"at most {number(required.rolled_off)}", loop.largest_rolled_off <= required.rolled_off),
     ]  # fmt: skip
+    allowed = required.command_noise
     for name, noise in loop.command_noise.items():
-        allowed = required.command_noise
-        rows.append(
-            RequirementRow(
-                f"command of dynamometer {name} from sensor noise", f"{number(noise, 3)} N·m rms",
-                "no limit" if allowed is None else f"at most {number(allowed)} N·m rms",
-                allowed is None or noise <= allowed,
-            )
-        )  # fmt: skip
-    return rows
-
-
-class ErrorRow(NamedTuple):
-    """Kind of torque, median and 95 % quantile of the response error over the stable beds; None without any."""
-
-    torques: str
-    median: float | None
-    upper: float | None
-
-
-def error_rows(robust: Verification) -> list[ErrorRow]:
-    """The response error over the stable beds, a row for each kind of torque."""
-    beds = robust.beds
-    assert beds is not None, "beds were drawn"
+        asked = "no limit" if allowed is None else f"at most {number(allowed)} N·m rms"
+        what = f"command of dynamometer {name} from sensor noise"
+        rows.append((what, f"{number(noise, 3)} N·m rms", asked, allowed is None or noise <= allowed))
     return [
-        ErrorRow(kind, quantile(errors, 0.5), quantile(errors, 0.95))
-        for kind, errors in (("measured", beds.measured), ("unmeasured", beds.unmeasured))
-        if errors
+        {"requirement": what, "value": value, "asked": asked, "": HOLDS[holds]} for what, value, asked, holds in rows
     ]
+
+
+def bed_errors(beds: BedsCheck) -> list[dict[str, str]]:
+    """The response error over the stable beds, a row for each kind of torque."""
+    return [
+        {"response error over the beds": f"{kind} torques", "median": number(quantile(errors, 0.5), 3),
+         "95 %": number(quantile(errors, 0.95), 3)}
+        for kind, errors in (("measured", beds.measured), ("unmeasured", beds.unmeasured)) if errors
+    ]  # fmt: skip
+
+
+HOLDS = {True: "✓ holds", False: "✗ missed"}
 
 
 # --- |S| and |T| of the feedback loop over frequency, with the limits that the case sets.
@@ -538,29 +516,6 @@ def _deviation(wrong: Any) -> str:
     return f"+{text}" if wrong.change > 0 else text
 
 
-# --- The XiL fidelity of a match (Eqs. 14 to 23), for page and text.
-
-COMPARED = {
-    "R_SD": "torque and speed at every cut, rig against vehicle",
-    "R_RVM": "sensors of the residual vehicle, driven by the rig's torques, against those of the vehicle",
-    "R_MU": "uncertainty of the dynamometers' sensors over the range of the manoeuvre",
-}
-
-
-def fidelity_rows(fidelity: Mapping[str, Any]) -> dict[str, Any]:
-    """Rows of the table: name, before, after, weight, what is compared."""
-    before, after = fidelity["before"], fidelity["after"]
-    rows = [
-        {"name": f"R<sub>{name[2:]}</sub>", "before": percent(before[name]), "after": percent(after[name]),
-         "weight": f"{fidelity['weights'][name]:.2g}", "what": what}
-        for name, what in COMPARED.items()
-    ]  # fmt: skip
-    total = {"name": "<b>R<sub>XiL</sub></b>", "weight": "1", "what": "total (Eq. 16)"}
-    total |= {key: f"{percent(values['R_XiL'])} ± {percent(2 * values['standard_uncertainty'])}"
-              for key, values in (("before", before), ("after", after))}  # fmt: skip
-    return {"rows": [*rows, total], "f_max": fidelity["f_max"], "notes": fidelity["notes"]}
-
-
 # --- Frequencies and energy shares of vehicle, rig without control and matched rig, as the paper's Fig. 3 shows them.
 
 MODES_HIGHEST_HZ = 1000.0  # above are poles of lags and of the dead time, which are no modes of the drivetrain
@@ -875,53 +830,37 @@ CAPTIONS = {
 }
 
 
-def overview(result: MatchResult) -> Figure:
-    """The match in one figure, 1200 pixels wide as PNG."""
-    return overview_figure(result, signals(result))
-
-
 def drawn_modes(result: MatchResult) -> list[float]:
     """Frequencies in Hz around which curves of the loop need a dense grid."""
     return [target.vehicle for target in result.targets] + [mode.frequency for mode in result.rig_modes]
 
 
-def drawers(result: MatchResult) -> dict[str, Callable[[], Figure]]:
-    """What draws each figure of a match, by name; those for which there is nothing to show are left out."""
+def pictures(result: MatchResult) -> dict[str, Picture]:
+    """The figures of a match by name; those for which there is nothing to show are left out."""
     case, tuned = result.case, result.tuned
-    made: dict[str, Callable[[], Figure]] = {
-        "overview": lambda: overview(result),
+    draw: dict[str, Callable[[], Figure]] = {
+        "overview": lambda: overview_figure(result, of_manoeuvre),
         "modes": lambda: match_modes_figure(result),
         "responses": lambda: response_figure(result),
     }
     begins = min((torque.at for torque in case.manoeuvre.values()), default=0.0)
     if of_manoeuvre := signals(result):
-        made["manoeuvre"] = lambda: trace_figure(of_manoeuvre, begins)
+        draw["manoeuvre"] = lambda: trace_figure(of_manoeuvre, begins)
     if of_worst_bed := in_time_signals(result):
-        made["in_time"] = lambda: trace_figure(of_worst_bed, begins)
-    frequencies = drawn_modes(result)
-    required = result.verification.required
-    made["sensitivity"] = lambda: sensitivity_figure(sensitivity(tuned, frequencies, required))
+        draw["in_time"] = lambda: trace_figure(of_worst_bed, begins)
+    frequencies, required = drawn_modes(result), result.verification.required
+    draw["sensitivity"] = lambda: sensitivity_figure(sensitivity(tuned, frequencies, required))
     if max(len(system.inertias) for system in (case.vehicle, case.rig)) <= MOST_INERTIAS:
-        made["drivetrain"] = lambda: case_figure(tuned)
+        draw["drivetrain"] = lambda: case_figure(tuned)
     beds = result.verification.beds
     if beds and beds.unmeasured:
-        made["beds"] = lambda: beds_figure(beds, case.unmeasured_tolerance)
+        draw["beds"] = lambda: beds_figure(beds, case.unmeasured_tolerance)
     if result.adapters:
-        made["trade"] = lambda: trade_figure(result.adapters)
+        draw["trade"] = lambda: trade_figure(result.adapters)
     if wrong := wrong_values(result):
-        made["robustness"] = lambda: robustness_figure(wrong, result.response_error.after)
-    return made
-
-
-def figures(result: MatchResult) -> dict[str, Figure]:
-    """All figures of a match by name."""
-    return {name: draw() for name, draw in drawers(result).items()}
-
-
-def pictures(result: MatchResult) -> tuple[dict[str, bytes], dict[str, str]]:
-    """The figures of a match as SVG by name, and what makes them act in the browser."""
-    drawn = figures(result)
-    return {name: image(fig) for name, fig in drawn.items()}, acting(drawn)
+        draw["robustness"] = lambda: robustness_figure(wrong, result.response_error.after)
+    data = curve_data(result)
+    return {name: Picture(make, CAPTIONS[name], data.get(name, "")) for name, make in draw.items()}
 
 
 # --- A match in words, from the content of ``result.json``: a verdict and a table, the same for terminal and page.
@@ -996,24 +935,6 @@ def _mode(target: Mapping[str, Any]) -> str:
     return f"target mode {target['vehicle_mode']}{side}"
 
 
-def summary(result: Mapping[str, Any]) -> str:
-    """The result for a terminal: verdict, table, what limits it, what moved."""
-    rows = [HEADS, *key_figures(result)]
-    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADS))]
-    table = ["  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-    more = [f"also: {limit}" for limit in result["limits"][1:MOST_LIMITS]]
-    plant = [row for row in moved(result["parameters"]) if not row["name"].startswith("loop.")]
-    lines = [
-        f"{component(row['name'])}: {amount(row['start'], row['unit'])} → {amount(row['tuned'], row['unit'])}"
-        + (", at its bound" if row["at_bound"] else "")
-        for row in plant[:MOST_MOVED]
-    ]
-    if len(plant) > MOST_MOVED:
-        lines.append(f"{len(plant) - MOST_MOVED} more quantities moved: result.json")
-    title = f"{result['status'].upper()}  {result.get('title', '')}".rstrip()
-    return "\n".join([title, answer(result), "", *table, "", *more, *lines]).rstrip()
-
-
 def moved(parameters: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Quantities that moved, those farthest within their bounds first."""
     rows = [row for row in parameters if abs(row["tuned"] - row["start"]) > SAME_RELATIVE * abs(row["start"])]
@@ -1030,7 +951,7 @@ def operating_point(result: Mapping[str, Any]) -> str:
     return f"{sentence(turning)}; {sentence(driven)}"
 
 
-# --- The report of a match: verdict, figure, what to do now; the evidence in folds. One page without network.
+# --- The report of a match.
 
 DEAD_TIME = (
     "A command acts one dead time after it is given, so a controller can only act on what it predicts for that time; a "
@@ -1038,82 +959,212 @@ DEAD_TIME = (
     "command that knows every state and every measured torque but nothing of the future. It is the best over all "
     "frequencies, for torques that step; within a band alone a controller can be below it."
 )
+HOW_ERROR = (
+    "The response error is the root mean square of |log(H rig/H vehicle)| over the band and the compared functions: "
+    "0.1 is about 10 % in amplitude or 6° in phase."
+)
+HOW_TRADES = (
+    "Errors to measured and unmeasured torques as one, each over its tolerance: medians over fresh beds, everything "
+    "else tuned for the value. A mirror image has the same value."
+)
+HOW_CONTRIBUTIONS = (
+    "What each part contributes: response errors if only that has moved, each row tuned by the same search and judged "
+    'on the same beds. "adapters as planned": controller and residual vehicle have moved.'
+)
+HOW_IN_TIME = (
+    "Root mean square error over the range of the vehicle's signal, {seconds} s of the manoeuvre. The sampled "
+    "controller runs with its limits on a nonlinear bed; the vehicle has the same specimen, with its lash and "
+    "friction, and gets the same torques. “Unmeasured”: the controller is not told of the rig's torques. {lash}"
+)
+BY_EXPORT = "The export writes these values into the controller; nothing has to be entered by hand."
+OF_BEDS = "Beds are drawn within [uncertainty]; each is compared with the vehicle that has the same specimen."
+COMPARED = {
+    "R_SD": "torque and speed at every cut, rig against vehicle",
+    "R_RVM": "sensors of the residual vehicle, driven by the rig's torques, against those of the vehicle",
+    "R_MU": "uncertainty of the dynamometers' sensors over the range of the manoeuvre",
+    "R_XiL": "total (Eq. 16)",
+}
+TOLD_MODELS = (
+    "Kinetic energy T, potential energy V, Rayleigh's dissipation function D, and Lagrange's equations of motion."
+)
 
 
-def page(
-    result: MatchResult,
-    images: Mapping[str, bytes],
-    moving: Mapping[str, str] | None = None,
-    made: Provenance | None = None,
-    folder: str = "RESULT",
-) -> str:
-    """The page as HTML.
-
-    Parameters
-    ----------
-    result : MatchResult
-    images : mapping of str to bytes
-        Figures by the names of :func:`figures`, as SVG or PNG.
-    moving : mapping of str to str, optional
-        The same to act in the browser, as :func:`matching.report.curves.acting` has them.
-    made : Provenance, optional
-        What the result was made from; without it the page does not say.
-    folder : str
-        Where the result lies, for the commands that the page shows.
-    """
-    entries, error = content(result), result.response_error
-    loop, beds = result.tuned.loop, result.verification.beds
-    return environment().get_template("match.html").render({
-        "title": result.case.title or "Match of a test bed to a vehicle",
-        "status": result.status, "answer": answer(entries), "limits": result.limits, "notes": result.notes,
-        "to_do": to_do(result, folder), "to_watch": to_watch(result),
-        "heads": HEADS, "key_figures": key_figures(entries),
-        "targets": result.targets, "error": error, "needs": needs(result), "checks": checks(result),
-        "operating_point": operating_point(entries), "dead_time": DEAD_TIME,
-        "manoeuvre": sentence([_manoeuvre(name, torque) for name, torque in result.tuned.manoeuvre.items()]),
-        "moved": [row | {"change": change(row["start"], row["tuned"])} for row in entries["parameters"]],
-        "trades": result.adapters, "contributions": result.contributions,
-        "fidelity": fidelity_rows(result.fidelity.to_dict()) if result.fidelity else None,
-        "in_time": in_time_table(result.in_time) if result.in_time.rows else None,
-        "requirements": requirement_rows(result.verification) if beds else [],
-        "bed_errors": error_rows(result.verification) if beds else [],
-        "structure": loop.structure.name,
-        "controller": [
-            {"name": f"loop.{name}", "value": loop[name], "unit": known.unit, "meaning": known.meaning}
-            for name, known in ({**loop.structure.quantities, **HARDWARE}).items()
-        ],
-        "residual": _residual(result), "own_residual": result.simple_vehicle is not None,
-        "data": {name: in_address(text, "text/csv") for name, text in curve_data(result).items()},
-        "made": made, "moving": moving or {},
-        "figures": {name: embedded(image) for name, image in images.items()}, "captions": CAPTIONS,
-        **_equations(result),
-    })  # fmt: skip
+def summary(result: Mapping[str, Any]) -> str:
+    """The result for a terminal: verdict, table, what limits it, what moved."""
+    return in_terminal(report(result))
 
 
-def to_do(result: MatchResult, folder: str) -> list[ScreenPoint]:
+def report(
+    content: Mapping[str, Any], folder: str = "OUT", made: Provenance | None = None, result: MatchResult | None = None
+) -> Report:
+    """What a match says; the evidence only where the result itself is given."""
+    plant = [row for row in moved(content["parameters"]) if not row["name"].startswith("loop.")]
+    tuned = [
+        Step(f"{component(row['name'])}: {amount(row['start'], row['unit'])} → {amount(row['tuned'], row['unit'])}"
+             + (", at its bound" if row["at_bound"] else ""))
+        for row in plant[:MOST_MOVED]
+    ]  # fmt: skip
+    if len(plant) > MOST_MOVED:
+        tuned.append(Step(f"{len(plant) - MOST_MOVED} more quantities moved: result.json"))
+    more = [Step(limit) for limit in content["limits"][1:MOST_LIMITS]]
+    lists: dict[str, list[Step]] = {"What else limits the match": more, "Tuned": tuned}
+    if result is not None:
+        watch = [Step(line) for line in to_watch(result)]
+        lists = {"What to do now": to_do(result, folder), "What else limits the match": more,
+                 "What may spoil it": watch}  # fmt: skip
+    return Report(
+        title=content.get("title") or "Match of a test bed to a vehicle",
+        status=content["status"],
+        answer=answer(content),
+        good=content["status"] == "matched",
+        lists=lists,
+        table=Table([dict(zip(HEADS, row, strict=True)) for row in key_figures(content)]),
+        folds=_evidence(result, content) if result else (),
+        notes=content["notes"] if result else (),
+    )
+
+
+def _evidence(result: MatchResult, content: Mapping[str, Any]) -> list[Fold]:
+    error, loop, beds = result.response_error, result.tuned.loop, result.verification.beds
+    return [
+        Fold("Adapters and what else moved", [
+            Table([_trade(trade) for trade in result.adapters], HOW_TRADES), Show("trade"),
+            Table([_contribution(row) for row in result.contributions], HOW_CONTRIBUTIONS),
+            Table([_moved(row) for row in content["parameters"]]) if result.parameters
+            else "Nothing may move: [move] of the case is empty.",
+        ]),
+        Fold("What the manoeuvre needs, and the limits", [
+            Table([_need(need) for need in needs(result)], "Absolute peaks of the simulated manoeuvre: "
+                  + sentence([_manoeuvre(name, torque) for name, torque in result.tuned.manoeuvre.items()])
+                  + f". Operating point: {operating_point(content)}."),
+            Show("manoeuvre"),
+        ]),
+        Fold("Response error, and what the dead time allows", [
+            HOW_ERROR,
+            Table([{"": what, "response error": number(value, 3)} for what, value in {
+                "rig alone, functions that have a path on it": error.before,
+                "matched, the same functions": error.after_same_functions,
+                "matched, all compared functions, torques measured": error.after,
+                "matched, torques not measured": error.unmeasured,
+                "lower bound set by the dead time, at this sample time": error.bound,
+                "lower bound set by the dead time, without sampling": error.bound_unsampled,
+                "ideal estimator on these sensors, torques not measured": error.unmeasured_bound,
+            }.items() if value is not None], DEAD_TIME),
+            Show("responses"), *(_fidelity(result.fidelity.to_dict()) if result.fidelity else []),
+        ]),
+        Fold("Beds that may stand there", [
+            Table(requirement_rows(result.verification)),
+            Table(bed_errors(beds), OF_BEDS),
+            Show("beds"),
+        ] if beds else []),
+        Fold("In time, on beds that are not the model",
+             [in_time_table(result.in_time), Show("in_time")] if result.in_time.rows else []),
+        Fold("What must be known accurately", [Show("robustness")]),
+        Fold("Checks of stability and targets", [
+            Table([{"check": row.what, "outcome": f"{'✓' if row.holds else '✗'} {row.outcome}"}
+                   for row in checks(result)]),
+            Table([_target(target) for target in result.targets]), Show("sensitivity"),
+        ]),
+        Fold(f"Controller and residual vehicle, structure “{loop.structure.name}”", [
+            BY_EXPORT,
+            Table([
+                {"quantity": f"loop.{name}", "value": amount(loop[name], known.unit, 5), "meaning": known.meaning}
+                for name, known in ({**loop.structure.quantities, **HARDWARE}).items()
+            ]),
+            Table(_residual(result)),
+        ]),
+        Fold("Drivetrain and modes", [Show("drivetrain"), Show("modes")]),
+        Fold("Equations", [f"{LEGEND} {TOLD_MODELS}", *_equations(result)]),
+    ]  # fmt: skip
+
+
+def _trade(trade: AdapterTrade) -> dict[str, str]:
+    low, high = (number(value, 3) for value in trade.acceptable)
+    return {
+        "adapter quantity": component(trade.name), "planned": number(trade.planned),
+        "to order": amount(trade.ordered, trade.unit), "error as planned": number(trade.error_as_planned, 2),
+        "error as ordered": number(trade.error_as_ordered, 2), "as good within 2 %": f"{low} … {high}",
+    }  # fmt: skip
+
+
+def _contribution(row: Any) -> dict[str, str]:
+    def pair(kind: str) -> str:
+        return ", ".join(number(getattr(row, f"{kind}_{part}"), 2) for part in ("median", "95"))
+
+    return {
+        "moved": row.moved, "measured torques, bed as planned": number(row.measured, 2),
+        "unmeasured, bed as planned": number(row.unmeasured, 2), "measured, fresh beds: median, 95 %": pair("measured"),
+        "unmeasured, fresh beds: median, 95 %": pair("unmeasured"), "stable": f"{row.stable} of {row.drawn}",
+        "requirements": HOLDS[row.keeps_all],
+    }  # fmt: skip
+
+
+def _moved(row: Mapping[str, Any]) -> dict[str, str]:
+    of_loop = row["name"].startswith("loop.")
+    return {
+        "quantity": component(row["name"]), "start": number(row["start"]), "tuned": amount(row["tuned"], row["unit"]),
+        "change": change(row["start"], row["tuned"]) + (", at its bound" if row["at_bound"] else ""),
+        "allowed": f"{number(row['lower'])} … {number(row['upper'])}",
+        "share of a target mode's energy": "" if of_loop else percent(row["share"], 1),
+        "weight on a change": "" if of_loop else number(row["weight"], 2),
+        "its cost": "" if of_loop else number(row["change_cost"], 2),
+    }  # fmt: skip
+
+
+def _need(need: Need) -> dict[str, str]:
+    used = f"{number(100 * need.peak / need.limit, 3)} %" if need.limit else ""
+    limit = practical(need.limit, need.unit) if need.limit else "none"
+    over = "✗ " if need.limit and need.peak > need.limit else ""
+    return {"": component(need.what), "needed": practical(need.peak, need.unit), "limit": limit, "used": over + used}
+
+
+def _target(target: TargetResult) -> dict[str, str]:
+    return {
+        "target mode": _name(target), "damping ratio, vehicle": number(target.vehicle_damping, 3),
+        "matched": number(target.matched_damping, 3), "from simulation": number(target.identified_damping, 3),
+        "frequency from simulation": f"{hertz(target.identified)} Hz",
+    }  # fmt: skip
+
+
+def _fidelity(fidelity: Mapping[str, Any]) -> list[Block]:
+    """The XiL fidelity of a match (Eqs. 14 to 23)."""
+    rows = []
+    for name, what in COMPARED.items():
+        cells = [percent(fidelity[side][name]) for side in ("before", "after")]
+        if name == "R_XiL":
+            cells = [f"{text} ± {percent(2 * fidelity[side]['standard_uncertainty'])}"
+                     for text, side in zip(cells, ("before", "after"), strict=True)]  # fmt: skip
+        weight = f"{fidelity['weights'].get(name, 1):.2g}"
+        rows.append({"XiL fidelity of the manoeuvre": name, "rig alone": cells[0], "matched": cells[1],
+                     "weight": weight, "what it compares": what})  # fmt: skip
+    top = f"largest relevant frequency {number(fidelity['f_max'])} Hz."
+    return [Table(rows, f"100 % is a rig that cannot be told from the vehicle; {top}"), list(fidelity["notes"])]
+
+
+def to_do(result: MatchResult, folder: str) -> list[Step]:
     """What to order and which command comes next; where it is limited, how to see where it would not be."""
     points = []
     if result.status != "matched":
-        points = [ScreenPoint(f"Change what stands in the way: {limit}") for limit in result.limits[:MOST_LIMITS]]
+        points = [Step(f"Change what stands in the way: {limit}") for limit in result.limits[:MOST_LIMITS]]
         other = next((row.name for row in adapters_of(result)), "loop.inverter_lag")
         command = f"rigmatch map {result.case.path or 'CASE'} --x loop.dead_time --y {other} --out {folder}/map"
-        return [*points, ScreenPoint("See over two quantities where the match would hold", command=command)]
+        return [*points, Step("See over two quantities where the match would hold", command=command)]
     orders = [trade for trade in result.adapters if abs(trade.ordered / trade.planned - 1) > SAME_RELATIVE]
     for trade in orders:
         low, high = (amount(value, trade.unit, 3) for value in trade.acceptable)
         points.append(
-            ScreenPoint(f"Order {component(trade.name)} {amount(trade.ordered, trade.unit)} instead of "
+            Step(f"Order {component(trade.name)} {amount(trade.ordered, trade.unit)} instead of "
                         f"{amount(trade.planned, trade.unit)}", f"{low} to {high} serves as well")
         )  # fmt: skip
     if not orders:
-        points.append(ScreenPoint("Order the adapters as planned", "no change of them gains anything that is allowed"))
+        points.append(Step("Order the adapters as planned", "no change of them gains anything that is allowed"))
     points.append(
-        ScreenPoint("Put the controller onto the bed: an FMU with its C sources and its supervision",
+        Step("Put the controller onto the bed: an FMU with its C sources and its supervision",
                     command=f"rigmatch export {folder} --controller controller.fmu")
     )  # fmt: skip
     return [
         *points,
-        ScreenPoint("Plan what to record on the bed, then judge it", command=f"rigmatch excite {folder} --out excite"),
+        Step("Plan what to record on the bed, then judge it", command=f"rigmatch excite {folder} --out excite"),
     ]
 
 
@@ -1142,17 +1193,18 @@ def adapters_of(result: MatchResult) -> list[ParameterResult]:
     return [row for row in result.parameters if row.name.startswith("rig.")]
 
 
-def in_time_table(truth: TruthInTime) -> dict[str, Any]:
-    """Heads and rows for the page: of every sensor the error with measured and with unmeasured torques."""
+def in_time_table(truth: TruthInTime) -> Table:
+    """Of every sensor the error with measured and with unmeasured torques."""
     rows = []
     for row in truth.rows:
-        cells = [
-            "not stable" if errors is None else percent(errors[name])
-            for name in truth.sensors for errors in (row.measured, row.unmeasured)
-        ]  # fmt: skip
-        rows.append({"words": row.words, "cells": cells})
-    return {"heads": [spaced(name) for name in truth.sensors], "rows": rows, "seconds": truth.seconds,
-            "lash": _lash(truth)}  # fmt: skip
+        cells = {"what is wrong on the bed": row.words}
+        for name in truth.sensors:
+            for head, errors in ((spaced(name), row.measured), (f"{spaced(name)}, unmeasured", row.unmeasured)):
+                cells[head] = "not stable" if errors is None else percent(errors[name])
+        rows.append(cells)
+    return Table(
+        rows, HOW_IN_TIME.format(seconds=number(truth.seconds, 3), lash=f"{_lash(truth)} {_standstill(truth)}".strip())
+    )
 
 
 def _lash(truth: TruthInTime) -> str:
@@ -1167,7 +1219,18 @@ def _lash(truth: TruthInTime) -> str:
     )
 
 
-def _residual(result: MatchResult) -> list[dict[str, Any]]:
+def _standstill(truth: TruthInTime) -> str:
+    """What encoders do at rest, as a sentence; empty where it was not tried."""
+    still = truth.standstill
+    if still is None:
+        return ""
+    return (
+        f"At standstill the counts of the encoders keep the bed swinging: {number(still.command, 2)} N·m rms of "
+        f"command, {number(still.flange, 2)} N·m rms at the flange."
+    )
+
+
+def _residual(result: MatchResult) -> list[dict[str, str]]:
     """Rows of the residual vehicle; one of the case's own beside what its file says, else beside the vehicle."""
     simple = result.simple_vehicle
     rows = []
@@ -1176,9 +1239,11 @@ def _residual(result: MatchResult) -> list[dict[str, Any]]:
             before = result.case.vehicle.parameters[name].value if simple is None else quantity.value
             if simple is not None:
                 before, _ = simple.values.get(name, (before, before))
+            same = abs(quantity.value - before) <= SAME_RELATIVE * abs(before)
             if quantity.value or before:
-                rows.append({"name": name, "value": quantity.value, "unit": part.units[name], "before": before,
-                             "moved": abs(quantity.value - before) > SAME_RELATIVE * abs(before)})  # fmt: skip
+                rows.append({"residual vehicle": component(name), "value": amount(quantity.value, part.units[name], 5),
+                             "in the vehicle" if simple is None else "as written": "same" if same
+                             else number(before, 5)})  # fmt: skip
     return rows
 
 
@@ -1186,13 +1251,14 @@ def _manoeuvre(name: str, torque: Any) -> str:
     return f"{torque.words} of {number(torque.amplitude)} N·m on {spaced(name)}"
 
 
-def _equations(result: MatchResult) -> dict[str, Any]:
+def _equations(result: MatchResult) -> list[Markup]:
     blocks = []
     for title, system in (("Vehicle", result.case.vehicle), ("Rig", result.case.rig)):
         written = equations(system)
-        lines = [line for key in ("T", "V", "D", "motion") for line in written[key]]
-        blocks.append({"title": f"{title}: {system.title}" if system.title else title, "lines": lines})
-    return {"equations": blocks, "legend": LEGEND}
+        lines = [f'<div class="equation">{line}</div>' for key in ("T", "V", "D", "motion") for line in written[key]]
+        named = escape(f"{title}: {system.title}" if system.title else title)
+        blocks.append(Markup(f"<h3>{named}</h3>{''.join(lines)}"))
+    return blocks
 
 
 def curve_data(result: MatchResult) -> dict[str, str]:
@@ -1212,39 +1278,10 @@ def curve_data(result: MatchResult) -> dict[str, str]:
     return tables
 
 
-# --- Views for Python users.
-
-
-@display.plot.register
-def plot(result: MatchResult) -> Figure:
-    """The overview figure of the report."""
-    return overview(result)
-
-
-@display.text.register
-def said(result: MatchResult) -> str:
-    """The verdict, then the most important figures."""
-    return summary(content(result))
-
-
-@display.files.register
-def files(result: MatchResult, folder: str, made: Provenance | None = None, drawing: Any = None) -> display.ResultFiles:
-    """``result.json``, report, figures, tuned case; ``drawing`` is a task of :func:`pictures` that was begun before."""
-    made = made or made_from(result.case.path, None, ("vehicle", "rig"))
-    entries = content(result) | {"made_by": made.to_dict()}
-    drawn, moving = pictures(result) if drawing is None else drawing.result()
-    others: dict[str, str | bytes] = {"report.html": page(result, drawn, moving, made, folder)}
-    others |= {f"figures/{name}.svg": picture for name, picture in drawn.items()}
-    return "result.json", entries, others | case_files(result.tuned)
-
-
-@display.html.register
-def html(result: MatchResult) -> str:
-    """Verdict and key figures for a notebook."""
-    entries = content(result)
-    template = (
-        "<p><b>{{ status }}</b>: {{ answer }}</p><table><tr>{% for head in heads %}<th>{{ head }}</th>{% endfor %}</tr>"
-        "{% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</table>"
-    )
-    values = {"status": result.status, "answer": answer(entries), "heads": HEADS, "rows": key_figures(entries)}
-    return environment().from_string(template).render(values)
+register(
+    MatchResult,
+    View(
+        "result.json", report, pictures, content, others=lambda result: dict(case_files(result.tuned)),
+        origin=lambda result: provenance(result.case), tells_origin=True,
+    ),
+)  # fmt: skip

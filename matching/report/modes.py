@@ -14,7 +14,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from matching.report.common import ABSENT, LIMIT, VEHICLE, aligned, environment, figure, image, spaced, styled, table
+from matching.report.common import ABSENT, LIMIT, VEHICLE, figure, image, spaced, styled
+from matching.report.page import environment, register_table
 from modelling import display, escape
 from modelling.display import Displayed
 from modelling.equations import lagrange
@@ -367,13 +368,4 @@ def modes_files(modes: Modes, folder: str = "", made: Any = None, title: str = "
     return "modes.json", modes.to_dict(), others
 
 
-@display.text.register
-def modes_text(modes: Modes) -> str:
-    """The mode table."""
-    return aligned(mode_table(modes.to_dict()["modes"]))
-
-
-@display.html.register
-def modes_html(modes: Modes) -> str:
-    """The mode table for a notebook."""
-    return table(mode_table(modes.to_dict()["modes"]))
+register_table(Modes, lambda modes: mode_table(modes.to_dict()["modes"]))

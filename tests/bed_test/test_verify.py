@@ -124,8 +124,8 @@ def test_a_bed_like_its_model_answers_as_predicted(case, record):
     for mode in found.modes:
         assert abs(mode.measured.frequency - mode.vehicle[0]) < 0.01 * mode.vehicle[0]
     assert 0.8 < found.fidelity[0].total <= 1
-    assert str(found).startswith("as_predicted")
-    assert found._repr_html_().startswith("<p>as_predicted")
+    assert str(found).startswith("AS PREDICTED")
+    assert found._repr_html_().startswith("<p><b>as predicted</b>")
     drawn = found.plot()
     for axes, curve in zip(drawn.axes, found.curves, strict=True):
         lines = {line.get_label(): line for line in axes.get_lines()}
@@ -157,7 +157,7 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     (folder / "case.toml").write_text(text.replace('"observer"', '"model_based"'), encoding="utf-8")
     assert main(["verify", str(folder / "case.toml"), str(record("good", noise=0.02)), "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("as_predicted")
+    assert said.startswith("AS PREDICTED")
     assert "road_left does not change in any recording" in said
     result = json.loads((out / "verification.json").read_text(encoding="utf-8"))
     assert result["status"] == "as_predicted"

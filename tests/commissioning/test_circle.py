@@ -114,19 +114,19 @@ def test_a_folder_says_what_to_record_and_takes_it(proven, matched, tmp_path, ca
     command = ["commission", str(matched), "--bed", str(folder), "--rounds", "1", "--out", str(out)]
     assert main(command) == 0
     said = capsys.readouterr().out
-    assert said.startswith("waiting")
+    assert said.startswith("WAITING")
     assert str(folder / "1_verify.csv") in said
     assert (folder / "1_verify_excitation.csv").exists()
     shutil.copy(proven[1] / "1_verify" / "recording.csv", folder / "1_verify.csv")
     assert main(command) == 0
-    assert capsys.readouterr().out.startswith("as_predicted")
+    assert capsys.readouterr().out.startswith("AS PREDICTED")
     first, *rows = (folder / "1_verify.csv").read_text(encoding="utf-8").splitlines()
     (folder / "1_verify.csv").write_text("\n".join([first, *rows[: len(rows) // 2]]), encoding="utf-8")
     assert main(command) == 0  # a better, here a shorter, recording in the place of the first is judged
     assert len((out / "1_verify" / "recording.csv").read_text(encoding="utf-8").splitlines()) == 1 + len(rows) // 2
     (folder / "1_verify.csv").unlink()
     assert main(command) == 0
-    assert not capsys.readouterr().out.startswith("waiting")
+    assert not capsys.readouterr().out.startswith("WAITING")
 
 
 def test_a_case_without_a_steady_speed_is_told_before_its_match(tmp_path, monkeypatch):

@@ -38,9 +38,9 @@ def test_a_command_that_is_cancelled_tells_its_progress_until_then_and_leaves_no
 
 
 def test_commands_and_python_name_the_same_and_quote_what_needs_it():
-    same = equivalents.match('my "case".toml', "out dir", "3", "0")
+    same = equivalents.same("match", 'my "case".toml', out="out dir", starts=3, seed=0)
     assert same.command == """rigmatch match 'my "case".toml' --starts 3 --seed 0 --out 'out dir'"""
-    assert 'rm.match("my \\"case\\".toml", seed=0, starts=3)' in same.python
+    assert 'rm.match("my \\"case\\".toml", starts=3, seed=0)' in same.python
     assert len(same.python.splitlines()) == 3
     with pytest.raises(AttributeError):
         same.command = ""

@@ -12,7 +12,7 @@ from structure.imports import ROOT
 
 from matching import cli
 from matching.cli import WITHOUT
-from matching.commands import COMMANDS
+from matching.commands import COMMANDS, calls
 
 MADE_BY_MAKE_RUN = "out/road_to_rig"
 SHOWN_UNTIL_ENDED = "explore"
@@ -20,7 +20,7 @@ SHOWN_UNTIL_ENDED = "explore"
 
 def examples_of(command: str) -> list[list[str]]:
     """Words of every example of a command's help."""
-    return [shlex.split(example) for example in COMMANDS[command].calls]
+    return [shlex.split(example) for example in calls(command)]
 
 
 def written_by(words: list[str]) -> list[str]:
@@ -39,7 +39,7 @@ def test_every_file_that_an_example_names_is_there_or_written_before(command):
             to_come = file == "out/bed_recordings"  # the folder that commission waits for recordings in
             assert made or to_come or (ROOT / file).exists(), file
         written += written_by(words)
-    assert "'" not in " ".join(COMMANDS[command].calls), "no quote in the shell of Windows"
+    assert "'" not in " ".join(calls(command)), "no quote in the shell of Windows"
 
 
 @pytest.mark.parametrize("command", [name for name in COMMANDS if name not in WITHOUT])

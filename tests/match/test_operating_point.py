@@ -14,7 +14,7 @@ from matching.match.case import Demands, DynamometerChain, demands
 from matching.match.case_file import case_files, load_case
 from matching.match.limits import Relaxations, Solution, limits
 from matching.match.problem import problem_of, standstill
-from matching.report.match import content, operating_point, page
+from matching.report.match import content, operating_point, report
 from modelling.bed.vehicle import TorqueCurve
 from modelling.linear.state_space import state_space
 from modelling.linear.steady_motion import speeds_of, torques_of
@@ -221,7 +221,7 @@ def test_the_result_states_it(compact):
     assert result["operating_point"]["rotor_left"] == pytest.approx(30 / 3.6 / RADIUS, rel=1e-3)
     line = operating_point(result)
     assert "256.8 1/min" in line
-    assert "256.8 1/min" in page(compact, {})
+    assert "256.8 1/min" in str(report(content(compact), "OUT", None, compact).folds)
     assert compact.notes == () or "standstill" not in compact.notes[0]
 
 

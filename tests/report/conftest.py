@@ -12,8 +12,8 @@ from matching.match.loop import control_law, linear_bed
 from matching.match.responses import ComparedBed
 from matching.match.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
 from matching.match.verify import manoeuvre_torques, verify
-from matching.report.common import image
-from matching.report.match import figures
+from matching.report.acting import acting
+from matching.report.match import pictures
 from modelling.modal.modes import modes
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -101,9 +101,9 @@ def hand_made(case):
 
 @pytest.fixture(scope="session")
 def as_figures(hand_made):
-    return figures(hand_made)
+    return {name: picture.draw() for name, picture in pictures(hand_made).items()}
 
 
 @pytest.fixture(scope="session")
 def drawn(as_figures):
-    return {name: image(figure) for name, figure in as_figures.items()}
+    return {name: acting(figure)[1] for name, figure in as_figures.items()}

@@ -7,7 +7,7 @@ import pytest
 from result_schema import check_schema
 
 from matching.cli import main
-from matching.report.common import simulation_figure
+from matching.report.motions import simulation_figure
 from modelling.model_file import dumps
 from modelling.recordings.read import csv_text, read_recording
 from modelling.simulation.simulate import simulate

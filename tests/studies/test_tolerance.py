@@ -182,7 +182,7 @@ def test_command(case, tmp_path, capsys):
     words = ["tolerance", case.path, "-n", "100", "--workers", "1", "--out", tmp_path, "--json"]
     assert main([str(word) for word in [*words, "--tolerance", "loop.dead_time=0.1"]]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert "drawn beds are stable" in (tmp_path / "report.html").read_text()
+    assert "are stable, keep the required margin" in (tmp_path / "report.html").read_text()
     assert json.loads((tmp_path / "tolerance.json").read_text()) == result
     assert result["draws"] == 100
     check_schema("tolerance", result)

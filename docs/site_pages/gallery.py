@@ -1,0 +1,80 @@
+"""The gallery: a card an example and a notebook, each with its page, made from its README or from its cells."""
+
+import base64
+import json
+import os
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+REFERENCE, PICTURES = ROOT / "docs" / "reference", ROOT / "docs" / "gallery"
+LINK = re.compile(r"(\[[^\]]*\]\()(?!https?:|#)([^)#\s]+)")
+TOP = """# Gallery
+
+Examples to start from, and notebooks to read: each card leads to its page. The files lie in `examples/` and
+`notebooks/`.
+
+::::{grid} 1 2 2 3
+:gutter: 3
+"""
+
+
+def gallery_pages() -> dict[str, str | bytes]:
+    """Texts and pictures by their names in the folder of generated pages."""
+    cards: list[str] = []
+    pages: dict[str, str | bytes] = {}
+    for readme in sorted((ROOT / "examples").glob("*/README.md")):
+        name = readme.parent.name
+        pages[f"example_{name}.md"] = text = _moved(readme.read_text(encoding="utf-8"), readme.parent)
+        picture = PICTURES / f"{name}.svg"
+        cards.append(_card(f"example_{name}", text, f"../gallery/{name}.svg" if picture.exists() else ""))
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        text, pictures = _notebook(path)
+        pages[f"notebook_{path.stem}.md"] = _moved(text, path.parent)
+        pages |= pictures
+        cards.append(_card(f"notebook_{path.stem}", text, next(iter(pictures), "")))
+    hidden = "".join(f"{name.removesuffix('.md')}\n" for name in pages if name.endswith(".md"))
+    pages["gallery.md"] = f"{TOP}\n{''.join(cards)}::::\n\n```{{toctree}}\n:hidden:\n\n{hidden}```\n"
+    return pages
+
+
+def _card(page: str, text: str, picture: str) -> str:
+    """A card: title and first paragraph of its page, with a picture where there is one."""
+    title, _, rest = text.lstrip("# ").partition("\n")
+    plain = re.sub(r"```.*?```|!\[[^\]]*\]\([^)]*\)", "", rest, flags=re.DOTALL)
+    words = " ".join(re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", plain).split())
+    sentences = [each for each in re.split(r"(?<=[.:])\s", words) if re.match(r"[A-Z].{20,}\.$", each)]
+    sentence = sentences[0] if sentences else ""
+    image = f":img-top: {picture}\n" if picture else ""
+    return f":::{{grid-item-card}} {title}\n:link: {page}\n:link-type: doc\n{image}\n{sentence}\n:::\n\n"
+
+
+def _moved(text: str, folder: Path) -> str:
+    """A text whose links are meant from its own folder, for the folder of generated pages."""
+
+    def link(found: re.Match[str]) -> str:
+        target = folder / found[2]
+        return found[1] + (os.path.relpath(target, REFERENCE) if target.exists() else found[2])
+
+    return LINK.sub(link, text)
+
+
+def _notebook(path: Path) -> tuple[str, dict[str, bytes]]:
+    """Cells of a notebook as a page, and its pictures."""
+    parts: list[str] = []
+    pictures: dict[str, bytes] = {}
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(source)
+            continue
+        parts.append(f"```python\n{source}\n```")
+        for output in cell.get("outputs", ()):
+            data = output.get("data", {})
+            if png := data.get("image/png"):
+                name = f"{path.stem}_{len(pictures) + 1}.png"
+                pictures[name] = base64.b64decode("".join(png))
+                parts.append(f"![Output of the cell above]({name})")
+            elif shown := "".join(data.get("text/plain", output.get("text", ()))).rstrip():
+                parts.append(f"```text\n{shown}\n```")
+    return "\n\n".join(parts) + "\n", pictures
