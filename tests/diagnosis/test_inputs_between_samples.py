@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plant.fresh import FreshOrder
+from plant.orders import Order
 from plant.marks import needs_compiler
 
 from matching.diagnosis.data import FitData, Segment, with_smooth_inputs
@@ -35,7 +35,7 @@ def test_lines_through_the_new_samples_have_the_integral_of_the_smooth_signal(ji
 @needs_compiler
 @pytest.mark.parametrize("torque", ["smooth", "stepped", "noisy"])
 def test_a_perfect_model_sampled_at_200_hz_is_adequate(torque: str, tmp_path) -> None:
-    FreshOrder("perfect", "two_mass", (), 0.0, 5, (), 200, torque).make(6.0).write(tmp_path)
+    Order("perfect", "two_mass", (), 0.0, 5, (), 200, torque).make(6.0).write(tmp_path)
     system = load(tmp_path / "model.toml")
     found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
     assert (found.verdict, found.causes) == ("adequate", [])
