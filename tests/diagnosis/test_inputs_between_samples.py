@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from plant.orders import Order
 from plant.marks import needs_compiler
+from plant.orders import Order
 
 from matching.diagnosis.data import FitData, Segment, with_smooth_inputs
 from matching.diagnosis.diagnose import diagnose
