@@ -34,6 +34,10 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "limit_cycles": "how many of them swing on where the vehicle comes to rest",
         "largest_swing": "rms torque at a cut in the last half second on the worst bed, N·m",
         "vehicle_swing": "the same of the vehicle",
+        "encoders_at_standstill": "what encoders alone do to the bed at rest after a torque pulse and its opposite; "
+        "null where the case has an operating point",
+        "command": "what the encoders add to the command in the last two seconds, N·m rms",
+        "flange": "the same at the flange",
         "belongs_to": "`feed_forward`: a mode that measured torques excite; `feedback`: of the feedback",
         "checks": "every check of the verification by its name, true where it holds",
         "unstable_poles": "number of closed-loop poles in the right half plane",

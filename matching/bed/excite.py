@@ -19,8 +19,9 @@ from matching.match.loop import (
     law_response,
     responses,
     shaft_torque,
+    side_by_side,
+    transfer,
 )
-from modelling.bed.bed import delayed_bed
 from modelling.controller.law import ControlLaw, Settings
 from modelling.display import Displayed
 from modelling.errors import InputError
@@ -30,8 +31,6 @@ from modelling.system import Sensor
 # --- The bed without emulation, as a recording shows it: torques that are commanded or demanded in, readings out.
 
 UNKNOWN_NOISE = 1.0  # standard deviation of a sensor without a stated uncertainty, in its SI unit
-
-LARGEST_CONDITION = 1e9  # of eigenvectors: responses by them then hold to 1e-7 or better
 
 
 @dataclass(frozen=True)
@@ -103,18 +102,9 @@ class RecordedBed:
         C, D = self.rows(bed, values)
         s = 2j * np.pi * frequencies
         y, k = len(self.sensors), bed.commands.shape[1]
-        H = transfer(bed.A, np.hstack([bed.commands, bed.torques]), C[:y], s) + D[:y]
+        H = transfer(bed.A, np.hstack([bed.commands, bed.torques]), C[:y], D[:y], s)
         H[:, :, :k] *= np.exp(-s * bed.delay)[:, None, None]
         return H
-
-
-def transfer(A: np.ndarray, B: np.ndarray, C: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """C·(s·I − A)⁻¹·B (f, y, u) at s (f,) in rad/s, by eigenvectors where they are far enough from parallel."""
-    poles, vectors = np.linalg.eig(A)
-    if np.linalg.cond(vectors / np.linalg.norm(vectors, axis=0)) < LARGEST_CONDITION:
-        residues = np.einsum("yx,xu->xyu", C @ vectors, np.linalg.solve(vectors, B))
-        return np.tensordot(1 / (s[:, None] - poles), residues, 1)
-    return C @ np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(s), *B.shape)))
 
 
 def _speed_of(inertia: str) -> str:
@@ -193,9 +183,9 @@ def controlled_beds(
         shifted = bed.at(bed_values)
         C, D = bed.rows(shifted, bed_values)
         k, count = shifted.commands.shape[1], len(C)
-        H = transfer(shifted.A, np.hstack([shifted.commands, shifted.torques]), np.vstack([C, shifted.readings]), s)
+        B, seen = np.hstack([shifted.commands, shifted.torques]), np.vstack([C, shifted.readings])
+        H = transfer(shifted.A, B, seen, np.pad(D, ((0, len(read)), (0, 0))), s)
         H[:, :, :k] *= (hold * np.exp(-s * shifted.delay))[:, None, None]
-        H[:, :count] += D
         direct = np.zeros((*H.shape[:2], len(torques)), complex)
         asked = np.zeros((len(s), k, len(torques)), complex)
         for i, name in enumerate(torques):
@@ -343,11 +333,7 @@ class ExcitedBeds:
         loop = bed.case.loop
         self._hold, self._step = hold, loop["sample_time"]
         beds = [bed.at(bed_values) for bed_values in values]
-        sampled = [delayed_bed(linear.A, linear.commands, linear.torques, linear.delay, self._step) for linear in beds]
-        self._whole, self._new, self._old, self._torques = (
-            np.stack([getattr(delayed, name) for delayed in sampled]) for name in ("whole", "new", "old", "torques")
-        )
-        self._delays = np.array([linear.delay for linear in sampled])
+        self._sampled = side_by_side(beds)
         rows = [bed.rows(linear, bed_values) for linear, bed_values in zip(beds, values, strict=True)]
         self._C, self._D = np.stack([C for C, _ in rows]), np.stack([D for _, D in rows])
         at = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in loop.dynamometers]
@@ -370,28 +356,22 @@ class ExcitedBeds:
 
         What is applied in a sample is the mean of the demand over it.
         """
-        t, b, k = len(demands), len(self._whole), self._new.shape[2]
+        beds = self._sampled
+        t, (b, waiting, k) = len(demands), beds.B.shape
         applied = np.vstack([(demands[:-1] + demands[1:]) / 2, demands[-1:]])
-        pushed = np.einsum("bxd,td->tbx", self._torques, applied[:, k:])
+        pushed = np.einsum("bxd,td->tbx", beds.torques, applied[:, k:])
         direct = np.einsum("byd,td->tby", self._D[:, :, k:], demands[:, k:])
-        x, integral = self._whole.shape[1], np.zeros((b, k))
-        lead = self._delays.max() + 1
-        sent = np.zeros((t + lead, b, k))  # shifted: commands before the first are zero
-        each = np.arange(b)
-        # one product a sample: [state, newest and older command that act] → next state
-        both = np.concatenate([self._whole, self._new, self._old], axis=2)
-        states = np.zeros((t + 1, b, x + 2 * k))
-        speed_rows = self._C[:, self._speeds]
+        sent, integral, states = np.empty((t, b, k)), np.zeros((b, k)), np.zeros((t + 1, b, waiting))
+        speed_rows = np.pad(self._C[:, self._speeds], ((0, 0), (0, 0), (0, waiting - beds.states)))
+        both = np.concatenate([beds.A, beds.B], axis=2)  # one product a sample
         for i in range(t):
-            z = states[i]
-            error = -np.matmul(speed_rows, z[:, :x, None])[:, :, 0]
-            sent[lead + i] = applied[i, :k] + self._hold.proportional * error + integral
+            error = -np.matmul(speed_rows, states[i, :, :, None])[:, :, 0]
+            sent[i] = applied[i, :k] + self._hold.proportional * error + integral
             integral += self._hold.integral * self._step * error
-            now = lead + i - self._delays
-            z[:, x : x + k], z[:, x + k :] = sent[now, each], sent[now - 1, each]
-            states[i + 1, :, :x] = np.matmul(both, z[:, :, None])[:, :, 0] + pushed[i]
-        outputs = np.swapaxes(np.matmul(self._C, np.moveaxis(states[:-1, :, :x], 0, 2)), 0, 2)
-        return ExcitedMotion(sent[lead:], np.swapaxes(outputs, 1, 2) + direct)
+            acting = np.concatenate([states[i], sent[i]], axis=1)
+            states[i + 1] = np.matmul(both, acting[:, :, None])[:, :, 0] + pushed[i]
+        outputs = np.swapaxes(np.matmul(self._C, np.moveaxis(states[:-1, :, : beds.states], 0, 2)), 0, 2)
+        return ExcitedMotion(sent, np.swapaxes(outputs, 1, 2) + direct)
 
 
 # --- The bed's limits on an excitation: how much of each is used.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from matching.match.case import Box, Case, Requirements
 from matching.match.loop import (
     BedSet,
     FrequencyResponse,
+    Resolvent,
     SampledBeds,
     SampledController,
     bed_set,
@@ -20,6 +22,7 @@ from matching.match.loop import (
     damping_weights,
     errors,
     frequency_response,
+    resolvent,
     return_difference,
     sampled_beds,
     without_resting,
@@ -29,7 +32,7 @@ from modelling.bed.observer import NOISE
 # --- What a controller does on a set of beds and what it asks of them: the figures that the search works with.
 
 PLAN_POINTS = 240  # log-spaced frequencies from the band's lower edge to half the sampling frequency
-MARGIN_ROUNDS, MINIMA_REFINED, POINTS_A_MINIMUM = 4, 3, 17  # in looking for the least margin between frequencies
+MARGIN_ROUNDS, MARGIN_POINTS = 3, 9  # in looking for the least margin between frequencies, each to a quarter
 BED_POINTS = 60  # over the band, for drawn beds: fewer miss the transmission zeros, where the error is largest
 
 
@@ -63,6 +66,16 @@ class Planned:
     band: BedSet
     every: BedSet
     uncertainty: np.ndarray
+
+    @cached_property
+    def _form(self) -> Resolvent:
+        return resolvent(self.every.sampled.A[0])
+
+    def held(self, frequencies: np.ndarray) -> np.ndarray:
+        """Readings for commands (f, y, k) at other frequencies (f,), Hz."""
+        z = np.exp(2j * np.pi * frequencies * self.every.case.loop["sample_time"])
+        held: np.ndarray = self.every.sampled.C[0] @ self._form.columns(z, self.every.sampled.B[0])
+        return held
 
 
 def planned(case: Case, uncertainty: np.ndarray) -> Planned:
@@ -113,7 +126,13 @@ class LoopCurves:
     difference : ndarray (f, k, k)
         I + L.
     margin, closed : ndarray (f,)
-        Least singular value of I + L, largest of T.
+        Least singular value of I + L, at a local minimum the least between its neighbours; largest of T.
+    margin_at : ndarray (f,)
+        Where that is, Hz.
+    held, at_margin : ndarray (f, y, k), (f, k, k)
+        Readings for commands and I + L there.
+    minima : ndarray (n,)
+        Numbers of these minima.
     noise : ndarray (f, k, y)
         Commands for the sensors' standard deviations.
     """
@@ -122,19 +141,46 @@ class LoopCurves:
     margin: np.ndarray
     closed: np.ndarray
     noise: np.ndarray
+    margin_at: np.ndarray
+    held: np.ndarray
+    at_margin: np.ndarray
+    minima: np.ndarray
 
 
-def loop_curves(bed: Planned, acting: FrequencyResponse) -> LoopCurves:
-    """Return difference, complementary sensitivity and noise of the bed as planned, which the requirements limit."""
-    difference = return_difference(bed.every, acting)[0]
+def loop_curves(
+    bed: Planned, controller: SampledController, acting: FrequencyResponse, required: Requirements, below: float
+) -> LoopCurves:
+    """Return difference, complementary sensitivity and noise of the bed as planned, which the requirements limit.
+
+    The margin's local minima ``below`` a value, from where it counts on, are searched between the frequencies.
+    """
+    difference, f = return_difference(bed.every, acting)[0], bed.every.frequencies
     identity = np.eye(difference.shape[-1])
     inverse = np.linalg.inv(difference)
+    margin = np.linalg.svd(difference, compute_uv=False)[:, -1]
+    at, held, there, begin = f.copy(), bed.every.held[0].copy(), difference.copy(), min(required.margin_from, f[-1])
+    padded = np.concatenate([[np.inf], np.where(f >= begin, margin, np.inf), [np.inf]])
+    low = (margin <= padded[:-2]) & (margin <= padded[2:]) & (margin < below) & (f >= begin)
+    minima = np.flatnonzero(low)
+    ends = np.stack([np.maximum(f[np.maximum(minima - 1, 0)], begin), f[np.minimum(minima + 1, len(f) - 1)]])
+    for _ in range(MARGIN_ROUNDS if len(minima) else 0):
+        grid = np.geomspace(ends[0], ends[1], MARGIN_POINTS)  # (p, minima)
+        held_there = bed.held(grid.ravel())
+        acting_there = frequency_response(controller, grid.ravel()).of_readings
+        differences = identity - acting_there @ held_there
+        least = np.linalg.svd(differences, compute_uv=False)[:, -1].reshape(grid.shape)
+        lowest, column = least.argmin(axis=0), np.arange(len(minima))
+        better = least[lowest, column] < margin[minima]
+        flat, rows = (lowest * len(minima) + column)[better], minima[better]
+        margin[rows], at[rows] = least.ravel()[flat], grid.ravel()[flat]
+        held[rows], there[rows] = held_there[flat], differences[flat]
+        ends = np.stack(
+            [grid[np.maximum(lowest - 1, 0), column], grid[np.minimum(lowest + 1, MARGIN_POINTS - 1), column]]
+        )
     return LoopCurves(
-        difference,
-        np.linalg.svd(difference, compute_uv=False)[:, -1],
-        np.linalg.svd(inverse - identity, compute_uv=False)[:, 0],
-        inverse @ (acting.of_readings * bed.uncertainty),
-    )
+        difference, margin, np.linalg.svd(inverse - identity, compute_uv=False)[:, 0],
+        inverse @ (acting.of_readings * bed.uncertainty), at, held, there, minima,
+    )  # fmt: skip
 
 
 def command_noise(curves: LoopCurves, frequencies: np.ndarray) -> np.ndarray:
@@ -158,33 +204,12 @@ def counted(bed: Planned, required: Requirements) -> tuple[np.ndarray, np.ndarra
 def loop_figures(bed: Planned, controller: SampledController, required: Requirements) -> LoopFigures:
     """Margin, roll-off and noise of a controller."""
     f = bed.every.frequencies
-    curves = loop_curves(bed, frequency_response(controller, f))
-    _, rolled_off = counted(bed, required)
-    least, at = modulus_margin(bed.band.case, controller, required.margin_from)
+    curves = loop_curves(bed, controller, frequency_response(controller, f), required, np.inf)
+    margin, rolled_off = counted(bed, required)
+    lowest = int(np.where(margin, curves.margin, np.inf).argmin())
     largest = curves.closed[rolled_off].max(initial=0.0)
     noise = dict(zip(controller.dynamometers, command_noise(curves, f).tolist(), strict=True))
-    return LoopFigures(least, at, float(largest), noise)
-
-
-def modulus_margin(case: Case, controller: SampledController, margin_from: float) -> tuple[float, float]:
-    """Least singular value of I + L on the bed as planned from ``margin_from`` on, and where, both Hz.
-
-    The lowest minima of a grid are searched again on finer and finer grids between their neighbours.
-    """
-    grid = loop_frequencies(case)
-    begin = min(margin_from, grid[-1])
-    grid = np.union1d(grid[grid > begin], [max(begin, grid[0])])
-    for _ in range(MARGIN_ROUNDS):
-        acting = frequency_response(controller, grid)
-        least = np.linalg.svd(return_difference(bed_set(case, [{}], grid), acting)[0], compute_uv=False)[:, -1]
-        padded = np.concatenate([[np.inf], least, [np.inf]])
-        minima = np.flatnonzero((least <= padded[:-2]) & (least <= padded[2:]))
-        lowest = minima[np.argsort(least[minima])][:MINIMA_REFINED]
-        at = int(lowest[0])
-        found = float(least[at]), float(grid[at])
-        ends = [(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]) for i in lowest]
-        grid = np.unique(np.concatenate([np.geomspace(a, b, POINTS_A_MINIMUM) for a, b in ends]))
-    return found
+    return LoopFigures(float(curves.margin[lowest]), float(curves.margin_at[lowest]), float(largest), noise)
 
 
 # --- Beds whose cut shafts have less stiffness and damping: what a lash between its flanks lets a bed appear to be.
@@ -286,7 +311,7 @@ def worst_bed(
     if not box.uncertain or not len(positions):
         return None
     starts = [np.zeros(len(box.uncertain)), *positions[:STARTS]]
-    descents = [_descended(dampings, position, ROUNDS) for position in starts]
+    descents = [descended(dampings, position, ROUNDS) for position in starts]
     ratio, position, slopes = min(descents, key=lambda descent: descent[0])
     return WorstBed(ratio, box.at(position), _named(box, slopes))
 
@@ -310,7 +335,7 @@ def largest_error(
         values = error(positions)
         return np.where(np.isfinite(values), -values, 0.0)[:, None]
 
-    lowered, end, slopes = _descended(to_lower, position, ERROR_ROUNDS)
+    lowered, end, slopes = descended(to_lower, position, ERROR_ROUNDS)
     return LargestError(-lowered, box.at(end), _named(box, slopes))
 
 
@@ -318,7 +343,7 @@ def _named(box: Box, slopes: np.ndarray) -> tuple[str, ...]:
     return tuple(box.uncertain[i].name for i in np.argsort(-np.abs(slopes))[:NAMED])
 
 
-def _descended(
+def descended(
     of: Callable[[np.ndarray], np.ndarray], position: np.ndarray, rounds: int
 ) -> tuple[float, np.ndarray, np.ndarray]:  # value, position (p,), slopes (p,)
     """The least value met on the way from a position, towards the corners that the gradients of figures point to.

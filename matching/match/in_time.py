@@ -64,6 +64,8 @@ class Imperfection:
         Measured or demanded torques act with this factor, and so much later (s), than the controller assumes.
     poor_sensors : bool
         Noise and an offset of the sensors' uncertainty, encoders for speeds.
+    encoders : bool
+        Encoders for speeds alone, without noise and offset.
     """
 
     words: str
@@ -73,6 +75,7 @@ class Imperfection:
     demand_factor: float = 1.0
     demand_late: float = 0.0
     poor_sensors: bool = False
+    encoders: bool = False
 
 
 def imperfections(case: Case, largest_torque: float, seed: int) -> list[Imperfection]:
@@ -350,7 +353,8 @@ class PoorSensors:
     Parameters
     ----------
     sensors : sequence of Sensor (y)
-    poor : ndarray of bool (b,)
+    poor, encoders : ndarray of bool (b,)
+        Which beds have poor sensors, and which count alone, without noise and offset.
     gains : ndarray (y, b)
         Reading over what is measured, of every bed.
     step : float
@@ -359,9 +363,13 @@ class PoorSensors:
         Of noise and signs.
     """
 
-    def __init__(self, sensors: list[Sensor], poor: np.ndarray, gains: np.ndarray, step: float, seed: int):
+    def __init__(
+        self, sensors: list[Sensor], poor: np.ndarray, gains: np.ndarray, step: float, seed: int,
+        encoders: np.ndarray | None = None,
+    ):  # fmt: skip
         self._random = np.random.default_rng(seed)
         self._poor, self._gains, self._step = poor, gains, step
+        self._counting = poor if encoders is None else poor | encoders
         self._noise = np.array([sensor.uncertainty or NOISE[sensor.measures] for sensor in sensors])[:, None]
         self._counts = np.array([sensor.measures == "speed" for sensor in sensors])
         sides = self._random.choice([-1.0, 1.0], self._noise.shape)
@@ -371,14 +379,15 @@ class PoorSensors:
     def read(self, true: np.ndarray) -> np.ndarray:
         """Readings (y, b) of the true values (y, b), one sample after the other."""
         exact = self._gains * true
-        if not self._poor.any():
+        if not self._counting.any():
             return exact
         self._angle, self._last = self._angle + self._step * (self._last + true) / 2, true
         rest = self._angle % ANGLE_OF_A_COUNT
-        error = np.where(self._counts[:, None], (self._rest - rest) / self._step, self._offset)
+        counting = np.where(self._counts[:, None] & self._counting, (self._rest - rest) / self._step, 0.0)
         self._rest = rest
         noise = self._noise * self._random.standard_normal((len(true), 1))
-        return np.where(self._poor, exact + error + noise, exact)
+        read: np.ndarray = exact + counting + np.where(self._poor, self._offset + noise, 0.0)
+        return read
 
 
 # --- The control law on imperfect beds, sample by sample, and the vehicle under the same torques; b beds, t samples.
@@ -498,7 +507,8 @@ def _sensing(case: Case, law: ControlLaw, runs: Sequence[BedRun], seed: int) -> 
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
     gains = [[run.imperfection.values.get(f"sensors.{name}.gain", 1.0) for run in runs] for name in law.sensors]
     poor = np.array([run.imperfection.poor_sensors for run in runs])
-    return PoorSensors([by_name[name] for name in law.sensors], poor, np.array(gains), law.sample_time, seed)
+    encoders = np.array([run.imperfection.encoders for run in runs])
+    return PoorSensors([by_name[name] for name in law.sensors], poor, np.array(gains), law.sample_time, seed, encoders)
 
 
 def _stacked(torques: Sequence[Mapping[str, np.ndarray]], names: Sequence[str]) -> np.ndarray:
@@ -550,23 +560,29 @@ def lash_runs(
 
     ``torques`` are those of the manoeuvre, (t,) in N·m by input.
     """
-    driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
-    inputs = [part.name for part in case.rig.inputs if part.name not in driven]
-    inputs.sort(key=lambda name: -np.abs(torques.get(name, np.zeros(1))).max())
-    if not inputs:
+    pulse = _pulse(case, torques, len(next(iter(torques.values()))))
+    if not pulse:
         return []
-    length = len(next(iter(torques.values())))
-    time = np.arange(length) * case.loop["sample_time"]
-    size = float(np.abs(torques.get(inputs[0], np.zeros(1))).max()) or float(
-        max(np.abs(torque).max() for torque in torques.values())
-    )
-    pulse = {inputs[0]: size * ((time >= PULSE_S[0]) & (time < PULSE_S[1]))}
     gaps = np.random.default_rng(seed).uniform(*LASHES_RAD, count)
     beds = case.uncertainty.draw(count, seed + 1)
     return [
         BedRun(Imperfection("open lash", case.uncertainty.at(bed), float(gap)), pulse, known)
         for bed, gap in zip(beds, gaps, strict=True)
     ]  # fmt: skip
+
+
+def _pulse(case: Case, torques: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
+    """A pulse (t,) at the input of the rig that a manoeuvre drives hardest; empty without such an input."""
+    driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
+    sizes = {
+        part.name: float(np.abs(torques.get(part.name, np.zeros(1))).max())
+        for part in case.rig.inputs if part.name not in driven
+    }  # fmt: skip
+    if not sizes:
+        return {}
+    name, time = max(sizes, key=lambda name: sizes[name]), np.arange(count) * case.loop["sample_time"]
+    size = sizes[name] or max(float(np.abs(torque).max()) for torque in torques.values())
+    return {name: size * ((time >= PULSE_S[0]) & (time < PULSE_S[1]))}
 
 
 def open_lash(
@@ -591,6 +607,56 @@ def open_lash(
 def _swing(torques: np.ndarray) -> float:
     """Largest standard deviation of torques (t, k)."""
     return float(np.std(torques, axis=0).max())
+
+
+# --- Whether the counts of encoders keep a bed swinging at standstill.
+
+COME_TO_REST_S = 4.0  # after a pulse and its opposite, which leave no speed behind
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """What encoders alone do after a pulse and its opposite, beside the same bed with exact speeds.
+
+    Attributes
+    ----------
+    command, flange : float
+        N·m rms over the last two seconds, of the worst dynamometer: what encoders add to the command and to the torque
+        at the flange. Noise and offset add to that.
+    """
+
+    command: float
+    flange: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return dict(vars(self))
+
+
+def standstill(
+    case: Case, law: ControlLaw, torques: Mapping[str, np.ndarray], known: tuple[str, ...]
+) -> Standstill | None:
+    """The bed of a case without an operating point; None where it turns, where no input could move it, or where it is
+    not stable.
+
+    Parameters
+    ----------
+    torques : mapping of str to ndarray (t,)
+        The manoeuvre, which says how large the pulse is.
+    """
+    pulse = _pulse(case, torques, round(COME_TO_REST_S / law.sample_time))
+    if not pulse or case.rig.operating_point is not None:
+        return None
+    back = round((PULSE_S[1] - PULSE_S[0]) / law.sample_time)
+    both = {name: torque - np.roll(torque, back) for name, torque in pulse.items()}
+    runs = [BedRun(Imperfection("", encoders=encoders), both, known) for encoders in (True, False)]
+    flanges = [dynamometer.torque_sensor for dynamometer in case.loop.dynamometers]
+    counting, exact = bed_motions(case, law, runs, flanges)
+    if counting is None or exact is None:
+        return None
+    count = len(exact.commands) // 2
+    off = counting.commands - exact.commands, counting.readings - exact.readings
+    return Standstill(*(_swing(torque[-count:]) for torque in off))
 
 
 # --- How far imperfect beds are from the nonlinear vehicle over the manoeuvre, and what they do with an open lash.
@@ -643,6 +709,8 @@ class TruthInTime:
         For what is wrong; of the drawn beds with everything wrong the worst.
     lash : OpenLash or None
         None where no input but the dynamometers' could open one.
+    standstill : Standstill or None
+        None where the case has an operating point, or no input but the dynamometers' could move the bed.
     seconds : float
         Of the manoeuvre.
     not_simulated : str
@@ -654,6 +722,7 @@ class TruthInTime:
     sensors: tuple[str, ...] = ()
     rows: tuple[TimeErrors, ...] = ()
     lash: OpenLash | None = None
+    standstill: Standstill | None = None
     seconds: float = 0.0
     not_simulated: str = ""
     traces: BedTraces | None = field(repr=False, default=None)
@@ -662,7 +731,9 @@ class TruthInTime:
         """As ``result.json`` holds it."""
         return {
             "duration": self.seconds, "sensors": list(self.sensors), "rows": [row.to_dict() for row in self.rows],
-            "open_lash": None if self.lash is None else self.lash.to_dict(), "not_simulated": self.not_simulated,
+            "open_lash": None if self.lash is None else self.lash.to_dict(),
+            "encoders_at_standstill": None if self.standstill is None else self.standstill.to_dict(),
+            "not_simulated": self.not_simulated,
         }  # fmt: skip
 
 
@@ -717,7 +788,8 @@ def truth_in_time(
     kept = [results[i] for i in range(len(rows)) if i not in every or i == worst]
     at, first = [read.index(name) for name in cuts], len(runs)
     lash = open_lash(of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None
-    return TruthInTime(sensors, tuple(kept), lash, float(time[-1]), "", traces)
+    still = standstill(case, law, torques, known)
+    return TruthInTime(sensors, tuple(kept), lash, still, float(time[-1]), "", traces)
 
 
 def with_cut_torques(case: Case) -> tuple[Case, list[str]]:

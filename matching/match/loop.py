@@ -93,11 +93,7 @@ def body(system: System) -> Body:
 
 def transfer(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, s: np.ndarray) -> np.ndarray:
     """C·(sI − A)⁻¹·B + D at complex s (f,): (f, y, u)."""
-    s = np.asarray(s)
-    states = np.linalg.solve(
-        s[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(s), *B.shape)).astype(complex)
-    )
-    return C @ states + D
+    return C @ resolvent(A).columns(np.asarray(s), B) + D
 
 
 # --- A case as linear models: rig, residual vehicle, and who measures and drives what.
@@ -253,7 +249,6 @@ class Bed:
     delay : float
         s, from a sample to the moment its command begins to act.
     sampled : DelayedBed
-        Without torques.
     open_loop_damping : float
         Least damping ratio of its modes without control, where the loop has to have rolled off.
     """
@@ -310,7 +305,7 @@ def assembled_bed(case: Case, rig: StateSpace, values: Mapping[str, float]) -> B
     torques[:n] = rig.B[:, columns]
     compared = np.hstack([rig.C[rows], np.zeros((len(rows), 2 * k))])
     open_loop = least_damping(rig.A, 2 * np.pi * case.limits["rolled_off_from"])
-    sampled = delayed_bed(A, commands, np.zeros((n + 2 * k, 0)), delay, loop["sample_time"])
+    sampled = delayed_bed(A, commands, torques, delay, loop["sample_time"])
     return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, open_loop)
 
 
@@ -325,11 +320,7 @@ def vehicle_response(case: Case, values: Mapping[str, float], frequencies: np.nd
     """Compared functions (f, h) of the vehicle whose shared components have the bed's values."""
     drawn = of_system(values, case.vehicle)
     space = state_space(case.vehicle.with_values(drawn) if drawn else case.vehicle)
-    s = 2j * np.pi * frequencies
-    states = np.linalg.solve(
-        s[:, None, None] * np.eye(len(space.A)) - space.A, np.broadcast_to(space.B, (len(s), *space.B.shape))
-    )
-    H = space.C @ states + space.D
+    H = transfer(space.A, space.B, space.C, space.D, 2j * np.pi * frequencies)
     rows = [space.outputs.index(pair.sensor) for pair in case.compared]
     return H[:, rows, [space.inputs.index(pair.input) for pair in case.compared]]
 
@@ -409,6 +400,8 @@ class SampledBeds:
     ----------
     A, B, C : ndarray (b, x, x), (b, x, k), (b, y, x)
         Commands on their way stand newest first.
+    torques : ndarray (b, x, d)
+        What torques at the rig, held over a sample, do.
     states : int
         Of a bed itself, which the commands on their way follow.
     open_loop_damping : ndarray (b,)
@@ -418,12 +411,14 @@ class SampledBeds:
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
+    torques: np.ndarray
     states: int
     open_loop_damping: np.ndarray
 
     def some(self, which: np.ndarray) -> SampledBeds:
         """The beds of these numbers (n,)."""
-        return SampledBeds(self.A[which], self.B[which], self.C[which], self.states, self.open_loop_damping[which])
+        A, B, C, torques = (part[which] for part in (self.A, self.B, self.C, self.torques))
+        return SampledBeds(A, B, C, torques, self.states, self.open_loop_damping[which])
 
 
 @dataclass(frozen=True)
@@ -461,8 +456,8 @@ def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
     """Sampled beds as one batch, each with as many delayed commands as the bed with the longest dead time has."""
     longest = max(bed.sampled.delay for bed in beds) + 1
     matrices = [_shifting(bed, longest) for bed in beds]
-    A, B, C = (np.stack(parts) for parts in zip(*matrices, strict=True))
-    return SampledBeds(A, B, C, len(beds[0].A), np.array([bed.open_loop_damping for bed in beds]))
+    A, B, C, torques = (np.stack(parts) for parts in zip(*matrices, strict=True))
+    return SampledBeds(A, B, C, torques, len(beds[0].A), np.array([bed.open_loop_damping for bed in beds]))
 
 
 def bed_set(case: Case, values: Sequence[Mapping[str, float]], frequencies: np.ndarray) -> BedSet:
@@ -495,8 +490,8 @@ def responses_of(
     return BedSet(case, sampled, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
 
 
-def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B, C with ``longest`` commands on their way as further states."""
+def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, ...]:
+    """A, B, C and torques with ``longest`` commands on their way as further states."""
     x, k, delay = len(bed.A), bed.commands.shape[1], bed.sampled.delay
     A, B = np.zeros((x + k * longest,) * 2), np.zeros((x + k * longest, k))
     A[:x, :x] = bed.sampled.whole
@@ -507,7 +502,8 @@ def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     A[:x, x + k * delay : x + k * (delay + 1)] = bed.sampled.old
     A[x + k :, x:-k] = np.eye(k * (longest - 1))
     B[x : x + k] = np.eye(k)
-    return A, B, np.hstack([bed.readings, np.zeros((len(bed.readings), k * longest))])
+    waiting = k * longest
+    return A, B, np.pad(bed.readings, ((0, 0), (0, waiting))), np.pad(bed.sampled.torques, ((0, waiting), (0, 0)))
 
 
 @dataclass(frozen=True)
@@ -568,6 +564,11 @@ class SampledController:
     def own_matrix(self) -> np.ndarray:
         """State matrix of what runs on known torques alone."""
         return self.A[self.reached :, self.reached :]
+
+    @cached_property
+    def forms(self) -> tuple[Resolvent, Resolvent]:
+        """Of the state matrices of the feedback and of what runs on known torques alone."""
+        return resolvent(self.feedback.A), resolvent(self.own_matrix)
 
 
 def without_limits(law: ControlLaw) -> SampledController:
@@ -681,11 +682,11 @@ def frequency_response(controller: SampledController, frequencies: np.ndarray) -
     o, y, feedback, own = controller.reached, len(controller.sensors), controller.feedback, controller.own_matrix
     z = np.exp(2j * np.pi * frequencies * controller.sample_time)
     # C·(zI − A)⁻¹ from the left: as many right-hand sides as dynamometers
-    left = resolvent(feedback.A).rows(z, feedback.C) if o else np.zeros((len(z), len(controller.C), 0), complex)
+    left = controller.forms[0].rows(z, feedback.C) if o else np.zeros((len(z), len(controller.C), 0), complex)
     # states that known torques alone reach, for these torques
     states = np.zeros((len(z), 0, len(controller.known)), complex)
     if len(own):
-        states = resolvent(own).columns(z, controller.B[o:, y:])
+        states = controller.forms[1].columns(z, controller.B[o:, y:])
     of_known = left @ (controller.A[:o, o:] @ states + controller.B[:o, y:])
     of_known = of_known + controller.C[:, o:] @ states + controller.D[:, y:]
     return FrequencyResponse(left @ feedback.B + feedback.D, of_known, controller.known)

@@ -19,6 +19,7 @@ from matching.match.beds import (
     command_noise,
     counted,
     damping_left,
+    descended,
     loop_curves,
     noise_weights,
     planned,
@@ -305,14 +306,21 @@ class Hardware:
     plan: Planned
     beds: BedSet
     others: dict[tuple[bytes, float], Bed] = field(default_factory=dict)
+    sets: dict[tuple[bytes, ...], SampledBeds] = field(default_factory=dict)
 
     def beds_at(self, positions: np.ndarray, left: float | Sequence[float] = 1.0) -> SampledBeds:
         """Beds at positions (b, p) of the case's box, with ``left`` of the stiffness and damping of their cut shafts.
 
-        Each is worked out once.
+        Each, and each set, is worked out once.
         """
-        places = zip(positions, np.broadcast_to(left, len(positions)).tolist(), strict=True)
-        return side_by_side([self._bed(position, share) for position, share in places])
+        lefts = np.broadcast_to(left, len(positions))
+        key = positions.tobytes(), lefts.tobytes()
+        if key not in self.sets:
+            if len(self.sets) > 4:
+                self.sets.clear()
+            places = zip(positions, lefts.tolist(), strict=True)
+            self.sets[key] = side_by_side([self._bed(position, share) for position, share in places])
+        return self.sets[key]
 
     def _bed(self, position: np.ndarray, left: float) -> Bed:
         key = position.tobytes(), left
@@ -543,8 +551,11 @@ class Search:
             active = hardware.beds_at(
                 self.positions[list(self.active)], [self.left.get(number, 1.0) for number in self.active]
             )
+            # what does not steer the search needs no search between frequencies
+            below = self.required.modulus_margin * (1 + self.settings.reserve) * (1 + self.settings.largest_room)
+            curves = loop_curves(hardware.plan, controller, acting.at(parts[0]), self.required, below)
             self._points[key] = Point(
-                hardware, active, controller, acting, loop_curves(hardware.plan, acting.at(parts[0])),
+                hardware, active, controller, acting, curves,
                 closed_poles(active, controller), np.linalg.eigvals(controller.own_matrix),
                 np.array(squares),
             )  # fmt: skip
@@ -718,8 +729,8 @@ def backward(search: Search, at: Point, change: np.ndarray) -> tuple[np.ndarray,
     settings, plan, controller = search.settings, at.hardware.plan, at.controller
     sets = plan.every, plan.band, at.hardware.beds
     parts = search._parts(at.hardware)
-    f = np.concatenate([each.frequencies for each in sets])
-    z = np.exp(2j * np.pi * f * controller.sample_time)
+    f, minima = [each.frequencies for each in sets], at.curves.minima
+    z = np.exp(2j * np.pi * np.concatenate([*f, at.curves.margin_at[minima]]) * controller.sample_time)
     form = resolvent(controller.A)
     k, m = len(controller.C), controller.B.shape[1]
     left = np.concatenate([form.rows(z, controller.C), np.broadcast_to(np.eye(k), (len(z), k, k))], axis=2)
@@ -734,7 +745,11 @@ def backward(search: Search, at: Point, change: np.ndarray) -> tuple[np.ndarray,
             total += np.einsum("fki,fkm,fjm->ij", left[part], pull, right[part], optimize=True).real
     cost = np.tensordot(change, total, 2)
     every = slice(parts[0].start, parts[0].stop)
-    rows = [*_damping_rows(search, at, change), *_loop_rows(search, at, change, left[every], right[every])]
+    beside = slice(sum(map(len, f)), None)
+    left, right, beside_left, beside_right = left[every], right[every], left[beside], right[beside]
+    of_margin = left.copy(), right.copy()
+    of_margin[0][minima], of_margin[1][minima] = beside_left, beside_right
+    rows = [*_damping_rows(search, at, change), *_loop_rows(search, at, change, (left, right), of_margin)]
     return cost, np.concatenate(rows)
 
 
@@ -842,14 +857,19 @@ def _products(left: np.ndarray, change: np.ndarray, right: np.ndarray) -> np.nda
 
 
 def _loop_rows(
-    search: Search, at: Point, change: np.ndarray, left: np.ndarray, right: np.ndarray
+    search: Search, at: Point, change: np.ndarray, sides: tuple[np.ndarray, np.ndarray],
+    of_margin: tuple[np.ndarray, np.ndarray],
 ) -> list[np.ndarray]:  # fmt: skip
-    """Of command noise, roll-off, margin and targets; a singular value changes by uᴴ·dM·v."""
+    """Of command noise, roll-off, margin and targets; a singular value changes by uᴴ·dM·v.
+
+    ``sides`` are what stands left and right of the change in the controller's response, ``of_margin`` the same where
+    the margin is looked at: at a minimum over frequency its place does not count.
+    """
     settings, plan, curves, allowed = search.settings, at.hardware.plan, at.curves, search.required.command_noise
     margin, rolled_off = counted(plan, search.required)
     f, held = plan.every.frequencies, plan.every.held[0]
-    y, states = held.shape[1], len(at.controller.A)
-    readings = np.concatenate([right[:, :states, :y], right[:, states:, :y]], axis=1)  # (f, x + m, y)
+    y = held.shape[1]
+    left, readings = sides[0], sides[1][..., :y]  # (f, x + m, y)
     inverse = np.linalg.inv(curves.difference)
     # dH = left·change·readings; the return difference changes by −dH·held
     noisy = np.eye(y) * plan.uncertainty + held @ curves.noise
@@ -866,9 +886,9 @@ def _loop_rows(
     before = np.einsum("fk,fkl,fli->fi", u[:, :, 0].conj(), inverse, left)
     after = np.einsum("fml,fly,fyj,fj->fm", readings, held, inverse, v[:, 0].conj(), optimize=True)
     closed = _products(before[rolled_off], change, after[rolled_off]).real
-    u, _, v = np.linalg.svd(curves.difference)
-    before = np.einsum("fk,fki->fi", u[:, :, -1].conj(), left)
-    after = np.einsum("fml,fly,fy->fm", readings, held, v[:, -1].conj(), optimize=True)
+    u, _, v = np.linalg.svd(curves.at_margin)
+    before = np.einsum("fk,fki->fi", u[:, :, -1].conj(), of_margin[0])
+    after = np.einsum("fml,fly,fy->fm", of_margin[1][..., :y], curves.held, v[:, -1].conj(), optimize=True)
     least = -_products(before[margin], change, after[margin]).real
     return [
         noise, -(1 + settings.reserve) * closed / search.required.rolled_off,
@@ -1070,9 +1090,9 @@ class OpenedSettings:
     drawn_price: float = 0.25
     raised: float = 2.0
     parts: int = 12
-    part: float = 0.5
+    part: float = 0.25
     small: float = 1.0
-    steps: int = 8
+    steps: int = 20
     stuck: float = 0.9
     last_rounds: int = 4
     drawn_rounds: int = 2
@@ -1213,7 +1233,7 @@ def _with_dead_time(search: Search, part: float) -> Search:
     )  # fmt: skip
 
 
-# --- The least damped beds of a box: from the least damped ones of a pool to the corners that the gradients point to.
+# --- The least damped beds of a box: descents from the least damped ones of a pool.
 
 
 @dataclass(frozen=True)
@@ -1226,12 +1246,6 @@ class DescentSettings:
         Beds of the pool from which a descent begins, the least damped ones.
     rounds : int
         Of a descent at most, each with a gradient of its own.
-    difference : float
-        Of a half-width.
-    shares : tuple of float
-        Of the way to the corner that the gradient points to.
-    worth : float
-        Of the requirement: a round that takes away less is the last.
     further : float
         Times the pool: beds that are looked through once for what the pool has missed.
     most_added : int
@@ -1240,9 +1254,6 @@ class DescentSettings:
 
     begins: int = 2
     rounds: int = 3
-    difference: float = 0.02
-    shares: tuple[float, ...] = (1.0, 0.5)
-    worth: float = 0.02
     further: float = 5.4
     most_added: int = 12
 
@@ -1261,24 +1272,8 @@ def worst_positions(room: Callable[[np.ndarray], np.ndarray], pool: np.ndarray) 
     if not pool.size:
         return pool[:0]
     begins = pool[np.argsort(room(pool))[: DESCENT.begins]]
-    return np.unique([_descended(room, begin) for begin in begins], axis=0)
-
-
-def _descended(room: Callable[[np.ndarray], np.ndarray], position: np.ndarray) -> np.ndarray:
-    """The position (p,) with the least room that was met on the way."""
-    value = float(room(position[None])[0])
-    for _ in range(DESCENT.rounds):
-        inward = np.where(position > 0, -DESCENT.difference, DESCENT.difference)
-        corner = -np.sign((room(position + np.diag(inward)) - value) / inward)
-        tried = np.array([position + share * (corner - position) for share in DESCENT.shares])
-        rooms = room(tried)
-        best = int(np.argmin(rooms))
-        worth = rooms[best] < value - DESCENT.worth
-        if rooms[best] < value:
-            value, position = float(rooms[best]), tried[best]
-        if not worth:
-            break
-    return position
+    ends = [descended(lambda at: 1 + room(at)[:, None], begin, DESCENT.rounds) for begin in begins]
+    return np.unique([position for _, position, _ in ends], axis=0)
 
 
 def add_scenarios(search: Search, at: SearchEnd) -> bool:

@@ -1203,7 +1203,9 @@ def in_time_table(truth: TruthInTime) -> Table:
             for head, errors in ((spaced(name), row.measured), (f"{spaced(name)}, unmeasured", row.unmeasured)):
                 cells[head] = "not stable" if errors is None else percent(errors[name])
         rows.append(cells)
-    return Table(rows, HOW_IN_TIME.format(seconds=number(truth.seconds, 3), lash=_lash(truth)))
+    return Table(
+        rows, HOW_IN_TIME.format(seconds=number(truth.seconds, 3), lash=f"{_lash(truth)} {_standstill(truth)}".strip())
+    )
 
 
 def _lash(truth: TruthInTime) -> str:
@@ -1215,6 +1217,17 @@ def _lash(truth: TruthInTime) -> str:
     return (
         f"After a short torque pulse with an open lash {come}; at the end the worst bed swings by "
         f"{number(lash.largest_swing, 2)} N·m rms, the vehicle by {number(lash.vehicle_swing, 2)} N·m."
+    )
+
+
+def _standstill(truth: TruthInTime) -> str:
+    """What encoders do at rest, as a sentence; empty where it was not tried."""
+    still = truth.standstill
+    if still is None:
+        return ""
+    return (
+        f"At standstill the counts of the encoders keep the bed swinging: {number(still.command, 2)} N·m rms of "
+        f"command, {number(still.flange, 2)} N·m rms at the flange."
     )
 
 

@@ -125,7 +125,7 @@ def test_a_bed_like_its_model_answers_as_predicted(case, record):
         assert abs(mode.measured.frequency - mode.vehicle[0]) < 0.01 * mode.vehicle[0]
     assert 0.8 < found.fidelity[0].total <= 1
     assert str(found).startswith("AS PREDICTED")
-    assert found._repr_html_().startswith("<p>as_predicted")
+    assert found._repr_html_().startswith("<p><b>as predicted</b>")
     drawn = found.plot()
     for axes, curve in zip(drawn.axes, found.curves, strict=True):
         lines = {line.get_label(): line for line in axes.get_lines()}

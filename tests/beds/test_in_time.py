@@ -8,6 +8,7 @@ import pytest
 from beds.plant_loop import bed_run, plant_model, vehicle_run
 from plant.marks import needs_compiler
 
+from matching.match import in_time
 from matching.match.case import DEFAULT_LIMITS, of_system
 from matching.match.case_file import load_case
 from matching.match.in_time import (
@@ -24,6 +25,7 @@ from matching.match.in_time import (
     imperfections,
     lash_runs,
     open_lash,
+    standstill,
     truth_in_time,
     truth_of,
     vehicle_motions,
@@ -33,7 +35,7 @@ from matching.match.match import match
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
 from modelling.simulation.stepping import STABLE_STEP
-from modelling.system import Effect, Quantity, Sensor
+from modelling.system import Effect, OperatingPoint, Quantity, Sensor
 
 SENSORS = ("motor_speed", "side_torque")
 GAINS = ("dynamometers.", "sensors.")
@@ -176,6 +178,21 @@ def test_a_limit_cycle_in_a_lash_is_found_where_there_is_one(small_case):
     assert (found.drawn, found.limit_cycles) == (4, 1)
     assert found.largest_swing > 5 > 0.5 > found.vehicle_swing  # N·m
     assert open_lash(vehicles[1:], beds[1:], [1], law.sample_time).limit_cycles == 0
+
+
+def test_encoders_keep_a_bed_swinging_at_standstill_in_proportion_to_their_count(small_case, law, monkeypatch):
+    """As a quantiser in a linear loop must; with counts near zero the bed is the exact one, which rests."""
+    found = []
+    for count in (1 / 8, 1 / 64, 1e-9):
+        monkeypatch.setattr(in_time, "ANGLE_OF_A_COUNT", count * ANGLE_OF_A_COUNT)
+        found.append(standstill(small_case, law, pulse(small_case), ("motor_torque",)))
+    assert found[0].command > 0
+    for name in ("command", "flange"):
+        coarse, fine, none = (getattr(one, name) for one in found)
+        assert 8 / 3 < coarse / fine < 8 * 3
+        assert none < 1e-6 * coarse
+    moving = replace(small_case, rig=replace(small_case.rig, operating_point=OperatingPoint((("motor", 50.0),))))
+    assert standstill(moving, law, pulse(small_case), ()) is None
 
 
 def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, law, table):

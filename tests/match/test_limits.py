@@ -79,7 +79,6 @@ def test_dynamometer_too_small(too_small):
     assert infeasible_limits(enough, enough.moves, demands(enough)) == []
 
 
-@pytest.mark.xfail(reason="the search sees the margin at 240 frequencies, 0.485; between them it falls to 0.468")
 def test_the_rest_is_kept_where_the_dynamometer_is_too_small(too_small):
     """A loop with its margin, not where the search began."""
     case, result = too_small
