@@ -1,7 +1,8 @@
 """What matches reach over dead times, drawn and neighbouring cases and seeds: `python -m tests.benchmarks.matches`.
 
 Parts, of which any may be named: ``contributions`` (with dead times in ms, 1 3 5 8 12 unless given), ``orders``,
-``neighbours``, ``seeds`` (with how many: 20, 12, 10 unless given). Each prints a row as soon as it is there; all take about an hour of one core.
+``neighbours``, ``seeds`` (with how many: 20, 12, 10 unless given). Each prints a row as
+soon as it is there; all of them take about an hour of one core.
 """
 
 import sys
