@@ -16,7 +16,6 @@ from matching.match.problem import infeasible_limits
 from matching.match.search import SearchSettings
 from modelling.bed.controllers import STRUCTURES
 
-
 FEW = SearchSettings(drawn=8, pool=32, rounds=2, blind=16, fresh=40)  # what binds does not depend on more beds
 
 
