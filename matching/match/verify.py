@@ -22,10 +22,11 @@ from matching.match.beds import (
 )
 from matching.match.case import Case, Requirements, requirements, target_modes
 from matching.match.loop import (
+    BedHardware,
     Body,
     LinearBed,
     LinearMotion,
-    NonlinearMotion,
+    NonlinearBeds,
     SampledController,
     bed_set,
     body,
@@ -142,54 +143,66 @@ def free_motion(
     """Traces (t,) of a system without control under torques (t,) in N·m, in steps of s."""
     inputs = [part.name for part in system.inputs]
     count = len(next(iter(torques.values())))
-    drives = np.stack([torques.get(name, np.zeros(count)) for name in inputs], axis=1)
     if is_linear(system):
         linear_body = body(system) if linear_body is None else linear_body
-        motion: LinearMotion | NonlinearMotion = body_motion(linear_body, step)
-    else:
-        motion = NonlinearMotion(None, system, step)
-    states = motion.free(drives)
+        drives = torque_columns(torques, inputs, count)
+        states = body_motion(linear_body, step).free(drives)
+        _check(states, count * step)
+        return _traces(system, parts, *_of_body(linear_body, states, drives))
+    beds = NonlinearBeds([system], parts.case.loop)
+    drives, x, none = torque_columns(torques, beds.drives, count)[:, :, None], beds.start, np.zeros((0, 1))
+    states, values = np.empty((count, len(x))), np.empty((count, len(system.sensors)))
+    for k, now in enumerate(drives):
+        states[k], values[k] = x[:, 0], beds.read(x, now)[:, 0]
+        x = beds.advance(x, none, now, drives[min(k + 1, count - 1)])
     _check(states, count * step)
-    return _readings(system, parts, linear_body, motion, states, drives)
+    return _traces(system, parts, values, *beds.twists(states))
 
 
 def matched_motion(parts: LinearBed, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Traces (t,) of the rig with its loop closed under torques (t,) in N·m: the law runs as on the bed, unlimited."""
-    loop, k_dynos = parts.case.loop, len(parts.dynamometers)
+    loop, k_dynos, system = parts.case.loop, len(parts.dynamometers), parts.rig.system
     step, law, bed = loop["sample_time"], control_law(parts), parts.bed
     count = len(next(iter(torques.values())))
-    linear = is_linear(parts.case.rig)
-    motion: LinearMotion | NonlinearMotion = (
-        LinearMotion(bed.A, np.hstack([bed.commands, bed.torques]), k_dynos, step, bed.delay)
-        if linear
-        else NonlinearMotion(parts, parts.rig.system, step, bed.delay)
-    )
     drives = torque_columns(torques, parts.drives, count)
     told = {name: torque for name, torque in torques.items() if name not in parts.drives or name in loop.measured}
     known, unlimited = torque_columns(told, law.known, count), np.full(k_dynos, np.inf)
-    rows, state = bed.readings[: len(law.sensors)], np.zeros(len(law.A))
-    issued = np.zeros((count, k_dynos))
-    states = np.empty((count, len(motion.start)))
-    x = motion.start
+    motion = LinearMotion(bed.A, np.hstack([bed.commands, bed.torques]), k_dynos, step, bed.delay)
+    beds = None
+    if not is_linear(parts.case.rig):
+        lags = loop["inverter_lag"], loop["torque_sensor_lag"]
+        hardware = BedHardware(*lags, bed.delay, (1.0,) * k_dynos)
+        beds = NonlinearBeds([system], loop, parts.dynamometers, [hardware])
+        seen = [beds.model.sensors.index(name) for name in law.sensors[k_dynos:]]
+    x = motion.start if beds is None else beds.start[:, 0]
+    start, state, issued = x, np.zeros(len(law.A)), np.zeros((count, k_dynos))
+    states, values = np.empty((count, len(x))), np.empty((count, len(system.sensors)))
     for k in range(count):
-        states[k] = x
-        readings = rows @ x if linear else motion.deviation_readings(x).full().ravel()[: len(rows)]  # type: ignore[union-attr]
-        issued[k], state = law.step(state, readings, known[k], unlimited)
-        x = motion.advance(x, drives[k : k + 2] if k + 1 < count else drives[[k, k]], issued, k)
+        states[k], after = x, drives[min(k + 1, count - 1)]
+        if beds is None:
+            readings = bed.readings[: len(law.sensors)] @ x
+            issued[k], state = law.step(state, readings, known[k], unlimited)
+            x = motion.advance(x, np.stack([drives[k], after]), issued, k)
+        else:
+            values[k] = beds.read(x[:, None], drives[k][:, None])[:, 0]
+            readings = np.append(beds.lagged(x[:, None])[:, 0], values[k, seen])
+            issued[k], state = law.step(state, readings, known[k], unlimited)
+            x = beds.advance(x[:, None], issued[k][:, None], drives[k][:, None], after[:, None])[:, 0]
         if k % 8 == 0:
             _check(x[None], k * step)
     _check(states, count * step)
-    n = len(motion.start) - 2 * k_dynos
-    added = states[:, n : n + k_dynos] - motion.start[n : n + k_dynos]  # to the torques of the operating point
-    every = np.zeros((count, len(parts.rig.space.inputs)))
-    for i, name in enumerate(parts.rig.space.inputs):
-        every[:, i] = drives[:, parts.drives.index(name)] if name in parts.drives else 0.0
-    for j, dyno in enumerate(parts.dynamometers):
-        every[:, parts.rig.space.inputs.index(dyno.torque_input)] = added[:, j]
-    free: LinearMotion | NonlinearMotion | None = None if linear else NonlinearMotion(None, parts.rig.system, step)
-    traces = _readings(parts.rig.system, parts, parts.rig, free, states[:, :n], every)
-    held = torques_of(parts.rig.system)
-    turning = operating_readings(parts.rig.system)
+    n = len(start) - 2 * k_dynos
+    added = states[:, n : n + k_dynos] - start[n : n + k_dynos]  # to the torques of the operating point
+    if beds is None:
+        inputs = parts.rig.space.inputs
+        applied = dict(zip(parts.drives, drives.T, strict=True))
+        applied |= {dyno.torque_input: added[:, j] for j, dyno in enumerate(parts.dynamometers)}
+        of_body = _of_body(parts.rig, states[:, :n], torque_columns(applied, inputs, count))
+        traces = _traces(system, parts, *of_body)
+    else:
+        traces = _traces(system, parts, values, *beds.twists(states))
+    held = torques_of(system)
+    turning = operating_readings(system)
     for j, dyno in enumerate(parts.dynamometers):
         place, torque = f"dynamometers.{dyno.name}", added[:, j] + held[dyno.torque_input]
         speed = traces[dyno.speed_sensor] + turning[dyno.speed_sensor]
@@ -198,29 +211,20 @@ def matched_motion(parts: LinearBed, torques: Mapping[str, np.ndarray]) -> dict[
     return traces
 
 
-def _readings(
-    system: System,
-    parts: LinearBed,
-    linear_body: Body | None,
-    motion: LinearMotion | NonlinearMotion | None,
-    states: np.ndarray,
-    inputs: np.ndarray,
+def _of_body(
+    linear_body: Body, states: np.ndarray, inputs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Readings (t, y), twists (t, s) and names of the springs from states (t, x) and inputs (t, u)."""
+    values = states @ linear_body.space.C.T + inputs @ linear_body.space.D.T
+    return values, states @ linear_body.twists.T, linear_body.springs
+
+
+def _traces(
+    system: System, parts: LinearBed, values: np.ndarray, twists: np.ndarray, springs: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
-    """Traces by name from states (t, x) and inputs (t, u) of a system."""
-    names = [sensor.name for sensor in system.sensors]
-    if isinstance(motion, NonlinearMotion):
-        time = parts.case.loop["sample_time"] * np.arange(len(states))
-        steady = motion.start + np.outer(time, motion.drift)
-        read = motion.readings.map(len(states))
-        values = np.array(read(states.T, inputs.T)).T - np.array(read(steady.T, 0 * inputs.T)).T
-        twists = (states - steady) @ motion.twists.T
-        springs = elements(compiled(system), compiled(system).p0[None]).springs
-    else:
-        assert linear_body is not None
-        values = states @ linear_body.space.C.T + inputs @ linear_body.space.D.T
-        twists, springs = states @ linear_body.twists.T, linear_body.springs
-    by_name = dict(zip(names, values.T, strict=True))
-    traces = {sensor.name: by_name[sensor.name] for sensor in system.sensors if not sensor.name.startswith("verified_")}
+    """Traces by name from readings (t, y) and twists (t, s) of a system."""
+    by_name = dict(zip([sensor.name for sensor in system.sensors], values.T, strict=True))
+    traces = {name: values for name, values in by_name.items() if not name.startswith("verified_")}
     for shaft in system.shafts:
         traces[f"shafts.{shaft.name}.torque"] = by_name[shaft_torque(shaft.name)]
         if f"shafts.{shaft.name}" in springs:
@@ -516,7 +520,10 @@ def pencil(signals: np.ndarray, step: float) -> Poles:
     windows = np.lib.stride_tricks.sliding_window_view(y, rows + 1, axis=0)
     windows = windows[:: max(1, windows.shape[0] * y.shape[1] // INSTANTS)]
     hankel = windows.transpose(2, 0, 1).reshape(rows + 1, -1)
-    left, sizes, _ = np.linalg.svd(hankel, full_matrices=False)
+    triangle = np.asarray(
+        np.linalg.qr(hankel.T, mode="r")
+    )  # has the left singular vectors in half the time: no right ones
+    left, sizes, _ = np.linalg.svd(triangle.T, full_matrices=False)
     order = _order(sizes, hankel.shape)
     base = left[:, :order]
     z = np.linalg.eigvals(np.linalg.lstsq(base[:-1], base[1:], rcond=None)[0])

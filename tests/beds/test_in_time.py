@@ -19,7 +19,6 @@ from matching.match.in_time import (
     BedRun,
     Imperfection,
     PoorSensors,
-    _refine_friction,
     acting,
     bed_motions,
     imperfections,
@@ -30,7 +29,7 @@ from matching.match.in_time import (
     truth_of,
     vehicle_motions,
 )
-from matching.match.loop import control_law, linear_bed
+from matching.match.loop import _refine_friction, control_law, linear_bed
 from matching.match.match import match
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED

@@ -1,11 +1,13 @@
 """What matches reach over dead times, drawn and neighbouring cases and seeds: `python -m tests.benchmarks.matches`.
 
 Parts, of which any may be named: ``contributions`` (with dead times in ms, 1 3 5 8 12 unless given), ``orders``,
-``neighbours``, ``seeds``. Each prints a row as soon as it is there; all of them take about an hour of one core.
+``neighbours``, ``seeds`` (with how many: 20, 12, 10 unless given). Each prints a row as
+soon as it is there; all of them take about an hour of one core.
 """
 
 import sys
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -106,10 +108,10 @@ def contributions(dead_times: Sequence[float], rows: Sequence[Sequence[str]] = R
                 print(text, flush=True)
 
 
-def orders() -> None:
-    """Planned against ordered over 20 drawn cases, every structure, on beds that neither search nor order saw."""
+def orders(count: int = 20) -> None:
+    """Planned against ordered over drawn cases, every structure, on beds that neither search nor order saw."""
     worse = 0
-    for seed in range(20):
+    for seed in range(count):
         with TemporaryDirectory() as place:
             case = load_case(draw(seed, Path(place)))
         if seed % 3 == 2:
@@ -155,9 +157,9 @@ def starter() -> Case:
         return load_case(Path(place) / "new" / "case.toml")
 
 
-def neighbours() -> None:
-    """Delivered errors over 12 flange stiffnesses of the starter case, against a parabola in logarithms."""
-    case, stiffness, errors = starter(), np.geomspace(2e5, 8e5, 12), []
+def neighbours(count: int = 12) -> None:
+    """Delivered errors over flange stiffnesses of the starter case, against a parabola in logarithms."""
+    case, stiffness, errors = starter(), np.geomspace(2e5, 8e5, count), []
     for value in stiffness:
         moves = tuple(move for move in case.moves if not move.name.startswith("rig."))
         one = solved(apply(replace(case, moves=moves), {"rig.shafts.flange.stiffness": float(value)}))
@@ -169,11 +171,11 @@ def neighbours() -> None:
     print("off the curve:", ", ".join(f"{value:+.1%}" for value in off), flush=True)
 
 
-def seeds() -> None:
-    """Ten seeds of the beds that decide on the order of the starter case; errors on the same other beds."""
-    case, errors = starter(), []
-    for seed in range(10):
-        one = solved(case)
+def seeds(count: int = 10) -> None:
+    """Seeds of the beds that decide on the order of the starter case; errors on the same other beds."""
+    begun, errors = solved(starter()), []
+    for seed in range(count):
+        one = deepcopy(begun)  # an order has the search see further beds
         x = ordered(one.search, one.found, Fresh(SearchSettings().fresh, seed)).x
         judged = Fresh(FRESH, OTHER_SEED).delivered(one.search, end_at(one.search, x))
         errors.append(judged.error)
@@ -190,4 +192,4 @@ if __name__ == "__main__":
         if name == "contributions":
             contributions(given or DEAD_TIMES_MS)
         elif name in COMMANDS:
-            COMMANDS[name]()
+            COMMANDS[name](*(int(number) for number in given[:1]))
