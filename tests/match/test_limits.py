@@ -13,7 +13,10 @@ from matching.match.case import Target, demands
 from matching.match.case_file import load_case
 from matching.match.match import match
 from matching.match.problem import infeasible_limits
+from matching.match.search import SearchSettings
 from modelling.bed.controllers import STRUCTURES
+
+FEW = SearchSettings(drawn=8, pool=32, rounds=2, blind=16, fresh=40)  # what binds does not depend on more beds
 
 
 def with_loop(case, structure, **values):
@@ -27,7 +30,7 @@ def small(tmp_path):
 
 
 def test_dead_time_of_20_ms_with_feedback_alone(small):
-    result = match(with_loop(small, "pi", dead_time=0.02), starts=1)
+    result = match(with_loop(small, "pi", dead_time=0.02), starts=1, settings=FEW)
     assert result.status == "limited"
     told = " ".join(result.limits)
     angle = 360 * 0.02 * result.targets[0].vehicle
@@ -42,7 +45,7 @@ def test_bounds_out_of_reach(small):
     body = next(move for move in small.moves if "body" in move.name)
     gain = next(move for move in small.moves if "proportional" in move.name)
     moves = (replace(body, lower=1.0, upper=2.0, start=1.5), replace(gain, lower=1.0, upper=2.0, start=1.0))
-    result = match(replace(with_loop(small, "pi"), moves=moves), starts=1)
+    result = match(replace(with_loop(small, "pi"), moves=moves), starts=1, settings=FEW)
     assert result.status == "limited"
     assert f"({result.targets[0].vehicle:.3f} Hz" in " ".join(result.limits)
 
@@ -52,7 +55,7 @@ def too_small(tmp_path_factory):
     """A case whose dynamometer has a tenth of the torque that it needs, and its match."""
     small = load_case(drawn.draw(2, tmp_path_factory.mktemp("too_small")))
     case = replace(small, limits={**small.limits, "dynamometer_torque": 100.0})
-    return case, match(case, starts=1)
+    return case, match(case, starts=1, settings=FEW)
 
 
 def test_dynamometer_too_small(too_small):
