@@ -520,7 +520,10 @@ def pencil(signals: np.ndarray, step: float) -> Poles:
     windows = np.lib.stride_tricks.sliding_window_view(y, rows + 1, axis=0)
     windows = windows[:: max(1, windows.shape[0] * y.shape[1] // INSTANTS)]
     hankel = windows.transpose(2, 0, 1).reshape(rows + 1, -1)
-    left, sizes, _ = np.linalg.svd(hankel, full_matrices=False)
+    triangle = np.asarray(
+        np.linalg.qr(hankel.T, mode="r")
+    )  # has the left singular vectors in half the time: no right ones
+    left, sizes, _ = np.linalg.svd(triangle.T, full_matrices=False)
     order = _order(sizes, hankel.shape)
     base = left[:, :order]
     z = np.linalg.eigvals(np.linalg.lstsq(base[:-1], base[1:], rcond=None)[0])

@@ -89,7 +89,7 @@ def beds_figure(beds: BedsCheck, tolerance: float) -> Figure:
         axes.axvline(tolerance, color=LIMIT, linestyle=":", label="allowed as planned, unmeasured")
         axes.set(xlabel="Response error", ylabel="Share of stable beds, %", ylim=(0, 100))
         axes.set_xlim(left=0)
-        axes.legend(loc="lower right")
+        legend_above(fig, axes)
     return fig
 
 
@@ -111,7 +111,8 @@ def requirement_rows(robust: Verification) -> list[dict[str, str]]:
             ("least damping ratio of any mode on any bed", least, damping + less, beds.damped == beds.drawn),
         ]
     if beds.drawn and beds.worst is not None:
-        what = f"least damping ratio of the worst bed of the box (most by {', '.join(beds.worst.named[:2])})"
+        most = sentence([*map(component, beds.worst.named[:2])])
+        what = f"least damping ratio of the worst bed of the box (most by {most})"
         ratio = beds.worst.damping_ratio
         rows.append((what, number(ratio, 3), damping, ratio >= required.damping_ratio))
     rows += [
@@ -221,7 +222,7 @@ def sensitivity_figure(loop: SensitivityCurves) -> Figure:
         axes.set_ylim(max(1e-3, 0.5 * min(loop.S.min(), loop.T.min())), 3 * max(loop.S.max(), loop.T.max()))
         axes.set_xlabel("Frequency in Hz")
         axes.set_ylabel("Largest singular value")
-        axes.legend(fontsize=8, loc="lower left")
+        legend_above(fig, axes)
     return fig
 
 

@@ -41,10 +41,14 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Rows that share their keys; the note says how to read it."""
+    """Rows that share their keys; a column without any cell is left out; the note says how to read it."""
 
     rows: Sequence[Mapping[str, Any]]
     note: str = ""
+
+    def __post_init__(self) -> None:
+        heads = [head for head in self.rows[0] if any(str(row[head]) for row in self.rows)] if self.rows else []
+        object.__setattr__(self, "rows", [{head: row[head] for head in heads} for row in self.rows])
 
     @property
     def heads(self) -> list[str]:
