@@ -173,7 +173,9 @@ def contributions(
     given = fresh.delivered(search, end_at(search, search.begin()))
     rows = {"nothing": given}
     if any(of_controller):
-        rows["controller alone"] = fresh.delivered(search, found.gains_alone or found.controller_alone)
+        # judged again: the search has seen further beds since
+        alone = judged_again(search, found.gains_alone or found.controller_alone)
+        rows["controller alone"] = fresh.delivered(search, alone)
     return tuple(_contribution(moved, one) for moved, one in (rows | dict(further)).items())
 
 
