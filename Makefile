@@ -36,7 +36,7 @@ run: .venv/run.stamp  ## set up, then match the reference rig to its vehicle; th
 explore: .venv/explore.stamp  ## set up, then open the reference case in the browser
 	$(BIN)/rigmatch explore examples/road_to_rig/case.toml
 
-test: .venv/test.stamp  ## set up, then lint, types and all tests
+test: .venv/test.stamp  ## set up, then lint, types and the tests that take seconds
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 MANOEUVRES = ("BackOut", "DriveAway", "Step", "Sweep", "TipIn")
 __all__ = [
-    "BackOut", "DriveAway", "Step", "Sweep", "TipIn",
+    "BackOut", "DiagnosisSettings", "DriveAway", "Step", "Sweep", "TipIn",
     "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "load_result",
     "map", "match", "modes", "new", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty",
     "verify",
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         uncertainty,
         verify,
     )
+    from matching.diagnosis.settings import DiagnosisSettings
     from modelling.bed.manoeuvres import BackOut, DriveAway, Step, Sweep, TipIn
 
 PACKAGES = ("modelling", "matching")
@@ -100,7 +101,8 @@ def __getattr__(name: str) -> Any:
         from modelling.errors import VERSION
 
         return VERSION
-    return getattr(import_module("modelling.bed.manoeuvres" if name in MANOEUVRES else "matching.api"), name)
+    home = "matching.diagnosis.settings" if name == "DiagnosisSettings" else "matching.api"
+    return getattr(import_module("modelling.bed.manoeuvres" if name in MANOEUVRES else home), name)
 
 
 def __dir__() -> list[str]:

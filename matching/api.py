@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matching.bed.proof import Proof
     from matching.bed.verify import BedVerification
     from matching.diagnosis.result import Diagnosis
+    from matching.diagnosis.settings import DiagnosisSettings
     from matching.explore.page import Explorer
     from matching.fidelity import XilFidelity
     from matching.match.case import Case
@@ -404,6 +405,7 @@ def diagnose(
     model: System | File, recordings: Sequence[Recording | File] | Recording | File,
     holdout: Sequence[Recording | File] | Recording | File | None = None, *, channels: File | None = None,
     keep_rest: bool = False, time_limit: float | None = None, tell: Callable[[str], None] | None = None,
+    settings: DiagnosisSettings | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what a model lacks, from recordings: name the cause, extend the model, measure the gain.
 
@@ -429,6 +431,8 @@ def diagnose(
         depends on the speed of the machine.
     tell : callable, optional
         Is called with a line of text at every step.
+    settings : DiagnosisSettings, optional
+        The numbers by which causes are searched for and accepted.
 
     Returns
     -------
@@ -452,7 +456,7 @@ def diagnose(
     read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
     if time_limit is not None and not time_limit > 0:
         raise InputError("time_limit", f"{time_limit:g} s is out of range", "give a positive number of seconds")
-    return run(system, read, judge, tell or (lambda _: None), keep_rest, time_limit=time_limit)
+    return run(system, read, judge, tell or (lambda _: None), keep_rest, settings=settings, time_limit=time_limit)
 
 
 def uncertainty(
@@ -570,6 +574,11 @@ def explore(*files: File, out: File = "out/explore", port: int = 0, browser: boo
     ------
     InputError
         If a file cannot be read, or the packages of the explorer are not installed.
+
+    Examples
+    --------
+    >>> explorer = rm.explore("examples/road_to_rig/case.toml")  # doctest: +SKIP
+    >>> explorer.stop()  # doctest: +SKIP
     """
     from matching.explore.files import opened, required_packages, starter
 
@@ -660,6 +669,11 @@ def excite(
     ------
     InputError
         If the case lacks limits, nothing is uncertain, or a wish cannot be met.
+
+    Examples
+    --------
+    >>> plan = rm.excite("out/road_to_rig")  # doctest: +SKIP
+    >>> plan.error_after  # doctest: +SKIP
     """
     from matching.bed.excite import plan_excitation, steady_speed
     from matching.bed.proof import plan_proof
@@ -715,6 +729,11 @@ def identify(
     -------
     FromRecordings
         The case, and what was diagnosed of bed and vehicle.
+
+    Examples
+    --------
+    >>> known = rm.identify("case.toml", vehicle=["road.csv"], bed=["bed.csv"])  # doctest: +SKIP
+    >>> rm.match(known.case).status  # doctest: +SKIP
     """
     from matching.bed.identify import identify as run
 
@@ -744,6 +763,11 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
     -------
     BedVerification
         Response errors with uncertainties, modes and fidelity of the bed, each beside its prediction.
+
+    Examples
+    --------
+    >>> judged = rm.verify("out/road_to_rig", "bed_1.csv", "bed_2.csv")  # doctest: +SKIP
+    >>> judged.status  # doctest: +SKIP
     """
     from matching.bed.verify import judge, read_recordings
     from modelling.recordings.read import read_channels
@@ -795,6 +819,11 @@ def commission(
     -------
     Commissioning
         What each round found, and why it ended or what it waits for.
+
+    Examples
+    --------
+    >>> result = rm.commission("case.toml", "bed.fmu", "out/commission")  # doctest: +SKIP
+    >>> result.status  # doctest: +SKIP
     """
     from matching.bed.commission import Circle, CommissionOrder
     from modelling.resources import cores

@@ -15,7 +15,7 @@ from typing import Any
 
 from modelling.errors import InputError
 
-NOT_TYPED = ("Callable", "Executor")  # parameters of these types exist in Python only
+NOT_TYPED = ("Callable", "Executor", "Settings")  # parameters of these types exist in Python only
 FROM_ZERO = ("seed", "port")  # whole numbers that may be 0; all others count from 1
 SHORT = {"draws": "-n"}  # one-letter names that scripts rely on
 OPTIONS = {"added": "tolerance"}  # options whose name differs from the parameter's

@@ -102,7 +102,7 @@ def _by_recording_and_time(model: ModelResiduals) -> tuple[np.ndarray, np.ndarra
 DRIVABILITY_HZ = 30.0  # f_max of the paper's manoeuvres
 SHARE_OF_SAMPLING = 0.25  # f_max at most, of the sampling frequency
 LONGEST_DELAY = 0.25  # s between measurement and simulation that is looked for
-SHORT_GAP = 0.02  # s without a reading that is bridged by a straight line
+SHORT_GAP = 0.02  # s without a reading, which an assessment on an even time axis bridges by a straight line
 FEWEST_SAMPLES_OF_FIDELITY = 64  # of a part without a longer gap
 SMALLEST_RANGE = 4.0  # times the noise: a sensor that moves less says nothing about the dynamics
 DRAWS = 5_000  # of the Monte Carlo for the uncertainty of the fidelity

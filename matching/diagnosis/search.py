@@ -38,7 +38,7 @@ from matching.diagnosis.windows import fit_from_windows
 from modelling.effects import EFFECTS
 from modelling.system import System
 
-FAR_FROM_NOISE = 10.0  # times the noise, root mean square: of no friction that turns too smoothly alone (trial)
+SMOOTH_FRICTION = 10.0  # times the noise, root mean square: friction that turns too smoothly leaves less (trial)
 SIDE_BY_SIDE = 4  # models that are compiled at once
 Progress = Callable[[str], None]  # is given the name of each step
 
@@ -404,7 +404,7 @@ def with_sharpest_friction(hypothesis: Hypothesis) -> Hypothesis:
     if at_noise(hypothesis):
         return hypothesis
     sharper = replace(hypothesis, fit=with_sharper_friction(hypothesis.fit, FINAL_STEPS))
-    if at_noise(sharper) or sharper.misfit > FAR_FROM_NOISE:
+    if at_noise(sharper) or sharper.misfit > SMOOTH_FRICTION:
         return sharper
     return replace(sharper, fit=with_sharper_friction(sharper.fit, MOST_STEPS_A_SAMPLE))
 

@@ -1,4 +1,4 @@
-"""Every number that a diagnosis decides by, with unit, meaning and origin."""
+"""The numbers by which a diagnosis searches for causes and accepts them, with unit, meaning and origin."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DiagnosisSettings:
-    """What a diagnosis decides by. "Trial": chosen on recordings that do not judge it (tests/campaign, seed 9311).
+    """What a diagnosis searches and accepts by. "Trial": chosen on recordings that do not judge it (tests/campaign,
+    seeds 9311 and 2611).
 
     Attributes
     ----------

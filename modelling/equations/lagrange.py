@@ -421,24 +421,26 @@ class Assembly:
             shaft_law.close(law, self)
             for loss in law.losses:
                 self.add_torque(law.place, -loss(law.torque), second)
-        for part in system.inertias:
-            place, motion = f"inertias.{part.name}", self.motions[part.name]
-            self.add_inertia(place, self.symbol(f"{place}.J"), motion)
-            self.dissipation[place] = self.symbol(f"{place}.drag") * motion.speed**2 / 2
         for source in system.inputs:
             place = f"inputs.{source.name}"
             path = self.inputs[source.name] = InputPath(place, sm.Symbol(f"u({source.name})", real=True), sm.Integer(0))
             for kind, p in by_place.get(place, ()):
                 kind.input(path, p, self)
-            motion, imposing = self.motions[source.on], system.imposed_by.get(source.name)
+        for part in system.inertias:
+            place, motion = f"inertias.{part.name}", self.motions[part.name]
+            self.add_inertia(place, self.symbol(f"{place}.J"), motion)
+            self.dissipation[place] = self.symbol(f"{place}.drag") * motion.speed**2 / 2
+            acting = [name for name in by_place if members(name)[0] == place]
+            for name in acting:
+                for kind, p in by_place[name]:
+                    kind.inertia(motion, p, self, name)
+        for source in system.inputs:
+            path, motion = self.inputs[source.name], self.motions[source.on]
+            imposing = system.imposed_by.get(source.name)
             if imposing is None:
-                self.add_torque(place, path.value, motion)
+                self.add_torque(path.place, path.value, motion)
             else:
                 imposing.imposed_input(path, system.input_quantities[source.name], motion, self)
-        for part in system.inertias:  # friction may grow with the torque of inputs
-            for name in [name for name in by_place if members(name)[0] == f"inertias.{part.name}"]:
-                for kind, p in by_place[name]:
-                    kind.inertia(self.motions[part.name], p, self, name)
         self._close_gears(by_place)
         for reading in system.sensors:
             place = f"sensors.{reading.name}"
