@@ -271,9 +271,8 @@ def torque_sizes(case: Case, bed: WatchedBed, scale: float) -> dict[str, float]:
 #
 # The weights that estimate a lost torque are those of the least variance (a linearly constrained filter, Frost, 1972)
 # over what else moves the readings: noise and encoders, torques at the rig's inputs that step unmeasured or late,
-# torques
-# of the road, on beds drawn from the box of the case. What these reach at most sets the torque from which on a shaft is
-# judged.
+# torques of the road, on beds drawn from the box of the case. What these reach at most sets the torque from which on a
+# shaft is judged.
 
 DRAWN_BEDS = 8
 NOISE_DEVIATIONS = 6.0  # standard deviations of the estimate that noise may reach

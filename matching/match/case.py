@@ -332,8 +332,7 @@ def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[
 # If the rig reproduces the vehicle's response, the cut shafts carry the vehicle's torques and their ends turn as the
 # vehicle's do. Behind the cut stands a chain of adapters and the rotor: each of its shafts carries the interface torque
 # less what the inertias before it and their drag take, the dynamometer what is left. Torques and speeds are absolute:
-# the
-# vehicle begins at its operating point, at standstill without one.
+# the vehicle begins at its operating point, at standstill without one.
 
 
 @dataclass(frozen=True)
@@ -647,8 +646,7 @@ def apply(case: Case, values: Mapping[str, float]) -> Case:
 #
 # Shares are the modal sensitivity coefficients of the paper's Eqs. 6 and 7, summed over mirror images. Quantities of
 # the residual vehicle are judged by the vehicle's target modes, adapters and rotors by the rig mode of the same
-# symmetry
-# that is most like the target on what both share, ratios and the loop's own quantities always move.
+# symmetry that is most like the target on what both share, ratios and the loop's own quantities always move.
 
 LEAST_SHARE_TO_MOVE = 0.01  # of a target mode's energy: with less a quantity is fixed, not identified accurately
 

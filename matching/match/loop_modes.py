@@ -27,11 +27,9 @@ from modelling.system import System
 # --- What the residual vehicle of a bed reads while the bed runs: the vehicle's own sensors on the emulated side.
 #
 # The residual vehicle turns on the torque that the bed measures at each flange, lag included, and on the road torques
-# of
-# the manoeuvre. In the structure ``pi`` that is the model in the loop, as tuned. A model-based feed-forward
-# keeps the vehicle's own values, so there, and on the rig without control whose residual vehicle has no effect, it is
-# the
-# one cut out of the vehicle. Its sensors are compared with the vehicle's for R_RVM (Eq. 21).
+# of the manoeuvre. In the structure ``pi`` that is the model in the loop, as tuned. A model-based feed-forward keeps
+# the vehicle's own values, so there, and on the rig without control whose residual vehicle has no effect, it is the one
+# cut out of the vehicle. Its sensors are compared with the vehicle's for R_RVM (Eq. 21).
 
 PLACE = "residual_vehicle."
 

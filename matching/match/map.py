@@ -318,17 +318,14 @@ def _finite(value: float | None) -> float | None:
 
 # --- Points of a map improved from their neighbours, so that it is smooth where the truth is.
 #
-# Single matches end in local optima now and then. In every pass each point is solved again from the solutions of
-# those of
-# its four neighbours that changed in the pass before (in the first one: of all), and the better end is kept, until a
+# Single matches end in local optima now and then. In every pass each point is solved again from the solutions of those
+# of its four neighbours that changed in the pass before (in the first one: of all), and the better end is kept, until a
 # pass changes nothing. A pass depends on the results of the one before alone, so the order in which points end does not
 # matter, and each task states all that its result depends on, so a map that was stopped goes on. It ends: a point
-# changes
-# only for the better, by more than half a percent of its objective.
+# changes only for the better, by more than half a percent of its objective.
 #
-# What it does not do: where the margin is missed between the frequencies of the optimiser's grid, each end is
-# repaired by
-# itself and may come out a few percent apart from its neighbours, which no start from them then mends.
+# What it does not do: where the margin is missed between the frequencies of the optimiser's grid, each end is repaired
+# by itself and may come out a few percent apart from its neighbours, which no start from them then mends.
 
 PointTask = dict[str, Any]
 Place = tuple[int, int]

@@ -82,9 +82,8 @@ def torque_columns(torques: Mapping[str, np.ndarray], names: Sequence[str], coun
 # control.
 #
 # The controller runs at the loop's sample time. The dead time is counted from a sample to the middle of what its
-# command
-# does: the hold lags half a sample, so the delay line is half a sample shorter than the dead time (not below 0).
-# Torques of the manoeuvre vary linearly between samples, for vehicle and rig alike.
+# command does: the hold lags half a sample, so the delay line is half a sample shorter than the dead time (not below
+# 0). Torques of the manoeuvre vary linearly between samples, for vehicle and rig alike.
 
 TOO_LARGE = 1e9  # a state beyond this has left every bed
 
@@ -454,10 +453,9 @@ def _excess(violation: Violation) -> float:
 # --- Frequency and damping of ringing, read off sampled signals by the matrix pencil, no frequency assumed.
 #
 # Several signals that ring together share their poles, so their Hankel matrices stand side by side (Hua and Sarkar,
-# IEEE
-# Trans. Acoust. Speech Signal Process. 38 (1990) 814; the many-signal form as in the eigensystem realisation algorithm,
-# Juang and Pappa, J. Guidance 8 (1985) 620). The number of poles follows from the singular values by the threshold for
-# unknown noise of Gavish and Donoho, IEEE Trans. Inf. Theory 60 (2014) 5040.
+# IEEE Trans. Acoust. Speech Signal Process. 38 (1990) 814; the many-signal form as in the eigensystem realisation
+# algorithm, Juang and Pappa, J. Guidance 8 (1985) 620). The number of poles follows from the singular values by the
+# threshold for unknown noise of Gavish and Donoho, IEEE Trans. Inf. Theory 60 (2014) 5040.
 
 MOST_POLES = 40  # poles
 WINDOW = 200  # samples that a row of the Hankel matrix lags behind the first, at most

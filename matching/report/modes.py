@@ -25,8 +25,7 @@ from modelling.modal.result import Mode, Modes
 # --- A mode as a moving drawing: every inertia a disc whose pointer swings by its amplitude in the mode shape, slowed.
 #
 # The drawing is an SVG with SMIL animation: no script, no other file; printed, it shows the pointers at rest. In a
-# damped
-# mode each pointer leads the one with the largest amplitude by its phase. The decay is not drawn.
+# damped mode each pointer leads the one with the largest amplitude by its phase. The decay is not drawn.
 
 LARGEST_SWING_DEG = 70.0  # of the pointer with the largest amplitude
 PERIOD_S = 2.0  # of the drawing, whatever the mode's frequency

@@ -161,10 +161,9 @@ class PI(ControlStructure):
 # --- Model-based feed-forward of measured torques, and the feedback of ``pi`` for everything else.
 #
 # A model of rig and vehicle runs in the controller on the measured torques, is predicted across the dead time, and
-# commands what makes its interface follow the vehicle (:mod:`modelling.bed.controllers`). The feedback acts on
-# what the measurements deviate from that model by, so its poles, margins and its response to unmeasured torques are
-# those
-# of ``pi``.
+# commands what makes its interface follow the vehicle (:mod:`modelling.bed.controllers`). The feedback acts on what the
+# measurements deviate from that model by, so its poles, margins and its response to unmeasured torques are those of
+# ``pi``.
 
 
 @dataclass(frozen=True)

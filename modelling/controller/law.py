@@ -173,12 +173,10 @@ def law_of_observer(controller: ObserverController) -> ControlLaw:
 #
 # What an opened shaft, or a clutch in it, does to the readings over the first samples is as large as the torque that it
 # carried. Weights on what the readings of the last samples are off from what the controller's model expects estimate
-# the
-# torque that was lost; the flange torques before these samples state what the shaft carried. An opened shaft has lost
-# all
-# of it; noise and driving torques that are not as measured seem to take a small share of it, or none. A lash that is
-# crossed is an opened shaft for that time, but of a shaft whose torque has just changed its sign: so only shafts that
-# have carried a torque for a while are judged.
+# the torque that was lost; the flange torques before these samples state what the shaft carried. An opened shaft has
+# lost all of it; noise and driving torques that are not as measured seem to take a small share of it, or none. A lash
+# that is crossed is an opened shaft for that time, but of a shaft whose torque has just changed its sign: so only
+# shafts that have carried a torque for a while are judged.
 
 WATCHED_SAMPLES = 5  # within which an opened shaft is to be noticed
 IN_A_ROW = 2  # of these samples, so that a single wrong reading does not count
@@ -369,12 +367,10 @@ def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.nd
 # --- The controller with its supervision, sample by sample, in Python: what the C sources have to equal.
 #
 # Three modes: zero torque, speed hold and emulation. Emulation begins from the readings, torques and commands of its
-# first sample, so it begins without a bump at any steady speed. What goes wrong ends it: readings that are not
-# finite, do
-# not come or do not change, a rotor too fast, a torque that is gone at once, a shaft that opens, or readings that are
-# not what the controller's model expects. Then the speeds are held, or, where they are not known any more, the torque
-# is
-# zero, until zero torque is asked for.
+# first sample, so it begins without a bump at any steady speed. What goes wrong ends it: readings that are not finite,
+# do not come or do not change, a rotor too fast, a torque that is gone at once, a shaft that opens, or readings that
+# are not what the controller's model expects. Then the speeds are held, or, where they are not known any more, the
+# torque is zero, until zero torque is asked for.
 
 
 @dataclass(frozen=True)
