@@ -960,10 +960,11 @@ def tolerance(
 ) -> Tolerance:  # fmt: skip
     """Spread of margin, modes and response errors of a match over tolerances of the bed.
 
-    Draws the rig's quantities from the ranges in its file and from those added, keeps the controller as it is, and
-    states the yield and which quantities cause the spread. The start values under [move] are taken as tuned. The
-    command writes tolerance.json, report.html and tolerance.svg; finished parts are kept in tolerance.partial.jsonl
-    until the end: a study that was stopped continues from them.
+    Draws the rig's quantities from the ranges in its file and from those added, without any from those that the case
+    states under [uncertainty]. The controller stays as it is; start values under [move] are taken as tuned. The answer
+    states the yield and which quantities cause the spread. The command writes tolerance.json, report.html and
+    tolerance.svg; finished parts are kept in tolerance.partial.jsonl until the end: a study that was stopped continues
+    from them.
 
     Parameters
     ----------

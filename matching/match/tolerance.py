@@ -338,7 +338,8 @@ class Tolerance(Displayed):
 
 
 def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Varied, ...]:
-    """What varies: quantities of the rig with a range, and ``added`` ones by their relative tolerance."""
+    """What varies: quantities of the rig with a range, and ``added`` ones by their relative tolerance; without any, what
+    the case says of rig and loop under ``[uncertainty]``."""
     known = {f"rig.{name}": (parameter.value, case.rig.units[name]) for name, parameter in case.rig.parameters.items()}
     every = movable(case.rig, case.residual_vehicle, case.loop)
     known |= {name: (place.start, place.unit) for name, place in every.items() if not name.startswith("rig.")}
@@ -356,6 +357,10 @@ def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Var
         if not 0 < share < 1 or value == 0:
             raise InputError("--tolerance", f"{name} = {value:g} cannot vary by {share:g}", "give 0 < SHARE < 1")
         varied[name] = Varied(name, value, value - share * abs(value), value + share * abs(value), unit)
+    for one in () if varied else case.uncertainty.uncertain:
+        if one.name in known and one.half_width > 0:
+            low, high = one.value - one.half_width, one.value + one.half_width
+            varied[one.name] = Varied(one.name, one.value, low, high, known[one.name][1])
     if not varied:
         right = 'write { value = …, tolerance = 0.05 } in the rig file, or add --tolerance "rig.*.stiffness=0.05"'
         raise InputError(case.path, "no quantity of the rig has a tolerance", right)

@@ -56,6 +56,16 @@ def prepared(case):
     return Prepared((own, varied_of(own, ADDED), 5))
 
 
+def test_without_a_tolerance_what_is_uncertain_of_rig_and_loop_varies():
+    """Of the reference with an observer: 5 % of inertias and stiffnesses, 0.5 ms of 3 ms of dead time."""
+    varied = {one.name: one for one in varied_of(load_case(REFERENCE.with_name("observer.toml")))}
+    assert (varied["loop.dead_time"].lower, varied["loop.dead_time"].upper) == pytest.approx((0.0025, 0.0035))
+    flange = varied["rig.shafts.flange_left.stiffness"]
+    assert flange.upper / flange.value == pytest.approx(1.05)
+    assert all(name.startswith(("rig.", "loop.")) for name in varied)
+    assert set(varied_of(load_case(REFERENCE), {"loop.dead_time": 0.1})) == {"loop.dead_time"}
+
+
 def test_draws_against_the_verification_of_each(case, prepared):
     """Dead time, lags and inertias drawn: each draw is a bed of its own, verified as a match verifies it."""
     x = draw(prepared.varied, 5, 0, 4)
