@@ -338,8 +338,8 @@ class Tolerance(Displayed):
 
 
 def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Varied, ...]:
-    """What varies: quantities of the rig with a range, and ``added`` ones by their relative tolerance; without any, what
-    the case says of rig and loop under ``[uncertainty]``."""
+    """What varies: quantities of the rig with a range, and ``added`` ones by their relative tolerance; without any of
+    these, what the case says of rig and loop under ``[uncertainty]``."""
     known = {f"rig.{name}": (parameter.value, case.rig.units[name]) for name, parameter in case.rig.parameters.items()}
     every = movable(case.rig, case.residual_vehicle, case.loop)
     known |= {name: (place.start, place.unit) for name, place in every.items() if not name.startswith("rig.")}
