@@ -164,7 +164,8 @@ def _search_and_rate(
     progress("final fit")
     state.best = simplified(final_fit(state.best))
     _leave_out(state, unseen)
-    if state.best.causes and not unseen.keeps(state.best, state.base):
+    # Beside an error of the model a sensor may lose what the base model had fitted of that: all together decide.
+    if state.best.causes and not unseen.keeps(state.best, state.base, by_sensor=False):
         state.best, state.rivals = state.base, []
     if not state.best.causes:
         state.base = state.best
