@@ -118,7 +118,8 @@ RESULTS = {
     "wrong_inertia": lambda folder: diagnosed(folder, load=1.25),
     "fmu": exported,
 }
-LONG = {"observer_5_ms", "two_lashes_at_rest"}  # together more than half a minute
+# Each a match of the reference; one with feed-forward and one with an observer are matched in every run (tests/match).
+LONG = {"model_based", "observer_5_ms", "observer_8_ms", "pi", "two_lashes_at_rest"}
 
 
 @pytest.mark.parametrize("of", [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in RESULTS])
