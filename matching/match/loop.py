@@ -492,7 +492,7 @@ def responses_of(
 
 
 def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, ...]:
-    """A, B, C and torques with ``longest`` commands on their way as further states."""
+    """A, B, C and torques of a bed whose ``longest`` delayed commands are further states."""
     x, k, delay = len(bed.A), bed.commands.shape[1], bed.sampled.delay
     A, B = np.zeros((x + k * longest,) * 2), np.zeros((x + k * longest, k))
     A[:x, :x] = bed.sampled.whole

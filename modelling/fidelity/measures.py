@@ -444,8 +444,7 @@ def assess_signal(
 # Without it the fidelities of two test beds cannot be compared. Each draw is one repetition of the measurement:
 #
 # - The mean square deviation of a signal under white noise of standard deviation σ in each of its t samples is σ²/t
-# times
-#   a noncentral χ² with t degrees of freedom, exactly. The noncentrality is the deviation without noise.
+#   times a noncentral χ² with t degrees of freedom, exactly. The noncentrality is the deviation without noise.
 # - The sensor's U is mostly systematic: one offset with u = U/k for each draw and signal, the same for all its samples.
 # - The extremes of the reference carry the noise of one sample each.
 # - Delays are normal with their standard uncertainty. Where the delay is undetermined, R_τ is drawn uniformly between 0

@@ -41,11 +41,13 @@ from modelling.units import LARGEST, factor, signal_unit, to_si
 
 # --- What channels are called in measurement files: a small file that maps them to a model's names.
 #
-# [channels] motor_torque = "T_EM_actual"                                  # name in the model = name in the measurement
+# [channels]
+# motor_torque = "T_EM_actual"                                  # name in the model = name in the measurement
 # motor_speed = { channel = "n_EM", unit = "1/min" }            # a unit where the file has none, or a wrong one
-# flange_torque = { channel = "M_dyno", sign = -1 }             # positive in the other direction load_speed = { channel
-# = "n_load", group = 3, factor = 1.02 } # of an MDF: the group; times a factor time = "t" motor_angle = { channel =
-# "phi", period = 360 }               # starts anew after so much, in the file's unit
+# flange_torque = { channel = "M_dyno", sign = -1 }             # positive in the other direction
+# load_speed = { channel = "n_load", group = 3, factor = 1.02 } # of an MDF: the group; times a factor
+# time = "t"
+# motor_angle = { channel = "phi", period = 360 }               # starts anew after so much, in the file's unit
 #
 # Above [channels] may stand ``header = 3``, the line of a table's header, and ``sampling_rate = 1000`` (Hz) of a file
 # without a column of time.

@@ -67,7 +67,7 @@ def test_a_long_curve_keeps_its_peaks_and_gaps():
 
 @pytest.mark.parametrize("width", [1366, 400])
 def test_a_browser_reads_values_and_zooms(width, tmp_path):
-    """A curve y = x² on logarithmic axes: what is told lies on it, before and after the zoom to 10 … 100."""
+    """A curve y = x² on logarithmic axes: the values shown lie on it, before and after the zoom to 10 … 100."""
     from explore.browser import browser_path
 
     path = browser_path()
