@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from PIL import Image
+from site_pages.gallery import OF_THE_REFERENCE
 
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = ROOT / "examples" / "road_to_rig"
@@ -41,7 +42,7 @@ def gallery() -> dict[str, Callable[[], Any]]:
 
     examples, drawn = ROOT / "examples", ("case.toml", "model.toml", "planetary_gear.toml")
     files = {path.parent.name: path for name in reversed(drawn) for path in examples.glob(f"*/{name}")}
-    shown = {name: lambda path=path: rm.show(path) for name, path in files.items()}
+    shown = {name: lambda path=path: rm.show(path) for name, path in files.items() if name not in OF_THE_REFERENCE}
     return shown | {
         "fidelity": lambda: rm.fidelity(examples / "fidelity" / "tab2.toml").plot(),
         "sensors": lambda: rm.uncertainty(examples / "sensors" / "torque_M2.toml", draws=10_000).plot(),

@@ -17,6 +17,7 @@ Examples to start from, and notebooks to read: each card leads to its page. The 
 ::::{grid} 1 2 2 3
 :gutter: 3
 """
+OF_THE_REFERENCE = ("adapter_only", "fixed_controller", "simple_vehicle")  # examples with the drivetrain of road_to_rig
 
 
 def gallery_pages() -> dict[str, str | bytes]:
@@ -26,8 +27,8 @@ def gallery_pages() -> dict[str, str | bytes]:
     for readme in sorted((ROOT / "examples").glob("*/README.md")):
         name = readme.parent.name
         pages[f"example_{name}.md"] = text = _moved(readme.read_text(encoding="utf-8"), readme.parent)
-        picture = PICTURES / f"{name}.svg"
-        cards.append(_card(f"example_{name}", text, f"../gallery/{name}.svg" if picture.exists() else ""))
+        shown = f"{'road_to_rig' if name in OF_THE_REFERENCE else name}.svg"
+        cards.append(_card(f"example_{name}", text, f"../gallery/{shown}" if (PICTURES / shown).exists() else ""))
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
         text, pictures = _notebook(path)
         pages[f"notebook_{path.stem}.md"] = _moved(text, path.parent)
