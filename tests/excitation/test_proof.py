@@ -8,7 +8,7 @@ import pytest
 from matching.bed.excite import controlled_beds, recorded_bed
 from matching.bed.proof import PROOF, plan_proof
 from matching.export import exported_controller
-from matching.match.loop import of_observer
+from matching.match.loop import without_limits
 from matching.match.responses import ComparedBed
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
@@ -45,7 +45,7 @@ def test_responses_are_those_that_the_prediction_compares(limited_case, controll
     observer = limited_case.loop.structure.observer(
         limited_case.rig, cut(limited_case.vehicle, limited_case.rig), limited_case.loop
     )
-    wanted = ComparedBed(limited_case, controller=of_observer(observer)).at(frequencies)
+    wanted = ComparedBed(limited_case, controller=without_limits(observer)).at(frequencies)
     for h, (source, sensor) in enumerate(wanted.pairs):
         own = found.outputs[0][:, bed.sensors.index(sensor), ["motor_torque", "road"].index(source)]
         np.testing.assert_allclose(own, wanted.matched[:, h], rtol=2e-3)
