@@ -68,7 +68,8 @@ def reference(once):
 
 @pytest.fixture(scope="session")
 def adapters(once):
-    return once("adapters", script("adapter_only").main)
+    """Adapters alone, with little effort."""
+    return once("adapters", lambda: match(load_case(EXAMPLES / "adapter_only" / "case.toml"), settings=LITTLE))
 
 
 @pytest.fixture(scope="session")
