@@ -268,7 +268,7 @@ def compared_sensors(case: Case) -> list[str]:
 def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
     """The bed with some values (:class:`matching.match.case.Uncertain`) other than the case's, SI."""
     of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
-    return assembled_bed(case, state_space(case.rig.with_values(of_rig) if of_rig else case.rig), values)
+    return assembled_bed(case, state_space(case.rig, of_rig), values)
 
 
 def assembled_bed(case: Case, rig: StateSpace, values: Mapping[str, float]) -> Bed:
@@ -308,8 +308,7 @@ def least_damping(A: np.ndarray, from_rad_s: float) -> float:
 
 def vehicle_response(case: Case, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:
     """Compared functions (f, h) of the vehicle whose shared components have the bed's values."""
-    drawn = of_system(values, case.vehicle)
-    space = state_space(case.vehicle.with_values(drawn) if drawn else case.vehicle)
+    space = state_space(case.vehicle, of_system(values, case.vehicle))
     H = transfer(space.A, space.B, space.C, space.D, 2j * np.pi * frequencies)
     rows = [space.outputs.index(pair.sensor) for pair in case.compared]
     return H[:, rows, [space.inputs.index(pair.input) for pair in case.compared]]

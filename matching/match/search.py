@@ -266,13 +266,11 @@ class Controllers:
         by_gains = dict(zip(REGULATOR, slopes, strict=True))
         by_correction = dict(zip(of_filter, filter_slopes(model, estimate, loop, of_filter), strict=True))
 
-        def ended(name: str, side: float) -> np.ndarray:
-            made = assembled(
-                model, ahead, gains + side * by_gains.get(name, 0.0), correction + side * by_correction.get(name, 0.0)
-            )
-            return block(without_limits(made))
+        def ended(of_gains: np.ndarray | float, of_correction: np.ndarray | float) -> np.ndarray:
+            return block(without_limits(assembled(model, ahead, gains + of_gains, correction + of_correction)))
 
-        return [(ended(name, 1.0) - ended(name, -1.0)) / 2 for name in names]  # the matrices are linear in the gains
+        here = ended(0.0, 0.0)  # the matrices are linear in the gains
+        return [ended(by_gains.get(name, 0.0), by_correction.get(name, 0.0)) - here for name in names]
 
     def _observer(self, case: Case, of_bed: tuple[float, ...]) -> tuple[ObserverModel, Ahead, Feedback, Filter]:
         loop = case.loop.values
@@ -645,7 +643,8 @@ class Search:
 
     def _weights(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
         step = self.case.loop["sample_time"]
-        return damping_weights(beds, poles, step, self._damping, self.required.rolled_off_from)
+        least = self._damping / (1 + self.settings.reserve)  # what a bed keeps of its own damping is drawn in as well
+        return damping_weights(beds, poles, step, least, self.required.rolled_off_from)
 
     def _beyond_stable(self, poles: np.ndarray) -> np.ndarray:
         """As a damping ratio (b,) that is small where a pole that does not swing leaves the unit circle."""
