@@ -14,7 +14,7 @@ from matching.match.match import match
 from matching.match.search import SearchSettings
 
 NOT_ASKED = TruthInTime(not_simulated="left out here, tested in tests/beds/test_in_time.py")
-LITTLE = SearchSettings(drawn=6, pool=16, rounds=1, steps=8, joint_rounds=1, scenarios=0, blind=0, starts=1, fresh=20)
+LITTLE = SearchSettings(drawn=4, pool=8, rounds=1, steps=6, joint_rounds=1, scenarios=0, blind=0, starts=1, fresh=20)
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 

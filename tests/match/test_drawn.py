@@ -9,7 +9,7 @@ from matching.match.case_file import load_case
 from matching.match.match import match
 from modelling.bed.vehicle import cut
 
-QUICK = (1,)
+QUICK = (2,)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from matching.match.match import match
 from matching.match.problem import infeasible_limits
 from modelling.bed.controllers import STRUCTURES
 
-FEW = replace(LITTLE, drawn=4, blind=8)  # what binds does not depend on more beds
+FEW = replace(LITTLE, drawn=3, steps=4, blind=8)  # what binds does not depend on more beds
 
 
 def with_loop(case, structure, **values):

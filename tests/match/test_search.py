@@ -23,7 +23,7 @@ ROAD = Path(__file__).parents[2] / "examples" / "road_to_rig"
 GENTLE = {
     "proportional_gain": 60.0, "integral_gain": 60.0, "torque_feed_forward": 0.2, "acceleration_feed_forward": 0.3,
 }  # fmt: skip
-FEW = SearchSettings(drawn=3, pool=8, rounds=1, steps=4, joint_rounds=1, scenarios=0, blind=0)
+FEW = SearchSettings(drawn=2, pool=4, rounds=1, steps=2, joint_rounds=1, scenarios=0, blind=0)
 HALF_STEP = 2e-4  # the observer's poles near a target stand close together: curvature is large
 
 
