@@ -354,6 +354,14 @@ def _write_svg(fig: Figure, buffer: io.BytesIO, metadata: Mapping[str, str | Non
         fig.set_canvas(canvas)
 
 
+OUTSIDE = re.compile(r'<\?xml.*?\?>|<!DOCTYPE.*?>|<metadata>.*?</metadata>| xmlns(:\w+)?="[^"]*"', re.DOTALL)
+
+
+def without_head(svg: bytes) -> str:
+    """An SVG file as an element of a page."""
+    return OUTSIDE.sub("", svg.decode()).strip()
+
+
 # --- Line styles of vehicle, rig without control and matched rig: a colour and a stroke each, told apart in grey too.
 
 # The vehicle is a broad pale line underneath: a matched rig runs inside it.
