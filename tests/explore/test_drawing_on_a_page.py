@@ -42,4 +42,3 @@ def test_marks_energies_and_the_swing_stand_on_their_parts(drawn):
     x, y, half, *_ = found["inertias.a"]["swing"]
     assert left < x < right
     assert upper < y - half < y + half < lower
-
