@@ -29,7 +29,7 @@ from matching.bed.measured import estimated_response, spectra
 from matching.channel_names import Suggestion, channel_file, suggestions, time_column
 from matching.explore.files import Document, ModelDocument, Workspace
 from matching.progress import PROGRESS_ALWAYS
-from matching.report.common import LIMIT, NOISE, RIG, VEHICLE
+from matching.report.common import LIMIT, NOISE, RIG, VEHICLE, decimated
 from matching.report.drivetrain import Sketch, case_drawings, drawing, sketch
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
@@ -663,7 +663,7 @@ def _size(recording: Recording, name: str) -> float:
     return max(float(np.abs(recording[name]).max()), 1e-300)
 
 
-# --- Bokeh figures of the page: responses with a cursor, energies of a mode, signals.
+# --- Bokeh figures of the page: responses with a cursor, signals.
 
 TOOLS = "pan,wheel_zoom,box_zoom,reset,save"
 HEIGHT = 260  # px
@@ -714,25 +714,6 @@ class ResponseFigures:
         values = curves.values[:, curves.sensors.index(sensor), curves.inputs.index(source)]
         kept = np.isfinite(values)
         self.show(self.measured, curves.frequencies[kept], values[kept])
-
-
-class EnergyBars:
-    """Shares of the components in the energies of one mode."""
-
-    def __init__(self, names: list[str]):
-        self.source = ColumnDataSource({"name": names, "share": [0.0] * len(names)})
-        self.figure = figure(
-            title="Energy of the mode", y_range=names[::-1], x_range=(0, 1), x_axis_label="share of kinetic or "
-            "potential energy", height=max(120, 40 + 16 * len(names)), sizing_mode="stretch_width", tools="save",
-        )  # fmt: skip
-        self.figure.toolbar.logo = None
-        self.figure.hbar(y="name", right="share", height=0.7, source=self.source, color="#E69F00", line_color="#222222")
-        self.figure.add_tools(HoverTool(tooltips=[("", "@name"), ("share", "@share{0.0 %}")]))
-
-    def show(self, shares: dict[str, float]) -> None:
-        """Show other shares, by name."""
-        names = self.source.data["name"]
-        self.source.data = {"name": names, "share": [shares.get(name, 0.0) for name in names]}
 
 
 # --- Buttons that run a command in a process of its own, tell its progress and cancel it.
@@ -832,46 +813,9 @@ def sketches(workspace: Workspace) -> dict[str, Sketch]:
     return {role: sketch(drawing(system, drawn[role].emphasis, largest)) for role, system in systems.items()}
 
 
-# --- Long signals for a screen: the least and the largest sample of every column of pixels, so that no peak is lost.
-
-
-def envelope(time: np.ndarray, values: np.ndarray, low: float, high: float, columns: int) -> tuple[np.ndarray, ...]:
-    """A signal between two times, decimated to two samples a column.
-
-    Parameters
-    ----------
-    time : ndarray (t,)
-        Rising, s.
-    values : ndarray (t,)
-        NaN where nothing was recorded.
-    low, high : float
-        s; one sample beyond each end is kept, so that the curve reaches the edges.
-    columns : int
-
-    Returns
-    -------
-    time, values : ndarray (k,)
-        All samples where they are fewer than two a column, else the extremes in the order in which they occur.
-    """
-    first = max(int(np.searchsorted(time, low)) - 1, 0)
-    last = min(int(np.searchsorted(time, high, side="right")) + 1, len(time))
-    t, y = time[first:last], values[first:last]
-    size = len(t) // columns
-    if size <= 2:
-        return t, y
-    whole = size * columns
-    blocks = y[:whole].reshape(columns, size)
-    gaps = np.isnan(blocks)
-    least = (np.where(gaps, np.inf, blocks) if gaps.any() else blocks).argmin(axis=1)
-    largest = (np.where(gaps, -np.inf, blocks) if gaps.any() else blocks).argmax(axis=1)
-    places = np.sort(np.stack([least, largest], axis=1) + size * np.arange(columns)[:, None], axis=1).ravel()
-    places = np.concatenate([places, np.arange(whole, len(t))]) if whole < len(t) else places
-    return t[places], y[places]
-
-
 # --- A measurement file beside a model: its columns, which channel each is, and the signals over time.
 
-COLUMNS = 1500  # of pixels that a signal is decimated to
+SHOWN_POINTS = 3000  # of a signal: two a column of pixels
 
 
 @dataclass(frozen=True)
@@ -908,8 +852,10 @@ class Measurement:
 
     def signal(self, column: str, low: float, high: float) -> tuple[np.ndarray, ...]:
         """Times and values (k,) of a column between two times, decimated for a screen, in the file's units."""
-        time, values = envelope(self._column(self.time), self._column(column), low, high, COLUMNS)
-        return time, values
+        time, values = self._column(self.time), self._column(column)
+        first = max(int(np.searchsorted(time, low)) - 1, 0)  # one sample beyond each end: the curve reaches the edges
+        last = int(np.searchsorted(time, high, side="right")) + 1
+        return decimated(time[first:last], values[first:last], SHOWN_POINTS)
 
     def write_channels(self, chosen: Mapping[str, tuple[str, str]], folder: Path) -> Path:
         """Write a channel file that says which column, in which unit, is which channel; its path."""

@@ -63,7 +63,9 @@ export function render({ model }) {
     for (const [name, own] of Object.entries(model.marks)) {
       if (!parts[name]) continue
       const [x, y, width, height] = own.box
-      set(parts[name].firstChild, { x, y, width, height, fill: own.heat })
+      const [frame, words] = parts[name].children
+      set(frame, { x, y, width, height, fill: own.heat })
+      words.textContent = own.words  // shown where one points
       set(parts[name], { class: own.class, 'aria-label': own.words })
       if (model.reacts) parts[name].setAttribute('aria-pressed', own.class.includes('selected'))
       if (own.swing) swing(...own.swing, made('g', { class: 'swing' }, parts[name].ownerSVGElement))
@@ -90,6 +92,7 @@ export function render({ model }) {
         parts[name] = made('g', { class: 'part' }, svg)
         if (model.reacts) set(parts[name], { 'data-part': name, role: 'button', tabindex: 0 })
         made('rect', { class: 'box', rx: 4, fill: 'transparent', stroke: 'none' }, parts[name])
+        made('title', {}, parts[name])
       }
       shape.removeAttribute('id')
       parts[name].append(shape)

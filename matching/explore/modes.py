@@ -1,4 +1,4 @@
-"""The tab *Modes*: table, energies, the mode swinging on the drawing, responses; a slider moves all of it."""
+"""The tab *Modes*: table, the mode with its energies swinging on the drawing, responses; a slider moves all of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from matching.explore.common import (
     WIDE,
     DrivetrainView,
     Editing,
-    EnergyBars,
     Entry,
     Equivalent,
     EquivalentBox,
@@ -228,7 +227,6 @@ class ModesTab:
         self.reset, self.keep = pn.widgets.Button(name="Reset", width=100), pn.widgets.Button(name="Keep", width=100)
         self.input, self.sensor = (pn.widgets.Select(name=name, width=250) for name in ("Input", "Sensor"))
         self.responses, self.message = ResponseFigures(), Message()
-        self.energies = pn.Column(sizing_mode=WIDE)
         self.same = EquivalentBox(same("modes", "", out=""))
         self.open_model()
         self.role.param.watch(lambda _: self.open_model(), "value")
@@ -246,8 +244,6 @@ class ModesTab:
         return pn.Column(
             beside([self.view], fields),
             self.table,
-            heading("Energy"),
-            self.energies,
             heading("Frequency response"),
             pn.FlexBox(self.input, self.sensor),
             pn.pane.Bokeh(self.responses.modulus, sizing_mode=WIDE),
@@ -266,8 +262,6 @@ class ModesTab:
             self.message.say(str(error), wrong=True)
             return
         modes = self.trial.before.modes
-        self.bars = EnergyBars([spaced(name) for name in (*modes.masses, *modes.springs)])
-        self.energies[:] = [pn.pane.Bokeh(self.bars.figure, sizing_mode=WIDE)]
         elastic = [place for place in range(len(modes)) if modes.frequencies[place] > 0]
         numbers = {f"{place + 1}: {hertz(modes[place].frequency)} Hz": place for place in range(len(modes))}
         offer(self.mode, numbers, elastic[0] if elastic else 0)
@@ -303,8 +297,6 @@ class ModesTab:
         mode = self.trial.now.modes[self.mode.value]
         tried = {part_of(name) for name in self.trial.values}
         self.view.param.update(svg=self._sketch.svg, marks=marks(self._sketch, changed=tried, mode=mode))
-        self.bars.show({spaced(name): share for name, share in (mode.kinetic | mode.potential).items()})
-        self.bars.figure.title.text = f"Energy of mode {mode.number}, {hertz(mode.frequency)} Hz"
 
     def _show_responses(self) -> None:
         before, now = self.trial.before.response, self.trial.now.response

@@ -26,7 +26,6 @@ from matching.report.common import (
     decimated,
     figure,
     number,
-    plain_ticks,
     spaced,
     styled,
     unit,
@@ -116,7 +115,6 @@ def _panel(ax: Any, curve: FunctionCurves) -> None:
         label="measured on the bed",
     )
     ax.set_xlim(f[0], f[-1])
-    plain_ticks(ax.xaxis)
     ax.set_title(f"{spaced(curve.input)} → {spaced(curve.sensor)}", fontsize=8)
     ax.set_ylabel(f"{unit(curve.unit)} per N·m")
 
