@@ -35,15 +35,6 @@ MADE_BY_MAKE_RUN = "out/road_to_rig"  # what examples of help take as there
 NARROWEST_TERMINAL = 40  # columns
 GO_ON_IN_PLACE = ("explore", "commission")  # commands that write to files they read
 
-# Errors of the operating system that a wrong path on the command line causes; a full disk, say, is not among them.
-WRONG_PATH: dict[type[Exception], tuple[str, str]] = {
-    FileNotFoundError: ("no such file", "a path that exists"),
-    IsADirectoryError: ("is a directory", "a file"),
-    NotADirectoryError: ("has a file where a directory is needed", "a path of directories"),
-    FileExistsError: ("exists and is not a directory", "another name"),
-    PermissionError: ("access denied", "a path you may read, or write to for output"),
-}
-
 
 class HelpFormatter(argparse.HelpFormatter):
     """Help that wraps paragraphs and leaves the lines of examples as they are."""
@@ -102,10 +93,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAULT
     except Exception as error:
-        if line := _wrong_path(error, words):
+        if line := str(of_the_machine(error) or "") or _wrong_path(error, words):
             return _say(line, BAD_INPUT)
-        if fault := of_the_machine(error):
-            return _say(str(fault), BAD_INPUT)
         if "--traceback" in words or os.environ.get("RIGMATCH_TRACEBACK"):
             import traceback
 
@@ -272,16 +261,13 @@ def _one_thread_for_blas() -> None:
 
 
 def _wrong_path(error: Exception, words: Sequence[str]) -> str:
-    """Line for a wrong path on the command line that no reader caught; empty if the error is a fault of the program."""
-    if type(error) not in WRONG_PATH or not isinstance(error, OSError):
+    """Line for a path on the command line that the operating system refuses; empty for any other error."""
+    if not isinstance(error, OSError) or not isinstance(error.filename, str | bytes | os.PathLike):
         return ""
-    if not isinstance(error.filename, str | bytes | os.PathLike):
-        return ""
-    wrong, right = WRONG_PATH[type(error)]
     path = Path(os.fsdecode(error.filename))
     on_command_line = [Path(word.partition("=")[2] if word.startswith("--") else word).absolute() for word in words]
     is_users = any(path.absolute() in (each, *each.parents) for each in on_command_line)
-    return str(InputError(str(path), wrong, f"give {right}")) if is_users else ""
+    return str(InputError(str(path), (error.strerror or "fails").lower(), "give another path")) if is_users else ""
 
 
 def _place(error: Exception) -> str:
