@@ -17,7 +17,14 @@ from matplotlib import rc_context, rcParamsDefault
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter, NullLocator, StrMethodFormatter
+from matplotlib.ticker import (
+    LogFormatterSciNotation,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    NullLocator,
+    StrMethodFormatter,
+)  # fmt: skip
 from sympy.printing.mathml import MathMLPresentationPrinter
 
 from modelling.equations.lagrange import Sign, derive, known_zeros, signs
@@ -320,19 +327,25 @@ def legend_above(fig: Any, axes: Any, columns: int = 4, **options: Any) -> None:
 # --- Ticks of logarithmic axes: few, and with plain numbers; Matplotlib's are formulas, which are slow to set.
 
 LABELLED_RATIO = 200  # high to low end of an axis up to which ticks between decades are labelled
+EVEN_RATIO = 3  # up to which ticks are evenly spaced: between 1, 2 and 5 there may be none
 
 
 def plain_logarithms(fig: Figure) -> None:
-    """Ticks of logarithmic axes at 1, 2 and 5 of a decade, all labelled on a short axis; ticks that are set stay."""
+    """Ticks of logarithmic axes at 1, 2 and 5 of a decade, all labelled on a short axis; locators that are set stay."""
     for axes in fig.axes:
         for axis in (axes.xaxis, axes.yaxis):
-            if type(axis.get_major_formatter()) is LogFormatterSciNotation:
-                low, high = sorted(axis.get_view_interval())
-                axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-                if not isinstance(axis.get_minor_locator(), NullLocator):
-                    axis.set_minor_locator(LogLocator(subs=(2, 5)))
-                short = high < LABELLED_RATIO * low
-                axis.set_minor_formatter(StrMethodFormatter("{x:g}") if short else NullFormatter())
+            tickers = axis.major, axis.minor
+            if not any(type(ticker.formatter) is LogFormatterSciNotation for ticker in tickers):
+                continue
+            low, high = sorted(axis.get_view_interval())
+            if isinstance(axis.major.locator, LogLocator) and high < EVEN_RATIO * low:
+                axis.set_major_locator(MaxNLocator(5))
+                axis.set_minor_locator(NullLocator())
+            elif not isinstance(axis.minor.locator, NullLocator):
+                axis.set_minor_locator(LogLocator(subs=(2, 5)))
+            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            short = high < LABELLED_RATIO * low
+            axis.set_minor_formatter(StrMethodFormatter("{x:g}") if short else NullFormatter())
 
 
 # --- Equations as MathML, which browsers render without any script.

@@ -7,6 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from matching import commands as completion
+from matching.commands import parameters_of_model, quantities_of_case
+from matching.match.case_file import is_case, load_case
+from matching.match.map import quantities
+from modelling.bed.controllers import STRUCTURES
+from modelling.model_file import load
+from modelling.toml import read_toml
+
 ROAD_TO_RIG = Path(__file__).parents[2] / "examples" / "road_to_rig"
 
 
@@ -38,6 +46,27 @@ def test_quantities_that_may_have_a_tolerance(tmp_path):
 def test_parameters_of_a_model(tmp_path):
     found = completions(f"rigmatch modes {ROAD_TO_RIG / 'rig.toml'} --change inertias.motor.", tmp_path)
     assert found == {"inertias.motor.J=", "inertias.motor.drag="}
+
+
+CASES = sorted(path for path in ROAD_TO_RIG.parent.glob("*/*.toml") if is_case(read_toml(path)))
+MODELS = sorted(path for path in ROAD_TO_RIG.parent.glob("*/*.toml") if "inertias" in read_toml(path))
+
+
+@pytest.mark.parametrize("path", CASES, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_names_are_those_that_a_map_accepts(path):
+    """They are read from the files alone; here they are held against what the program makes of the files."""
+    assert sorted(quantities_of_case(path)) == sorted(quantities(load_case(path)))
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_every_control_structure_is_known(name):
+    """Its quantities stand a second time in the file that imports nothing."""
+    assert set(completion.STRUCTURES[name]) == set(STRUCTURES[name].quantities)
+
+
+@pytest.mark.parametrize("path", MODELS, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_names_are_those_of_the_model(path):
+    assert sorted(parameters_of_model(path)) == sorted(load(path).parameters)
 
 
 def test_nothing_to_offer_is_silent(tmp_path):
