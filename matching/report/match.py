@@ -691,7 +691,7 @@ CAPTIONS = {
     "drivetrain": "Vehicle and rig. Dashed: the cut; hatched: the residual vehicle, which the dynamometers emulate.",
     "overview": "Response, manoeuvre and target modes at a glance.",
     "modes": "Modes and their energy. In colour: the target modes, and on the rig without control those of the same "
-    "symmetry. s symmetric, a antisymmetric left to right.",
+    "symmetry. sym, anti: symmetric, antisymmetric left to right.",
     "responses": "Frequency responses. The line of the matched rig should run inside the broad line of the vehicle; "
     "the grey band is the matched band. Dotted: the matched rig when the controller does not measure the torque.",
     "manoeuvre": "The manoeuvre, simulated with a delay line and a sampled controller.",
