@@ -528,8 +528,9 @@ def uncertainty(
     _check_seed(seed)
     read = read_budget(str(budget))
     was_read(budget, lambda: f"a budget: {counted(read.measurands, 'measurand')}, {counted(read.inputs, 'input')}")
-    for measurand in () if wanted is None else read.measurands:
-        wanted_uncertainty(wanted, measurand, read.where)
+    if wanted is not None:
+        for measurand in read.measurands:
+            wanted_uncertainty(wanted, measurand, read.where)
     computing()
     return evaluate(read, seed=seed, draws=draws, digits=digits, wanted=wanted)
 

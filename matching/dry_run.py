@@ -21,7 +21,8 @@ class _AllRead(Exception):
 @contextmanager
 def dry_run() -> Iterator[dict[str, str]]:
     """Within, a function ends where it would begin to compute; yields what was read, in words by file."""
-    token = _contents.set(found := {})
+    found: dict[str, str] = {}
+    token = _contents.set(found)
     try:
         with suppress(_AllRead):
             yield found

@@ -202,10 +202,12 @@ def robustness_figure(rows: Sequence[Deviation], error: float, most: int = 14) -
             for k, row in enumerate(pair):
                 at = place + (k - (len(pair) - 1) / 2) * step
                 reach = min(row.response_error, top) if row.stable else top
-                looks = (_TINTS[k % len(_TINTS)], "#333333", None) if row.stable else ("white", RIG, "////")
+                colour, edge, hatch = (
+                    (_TINTS[k % len(_TINTS)], "#333333", None) if row.stable else ("white", RIG, "////")
+                )
                 axes.barh(
-                    at, reach - error, left=error, height=0.9 * step, linewidth=0.7,
-                    **dict(zip(("color", "edgecolor", "hatch"), looks, strict=True)),
+                    at, reach - error, left=error, height=0.9 * step, linewidth=0.7, color=colour, edgecolor=edge,
+                    hatch=hatch,
                 )  # fmt: skip
                 said = f"{off(row)}: {number(row.response_error, 2) if row.stable else 'unstable'}"
                 axes.annotate(said, (reach, at), (4, 0), textcoords="offset points", va="center", fontsize=8)

@@ -239,7 +239,7 @@ def _frequencies(axes: Any, column: Column, top: float) -> None:
         height = max(mode.frequency, FLOOR_HZ)
         colour = _tint(column.colour, chosen[mode.number]) if mode.number in chosen else _NO_TINT
         axes.bar(mode.number, height, width=0.7, color=colour, edgecolor=_EDGE, linewidth=0.6)
-        mark = {"symmetric": " sym", "antisymmetric": " anti"}.get(mode.symmetry, "")
+        mark = {"symmetric": "\nsym", "antisymmetric": "\nanti"}.get(mode.symmetry, "")
         axes.annotate(
             f"{mode.frequency:.3g}{mark}",
             (mode.number, height),
@@ -251,10 +251,11 @@ def _frequencies(axes: Any, column: Column, top: float) -> None:
         )
     axes.set_yscale("log")
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_ylim(FLOOR_HZ, 3 * max(top, 1.0))
+    axes.set_ylim(FLOOR_HZ, 5 * max(top, 1.0))
     axes.set_xticks([mode.number for mode in column.modes])
     axes.grid(False, axis="x")
-    axes.set_xlabel("Mode number (sym, anti: symmetric, antisymmetric left to right)" if _labelled(column) else "Mode number")
+    sides = " (sym, anti: symmetric, antisymmetric left to right)" if _labelled(column) else ""
+    axes.set_xlabel(f"Mode number{sides}")
     axes.set_title(escape.figure(column.title))
 
 
