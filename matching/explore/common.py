@@ -807,10 +807,17 @@ def sketches(workspace: Workspace) -> dict[str, Sketch]:
     """Drawing of every open model, by its role; values as edited, dynamometers and cut as the saved case has them."""
     systems = {role: document.system for role, document in workspace.models.items()}
     if workspace.case is None:
-        return {role: sketch(drawing(system)) for role, system in systems.items()}
-    drawn = dict(zip(("vehicle", "rig"), case_drawings(workspace.load_case()), strict=True))
-    largest = max(part.J.value for system in systems.values() for part in system.inertias)
-    return {role: sketch(drawing(system, drawn[role].emphasis, largest)) for role, system in systems.items()}
+        drawings = {role: drawing(system) for role, system in systems.items()}
+    else:
+        of_case = dict(zip(("vehicle", "rig"), case_drawings(workspace.load_case()), strict=True))
+        largest = max(part.J.value for system in systems.values() for part in system.inertias)
+        drawings = {role: drawing(system, of_case[role].emphasis, largest) for role, system in systems.items()}
+    known = workspace.sketches  # a drawing takes a fifth of a second
+    workspace.sketches = {
+        role: known[role] if role in known and known[role].drawing == drawn else sketch(drawn)
+        for role, drawn in drawings.items()
+    }
+    return workspace.sketches
 
 
 # --- A measurement file beside a model: its columns, which channel each is, and the signals over time.
