@@ -614,8 +614,8 @@ def sketch(drawn: Drawing) -> Sketch:
     (axes,), scale, height = fig.axes, POINTS_AN_INCH / fig.dpi, POINTS_AN_INCH * fig.get_figheight()
     extents: dict[str, list[Bbox]] = {}
     for artist in (*axes.patches, *axes.texts):  # lines reach into the neighbours
-        if part := artist.get_gid():
-            extents.setdefault(part, []).append(artist.get_window_extent())
+        if name := artist.get_gid():
+            extents.setdefault(name, []).append(artist.get_window_extent())
     ends = {name: scale * Bbox.union(each).get_points() for name, each in extents.items()}
     boxes = {name: (left, height - high, right, height - low) for name, ((left, low), (right, high)) in ends.items()}
     discs = {}
