@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -150,7 +151,9 @@ def _listed(arguments: Arguments) -> dict[str, Any]:
     if arguments.model:
         files = [f"{file_name(Path(arguments.file).stem)}_channels.toml"]
         write_all(arguments.out, {files[0]: listed["channel_file"]})
-    return {"file": arguments.file, **listed, "files": files}
+    words = ["diagnose", arguments.model or "", arguments.file, "--channels", str(Path(arguments.out, *files))]
+    following = f"rigmatch {shlex.join(words)} --out out/diagnosis" if files else ""
+    return {"file": arguments.file, **listed, "files": files, "next": following}
 
 
 def _drawn(arguments: Arguments) -> dict[str, Any]:
@@ -179,6 +182,8 @@ def show_summary(result: dict[str, Any]) -> str:
         rows = [{head: _cell(value) for head, value in row.items()} for row in result["channels"]]
         notes = [f"note: {note}" for note in result["notes"]]
         parts = [aligned(rows), *notes, *([result["channel_file"].rstrip()] if result["channel_file"] else [])]
+        if result["next"]:
+            written.append(f"next, after you have read and corrected it: {result['next']}")
         return "\n".join([*parts, *written])
 
     lines = [

@@ -548,6 +548,7 @@ PLACES = {
 LEAST_RIVAL_CONFIDENCE = 0.1  # from which the answer names a rival
 PLAIN_POWERS = range(-4, 6)  # powers of ten that are written without exponent
 MOST_DECIMALS = 8
+LEAST_SHOWN = 2.5e-5  # of a fidelity's standard uncertainty: twice that is 0.00 % where it is less
 
 
 def answer(result: Mapping[str, Any]) -> str:
@@ -900,7 +901,8 @@ def _fidelity(fidelity: Mapping[str, Any]) -> list[Any]:
         ("R_MU", None, "uncertainty of the sensors over the range of the measurement (Eqs. 22, 23)"),
         ("R_XiL", "standard_uncertainty", "both, without R_SD, which needs a test bed (Eq. 16)"),
     ):
-        cells = [percent(side[name]) + (f" ± {percent(2 * side[u])}" if u else "") for side in (before, after)]
+        cells = [percent(side[name]) + (f" ± {percent(2 * side[u])}" if u and side[u] > LEAST_SHOWN else "")
+                 for side in (before, after)]  # fmt: skip
         rows.append((name, *cells, what))
     note = (
         f"XiL fidelity by Eqs. 14 to 23 of the paper as defined, delay included, on held-out data up to "

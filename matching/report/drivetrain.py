@@ -612,10 +612,10 @@ def sketch(drawn: Drawing) -> Sketch:
     fig = _figure([("", INK, drawn)], None)
     svg = without_head(image(fig))
     (axes,), scale, height = fig.axes, POINTS_AN_INCH / fig.dpi, POINTS_AN_INCH * fig.get_figheight()
-    extents: dict[str, list[Bbox]] = {}
+    extents, renderer = dict[str, list[Bbox]](), fig.canvas.get_renderer()  # type: ignore[attr-defined]  # of Agg
     for artist in (*axes.patches, *axes.texts):  # lines reach into the neighbours
         if name := artist.get_gid():
-            extents.setdefault(name, []).append(artist.get_window_extent())
+            extents.setdefault(name, []).append(artist.get_window_extent(renderer))
     ends = {name: scale * Bbox.union(each).get_points() for name, each in extents.items()}
     boxes = {name: (left, height - high, right, height - low) for name, ((left, low), (right, high)) in ends.items()}
     discs = {}
