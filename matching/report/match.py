@@ -439,7 +439,7 @@ def columns(result: MatchResult) -> list[Column]:
     """Vehicle, rig without control and matched rig with the target modes; a system without modes is left out."""
     # modes of the feed-forward: what the matched rig shows for measured torques
     measured = [mode for mode in result.matched_modes if mode.belongs_to == "feed_forward"]
-    matched = [mode_of(mode) for mode in measured or result.matched_modes]
+    matched = measured or result.matched_modes
     drawn = []
     for title, colour, modes, aims in (
         ("Vehicle", VEHICLE, result.vehicle_modes, [target.vehicle for target in result.targets]),
@@ -460,13 +460,7 @@ def columns(result: MatchResult) -> list[Column]:
     return drawn
 
 
-def mode_of(mode: LoopMode) -> Mode:
-    """A mode of the closed loop as one of a drivetrain, to be drawn beside those of vehicle and rig."""
-    keys = ("number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential")
-    return Mode(**{key: getattr(mode, key) for key in keys})
-
-
-def nearest(modes: Sequence[Mode], frequency: float, symmetry: str) -> Mode | None:
+def nearest(modes: Sequence[Mode | LoopMode], frequency: float, symmetry: str) -> Mode | LoopMode | None:
     """The mode of a symmetry whose frequency lies nearest to a frequency in Hz."""
     alike = [
         mode for mode in modes if mode.symmetry == symmetry and mode.kinetic and 0 < mode.frequency <= MODES_HIGHEST_HZ

@@ -14,6 +14,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from matching.match.loop_modes import LoopMode
 from matching.report.common import ABSENT, LIMIT, VEHICLE, figure, image, spaced, styled
 from matching.report.page import environment, register_table
 from modelling import display, escape
@@ -206,11 +207,11 @@ class Column:
 
     title: str
     colour: str
-    modes: Sequence[Mode] | Modes
+    modes: Sequence[Mode | LoopMode] | Modes
     emphasised: tuple[int, ...] = ()
 
     @property
-    def chosen(self) -> list[Mode]:
+    def chosen(self) -> list[Mode | LoopMode]:
         """The modes to emphasise; the first two that are not rigid-body modes if none are named."""
         numbers = self.emphasised or tuple(mode.number for mode in self.modes if mode.frequency > 0)[:2]
         by_number = {mode.number: mode for mode in self.modes}
@@ -332,7 +333,7 @@ def _share_table(axes: Any, shares: np.ndarray, names: Sequence[str], title: str
     axes.tick_params(length=0)
 
 
-def _components(modes: Iterable[Mode], energy: str) -> list[str]:
+def _components(modes: Iterable[Mode | LoopMode], energy: str) -> list[str]:
     """Components with energy in the modes, in the model's order; a rigid-body mode may have none."""
     return list(dict.fromkeys(name for mode in modes for name in getattr(mode, energy)))
 
