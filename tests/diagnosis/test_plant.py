@@ -85,17 +85,6 @@ def test_two_effects_are_both_named(tmp_path: Path) -> None:
     assert {(cause.kind, cause.at) for cause in found.causes} == {(one["kind"], one["at"]) for one in answer["causes"]}
 
 
-@pytest.mark.parametrize("kind", ["torque_ripple", "geared_ripple"])
-def test_a_ripple_is_named_with_its_order_through_the_resonance(kind: str, tmp_path: Path) -> None:
-    """The readings answer most where its frequency meets a mode; what stands out is its order all the same."""
-    case = make_case("test_bed", [kind], "plain", "normal", 3 if kind == "torque_ripple" else 5, 3.0, 250.0)
-    case.write(tmp_path)
-    system = load(tmp_path / "model.toml")
-    found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
-    assert [(cause.kind, cause.at) for cause in found.causes] == [(kind, case.answer["at"])]
-    assert found.causes[0].parameters["order"].value == pytest.approx(case.answer["parameters"]["order"], abs=1e-3)
-
-
 def test_free_play_touched_on_one_side_is_told_as_a_lower_bound(tmp_path: Path) -> None:
     """A drive that pulls throughout crosses half of its free play, from the middle to one side, and never the rest."""
     hidden = make_case("two_mass", [("backlash", "shafts.link")], "plain", seed=4, duration=3.5)
