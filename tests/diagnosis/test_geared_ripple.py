@@ -63,7 +63,7 @@ def test_ripple_over_the_angle_of_the_load_is_named_with_both_places() -> None:
 
 @needs_compiler
 def test_an_order_is_found_though_the_readings_answer_most_where_its_frequency_meets_a_mode() -> None:
-    order, stiffness, chain = 8.4, 300.0, Chain(2, 1, 1)  # the drive's mode: 10 Hz, which the order meets at 1.2 turns/s
+    order, stiffness, chain = 8.4, 300.0, Chain(2, 1, 1)  # its mode: 10 Hz, met at 1.2 turns/s
     values = {"J": J * 2, "drag": [DRAG] * 4, "k": [stiffness] * 2, "c": [DAMPING] * 2, "second": [1], "on": [0]}
     ripple = {"order": [order, 0], "amplitude": [0.4, 0], "phase": [PHASE, 0], "follows": [1, 1]}
     for name, value in (values | {f"ripple_{key}": value for key, value in ripple.items()}).items():
