@@ -81,8 +81,8 @@ class TorqueRipple(Kind):
         assembly.add_torque(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        angle, gradient = motion.angle[at.split(".")[1]], motion.torque_gradient[at.split(".")[1]]
-        for order, chosen_from in outstanding_orders(angle, gradient):
+        angle, lacking = motion.angle[at.split(".")[1]], motion.torque_lacking[at.split(".")[1]]
+        for order, chosen_from in outstanding_orders(angle, lacking):
             yield _guess(at, angle, order, chosen_from)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
@@ -118,27 +118,27 @@ def wave_parameters(order: float, a: np.ndarray) -> dict[str, float]:
     return {"order": order, "amplitude": float(np.hypot(*a)), "phase": float(np.arctan2(a[1], a[0]))}
 
 
-def outstanding_orders(angle: np.ndarray, gradient: np.ndarray) -> Iterator[tuple[float, float]]:
-    """Orders at which −∂χ²/∂torque over angle stands out of its spectrum, and from how many each was chosen."""
+def outstanding_orders(angle: np.ndarray, torque: np.ndarray) -> Iterator[tuple[float, float]]:
+    """Orders at which a torque over an angle stands out of its spectrum, and from how many each was chosen."""
     span = float(np.ptp(angle))
     if not 0.5 * np.pi < span < 1e6:
         return
     # an order that turns further than half a period a sample cannot be seen; some samples are slower than the mean
     highest = min(HIGHEST_ORDER, 4 * np.pi * len(angle) / span)
-    if span < 2 * np.pi:  # too coarse a spectrum: all orders, half a spectral line apart
+    if span < 4 * np.pi:  # too coarse a spectrum: all orders, half a spectral line apart
         yield from ((float(order), 1.0) for order in np.arange(np.pi / span, highest, np.pi / span))
         return
-    # gradient summed over bins of angle, then one FFT over angle; ten bins a period of the highest order
+    # torque summed over bins of angle, then one FFT over angle; ten bins a period of the highest order
     width = 2 * np.pi / (10 * highest)
     length = 2 * int(span / width) + 2  # half of it zeros: orders twice as fine as the span resolves
-    strength = np.abs(np.fft.rfft(np.bincount(((angle - angle.min()) / width).astype(int), gradient, length)))
+    strength = np.abs(np.fft.rfft(np.bincount(((angle - angle.min()) / width).astype(int), torque, length)))
     orders = np.arange(len(strength)) / (length * width / (2 * np.pi))
     fine = orders[1]
     used = (orders > max(LOWEST_ORDER, 2 * fine)) & (orders <= highest)
     if not used.any():
         return
     orders, strength = orders[used], strength[used]
-    level = scipy.ndimage.median_filter(strength, 2 * int(0.75 / fine) + 1, mode="constant")
+    level = scipy.ndimage.median_filter(strength, 2 * int(0.75 / fine) + 1, mode="nearest")
     outstanding = strength / (level + 1e-3 * strength.max() + 1e-300)
     for _ in range(MOST_ORDERS):
         best = int(np.argmax(outstanding))
@@ -191,7 +191,7 @@ class GearedRipple(Kind):
         ratio, lag = _parting(angle, motion.angle[first])
         if lag < RIGID * np.ptp(angle) or (HIGHEST_ORDER * lag < LEAST_LAG and ratio >= 1):
             return
-        for order, chosen_from in outstanding_orders(angle, motion.torque_gradient[first]):
+        for order, chosen_from in outstanding_orders(angle, motion.torque_lacking[first]):
             if order * lag > LEAST_LAG or order * ratio < LOWEST_ORDER:
                 yield _geared_guess(members(at)[0], angle, order, (1,), chosen_from)
 

@@ -5,7 +5,10 @@ import pytest
 from plant.engine import Chain, simulate
 from plant.marks import needs_compiler
 
+from matching.diagnosis.data import prepare_data
 from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.screening import Screening
 from matching.report.diagnosis import content, summary
 from modelling.errors import InputError
 from modelling.model_file import from_dict
@@ -56,6 +59,25 @@ def test_ripple_over_the_angle_of_the_load_is_named_with_both_places() -> None:
     assert "per turn of the inertia load" in sentence
     (effect,) = found.extended.effects
     assert effect.places == ("inertias.motor", "inertias.load")
+
+
+@needs_compiler
+def test_an_order_is_found_though_the_readings_answer_most_where_its_frequency_meets_a_mode() -> None:
+    order, stiffness, chain = 8.4, 300.0, Chain(2, 1, 1)  # its mode: 10 Hz, met at 1.2 turns/s
+    values = {"J": J * 2, "drag": [DRAG] * 4, "k": [stiffness] * 2, "c": [DAMPING] * 2, "second": [1], "on": [0]}
+    ripple = {"order": [order, 0], "amplitude": [0.4, 0], "phase": [PHASE, 0], "follows": [1, 1]}
+    for name, value in (values | {f"ripple_{key}": value for key, value in ripple.items()}).items():
+        chain[name][:] = value
+    time = np.arange(0, 8, 2e-3)
+    torque = 1.5 + 0.5 * np.sin(2 * np.pi * 0.3 * time)  # runs up through the mode
+    motion = simulate(chain, torque[:, None], np.zeros(4), 2e-3)
+    noise = NOISE * np.random.default_rng(3).standard_normal((2, len(time)))
+    readings = {"motor_speed": motion.speed[:, 0] + noise[0], "load_angle": motion.angle[:, 1] + noise[1]}
+    system = from_dict(MODEL | {"shafts": {"link": MODEL["shafts"]["link"] | {"stiffness": stiffness}}})
+    data, _ = prepare_data(system, [Recording(time, {"torque": torque} | readings)])
+    candidates = Screening(solve(*base_problem(system, data))).candidates()
+    best = max((one for one in candidates if one.kind == "torque_ripple"), key=lambda one: one.reduction)
+    assert best.parameters["order"] == pytest.approx(order, abs=0.02)
 
 
 @pytest.mark.parametrize("at", ["inertias.motor", ["inertias.motor", "inertias.motor"], ["inertias.motor"] * 3])

@@ -121,7 +121,9 @@ def _stribeck(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
 
 
 def _ripple(rng: np.random.Generator, d: Drive, c: Scales, name: str) -> Any:
-    order, phase = float(rng.choice([1, 2, 3, 4, 6])), rng.uniform(-np.pi, np.pi)
+    least = 2 * 2 * np.pi / min(c.swing.values())  # twice within what every inertia turns: else it is no ripple yet
+    order = float(rng.choice([each for each in (1, 2, 3, 4, 6) if each > least] or [np.ceil(least)]))
+    phase = rng.uniform(-np.pi, np.pi)
     return lambda s: {"order": order, "amplitude": s * c.drive_torque[name], "phase": phase}
 
 

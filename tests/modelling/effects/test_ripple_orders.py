@@ -15,6 +15,22 @@ def test_the_order_of_a_ripple_stands_out_first():
     assert order == pytest.approx(3.2, abs=np.pi / np.ptp(angle) * 2)
 
 
+def test_over_a_turn_or_two_every_order_is_tried():
+    """Half a spectral line is 0.4 orders of 1.25 turns; the spectrum alone would offer the four that stand out most."""
+    angle = 2.5 * np.pi * np.sin(np.linspace(0, 9, 4001)) / 2
+    orders = [order for order, _ in outstanding_orders(angle, np.sin(2.0 * angle))]
+    assert np.diff(orders) == pytest.approx(np.pi / np.ptp(angle))
+    assert min(orders) < 0.5 < 23.5 < max(orders)
+
+
+def test_the_ends_of_the_spectrum_do_not_stand_out_of_noise():
+    angle = np.linspace(0, 200.0, 20001)
+    for seed in range(20):
+        torque = np.random.default_rng(seed).standard_normal(len(angle))
+        orders = [order for order, _ in outstanding_orders(angle, torque)]
+        assert sum(order < 0.6 or order > 23.8 for order in orders) < 2
+
+
 def test_an_angle_far_beyond_the_samples_costs_no_memory():
     """500 samples over 9e5 rad: with ten bins a period of order 24 the spectrum would need a gigabyte."""
     angle = np.linspace(0, 9e5, 500)
