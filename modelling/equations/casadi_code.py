@@ -1,4 +1,4 @@
-"""Complex numbers of CasADi expressions, and sparse linear equations in them."""
+"""Equations as CasADi functions of state, inputs and parameters, translated from SymPy once for each structure."""
 
 from __future__ import annotations
 
