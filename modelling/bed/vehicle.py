@@ -1,4 +1,4 @@
-"""What a bed emulates: the residual vehicle cut out of the vehicle, feed-forward across the dead time, torque curves."""
+"""What beds emulate: the residual vehicle cut out of the vehicle; feed-forward across the dead time; torque curves."""
 
 from __future__ import annotations
 
