@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,8 @@ ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = ROOT / "examples" / "road_to_rig"
 NOTEBOOK_TIMEOUT = 1200  # s a cell
 COLOURS = 64  # of a picture in a notebook: a quarter of the bytes of true colours, and no difference to the eye
+TABS = {"Drivetrain": ".part", "Modes": ".swing"}  # of the explorer that are shown, and what stands there when drawn
+DRAWN_MS = 1500  # from then on, until fonts and figures stand too
 MAP_AXES = ("loop.dead_time=1 ms,3 ms,5 ms,8 ms,12 ms", "rig.shafts.flange_left.stiffness=4e4,2e5,1e6")
 
 
@@ -32,6 +35,7 @@ def generators() -> dict[str, Callable[[], Any]]:
     }
     figures = {f"examples/road_to_rig/{name}": make for name, make in made.items()}
     figures |= {f"docs/gallery/{name}.svg": make for name, make in gallery().items()}
+    figures |= {f"docs/gallery/explorer_{tab.lower()}.png": lambda tab=tab: explorer(tab) for tab in TABS}
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
     return figures | {f"notebooks/{path.name}": lambda path=path: run_notebook(path) for path in notebooks}
 
@@ -47,6 +51,26 @@ def gallery() -> dict[str, Callable[[], Any]]:
         "fidelity": lambda: rm.fidelity(examples / "fidelity" / "tab2.toml").plot(),
         "sensors": lambda: rm.uncertainty(examples / "sensors" / "torque_M2.toml", draws=10_000).plot(),
     }
+
+
+def explorer(tab: str) -> bytes:
+    """A tab of the explorer with the reference case, as the browser shows it."""
+    from playwright.sync_api import sync_playwright
+
+    import rigmatch as rm
+
+    page_of = rm.explore(REFERENCE / "case.toml", out=ROOT / "out" / "explorer_pictures")
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1200, "height": 700})
+        page.goto(page_of.address)
+        page.get_by_role("tab", name=tab).click()
+        page.locator(TABS[tab]).first.wait_for()
+        page.wait_for_timeout(DRAWN_MS)
+        taken = page.screenshot()
+        browser.close()
+    page_of.stop()
+    return base64.b64decode(with_palette(base64.b64encode(taken).decode()))
 
 
 def run_notebook(path: Path) -> None:
@@ -89,7 +113,7 @@ def main(names: list[str]) -> None:
         print(f"{name} …", flush=True)
         if (figure := makers[name]()) is not None:
             (ROOT / name).parent.mkdir(exist_ok=True)
-            (ROOT / name).write_bytes(image(figure, name.rpartition(".")[2]))
+            (ROOT / name).write_bytes(figure if isinstance(figure, bytes) else image(figure, name.rpartition(".")[2]))
 
 
 if __name__ == "__main__":

@@ -12,14 +12,15 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from matching.dry_run import case_words, computing, counted, model_words, was_read
 from modelling.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from matching.bed.commission import Commissioning
-    from matching.bed.excite import ExcitationOrder, ExcitationPlan
+    from matching.bed.commission import Commissioning, CommissionOrder
+    from matching.bed.excite import ExcitationPlan
     from matching.bed.identify import FromRecordings
     from matching.bed.proof import Proof
     from matching.bed.verify import BedVerification
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from modelling.bed.manoeuvres import Manoeuvre
     from modelling.linear.state_space import Response
     from modelling.modal.result import Modes
+    from modelling.recordings.read import Channel
     from modelling.recordings.recording import Recording
     from modelling.simulation.stepping import Simulation
     from modelling.system import System
@@ -69,7 +71,9 @@ def load(path: File) -> System:
     """
     from modelling.model_file import load as read
 
-    return read(Path(path))
+    system = read(Path(path))
+    was_read(path, lambda: model_words(system))
+    return system
 
 
 def load_case(path: File) -> Case:
@@ -93,7 +97,9 @@ def load_case(path: File) -> Case:
     """
     from matching.match.case_file import load_case as read
 
-    return read(Path(path))
+    case = read(Path(path))
+    was_read(path, lambda: case_words(case))
+    return case
 
 
 def new(directory: File) -> list[Path]:
@@ -156,6 +162,7 @@ def show(file: System | Case | File) -> Figure:
 
     if isinstance(file, str | PathLike):
         file = load_case(file) if is_case(read_toml(Path(file))) else load(file)
+    computing()
     return case_figure(file) if isinstance(file, Case) else model_figure(file)
 
 
@@ -165,7 +172,7 @@ def read_recording(path: File, model: System | File, channels: File | None = Non
     Parameters
     ----------
     path : path
-        The recording.
+        The recording; files of several loggers joined by +.
     model : System or path
         Its inputs and sensors are the channels that are read.
     channels : path, optional
@@ -185,10 +192,13 @@ def read_recording(path: File, model: System | File, channels: File | None = Non
     >>> recording.channels["motor_speed"].round(5).tolist()  # rad/s
     [0.0, 0.00628, 0.01257]
     """
-    from modelling.recordings.read import read_channels
-    from modelling.recordings.read import read_recording as read
+    from matching.diagnosis.loggers import read_loggers
+    from modelling.recordings.read import contents_of
 
-    return read(Path(path), system_of(model), None if channels is None else read_channels(channels))
+    system = system_of(model)
+    recording = read_loggers(str(path), system, channels_of(channels))
+    was_read(path, lambda: contents_of(recording, system))
+    return recording
 
 
 def load_result(path: File) -> SavedResult:
@@ -238,6 +248,17 @@ def in_si(value: float | str, unit: str, name: str, *, positive: bool = False) -
     return number
 
 
+def channels_of(path: File | None) -> Mapping[str, Channel] | None:
+    """What a channel file says, where there is one."""
+    from modelling.recordings.read import read_channels
+
+    if path is None:
+        return None
+    channels = read_channels(path)
+    was_read(path, lambda: f"a channel file: {', '.join(channels)}")
+    return channels
+
+
 def path_of(path: File | None) -> Path | None:
     """A path, where there is one."""
     return None if path is None else Path(path)
@@ -252,7 +273,11 @@ def tuned_case_of(case: Case | File) -> Case:
     """A tuned case; a path is a directory or ``result.json`` of a match, or a case file."""
     from matching.export import tuned_case
 
-    return tuned_case(Path(case)).tuned if isinstance(case, str | PathLike) else case
+    if not isinstance(case, str | PathLike):
+        return case
+    tuned = tuned_case(Path(case)).tuned
+    was_read(case, lambda: case_words(tuned))
+    return tuned
 
 
 def _check_seed(seed: int) -> None:
@@ -299,6 +324,7 @@ def modes(model: System | File, values: Mapping[str, float | str] | None = None,
     from modelling.modal.modes import modes as undamped
 
     system = system_of(model)
+    computing()
     return (damped_modes if damped else undamped)(system, None if values is None else system.in_si(values))
 
 
@@ -384,12 +410,14 @@ def simulate(
     from modelling.simulation.simulate import check_speed_units, recorded_start, with_stick_speed
     from modelling.simulation.simulate import simulate as run
 
-    built = compiled(system_of(model))
+    system = system_of(model)
     if isinstance(recording, Mapping):
         from modelling.bed.manoeuvres import driven
 
-        recording, start = driven(built.system, recording), "rest" if start == "recorded" else start
-    measured = recording_of(recording, built.system, channels)
+        recording, start = driven(system, recording), "rest" if start == "recorded" else start
+    measured = recording_of(recording, system, channels)
+    computing()
+    built = compiled(system)
     measured.check_continuous()
     check_speed_units(built, measured)
     inputs = measured.inputs(built.system)
@@ -456,6 +484,7 @@ def diagnose(
     read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
     if time_limit is not None and not time_limit > 0:
         raise InputError("time_limit", f"{time_limit:g} s is out of range", "give a positive number of seconds")
+    computing()
     return run(system, read, judge, tell or (lambda _: None), keep_rest, settings=settings, time_limit=time_limit)
 
 
@@ -492,11 +521,18 @@ def uncertainty(
     """
     from matching.uncertainty.budget import read_budget
     from matching.uncertainty.evaluate import evaluate
+    from matching.uncertainty.propagate import wanted_uncertainty
 
     if draws is not None and not 1000 <= draws <= 10**9:
         raise InputError("draws", f"{draws} is out of range", "give a number in 1000 ... 1e9")
     _check_seed(seed)
-    return evaluate(read_budget(str(budget)), seed=seed, draws=draws, digits=digits, wanted=wanted)
+    read = read_budget(str(budget))
+    was_read(budget, lambda: f"a budget: {counted(read.measurands, 'measurand')}, {counted(read.inputs, 'input')}")
+    if wanted is not None:
+        for measurand in read.measurands:
+            wanted_uncertainty(wanted, measurand, read.where)
+    computing()
+    return evaluate(read, seed=seed, draws=draws, digits=digits, wanted=wanted)
 
 
 def fidelity(
@@ -534,13 +570,13 @@ def fidelity(
     0.885
     """
     from matching.fidelity import read_case, xil_fidelity
-    from modelling.recordings.read import read_channels
 
     if not 100 <= draws <= 10**7:
         raise InputError("draws", f"{draws} is out of range", "give a number in 100 ... 1e7")
     _check_seed(seed)
-    names = None if channels is None else read_channels(channels)
-    return xil_fidelity(*read_case(str(case), arithmetic, nrmse, names), draws, seed)
+    title, read = read_case(str(case), arithmetic, nrmse, channels_of(channels))
+    computing(lambda: {str(case): f"a fidelity case: {title}"})
+    return xil_fidelity(title, read, draws, seed)
 
 
 # --- The explorer, from a program or a notebook.
@@ -675,29 +711,19 @@ def excite(
     >>> plan = rm.excite("out/road_to_rig")  # doctest: +SKIP
     >>> plan.error_after  # doctest: +SKIP
     """
-    from matching.bed.excite import plan_excitation, steady_speed
+    from matching.bed.excite import ExcitationOrder, check_order, plan_excitation, steady_speed
     from matching.bed.proof import plan_proof
 
     tuned = tuned_case_of(case)
-    if proof:
-        return plan_proof(tuned, steady_speed(tuned) if speed is None else in_si(speed, "rad/s", "speed"), seed)
-    return plan_excitation(tuned, excitation_order(duration, margin, speed, limit, beds, seed))
-
-
-def excitation_order(
-    duration: float | str,
-    margin: float | str,
-    speed: float | str | None,
-    limit: Mapping[str, float | str] | None,
-    beds: int,
-    seed: int,
-) -> ExcitationOrder:
-    """The wishes of :func:`excite` in SI; raises as it does."""
-    from matching.bed.excite import ExcitationOrder
-
-    torques = {name: in_si(value, "N*m", f"limit {name}", positive=True) for name, value in (limit or {}).items()}
     steady = None if speed is None else in_si(speed, "rad/s", "speed")
-    return ExcitationOrder(in_si(duration, "s", "duration"), in_si(margin, "1", "margin"), steady, torques, beds, seed)
+    if proof:
+        computing()
+        return plan_proof(tuned, steady_speed(tuned) if steady is None else steady, seed)
+    torques = {name: in_si(value, "N*m", f"limit {name}", positive=True) for name, value in (limit or {}).items()}
+    order = ExcitationOrder(in_si(duration, "s", "duration"), in_si(margin, "1", "margin"), steady, torques, beds, seed)
+    check_order(tuned, order)
+    computing()
+    return plan_excitation(tuned, order)
 
 
 def identify(
@@ -736,10 +762,13 @@ def identify(
     >>> rm.match(known.case).status  # doctest: +SKIP
     """
     from matching.bed.identify import identify as run
+    from matching.bed.identify import recordings_read
 
     on_the_road, on_the_bed = ([Path(path) for path in paths] for paths in (vehicle, bed))
     limit = None if diagnosis_limit is None else in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True)
-    return run(tuned_case_of(case), on_the_road, on_the_bed, tell or (lambda _: None), limit)
+    tuned = tuned_case_of(case)
+    computing(lambda: recordings_read(tuned, on_the_road, on_the_bed))
+    return run(tuned, on_the_road, on_the_bed, tell or (lambda _: None), limit)
 
 
 def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:
@@ -770,10 +799,9 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
     >>> judged.status  # doctest: +SKIP
     """
     from matching.bed.verify import judge, read_recordings
-    from modelling.recordings.read import read_channels
 
-    tuned, names = tuned_case_of(case), None if channels is None else read_channels(channels)
-    return judge(tuned, read_recordings([Path(path) for path in recordings], tuned, names))
+    tuned = tuned_case_of(case)
+    return judge(tuned, read_recordings([Path(path) for path in recordings], tuned, channels_of(channels)))
 
 
 def commission(
@@ -826,22 +854,33 @@ def commission(
     >>> result.status  # doctest: +SKIP
     """
     from matching.bed.commission import Circle, CommissionOrder
+    from matching.bed.excite import ExcitationOrder
     from modelling.resources import cores
 
-    vehicle = tuple(Path(path) for path in vehicle_recording)
-    excitation = commission_excitation(duration, speed)
-    limit = in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True)
-    still = None if follow is None else in_si(follow, "s", "follow", positive=True)
-    order = CommissionOrder(rounds, excitation, seed, workers or cores(), still, vehicle, limit)
+    steady = None if speed is None else in_si(speed, "rad/s", "speed")
+    order = CommissionOrder(
+        rounds=rounds, excitation=ExcitationOrder(duration=in_si(duration, "s", "duration"), speed=steady), seed=seed,
+        workers=workers or cores(), follow=None if follow is None else in_si(follow, "s", "follow", positive=True),
+        vehicle=tuple(Path(path) for path in vehicle_recording),
+        diagnosis_limit=in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True),
+    )  # fmt: skip
+    computing(lambda: _files_read(tuned_case_of(case), Path(bed), order))
     return Circle(Path(out), Path(bed), order, tell or (lambda _: None)).run(Path(case))
 
 
-def commission_excitation(duration: float | str, speed: float | str | None) -> ExcitationOrder:
-    """The wishes of :func:`commission` for an excitation in SI; raises as it does."""
-    from matching.bed.excite import ExcitationOrder
+def _files_read(case: Case, bed: Path, order: CommissionOrder) -> dict[str, str]:
+    """What :func:`commission` reads beside its case, in words by file."""
+    from matching.bed.excite import check_order
+    from matching.bed.identify import recordings_read
+    from matching.bed.simulated_bed import FmuBed, check_bed
 
-    steady = None if speed is None else in_si(speed, "rad/s", "speed")
-    return ExcitationOrder(duration=in_si(duration, "s", "duration"), speed=steady)
+    check_order(case, order.excitation)
+    check_bed(bed)
+    contents = {str(bed): "a folder for recordings of the bed"}
+    if bed.is_file():
+        with FmuBed(bed, [part.name for part in case.rig.inputs], [part.name for part in case.rig.sensors]):
+            contents[str(bed)] = "an FMU with the rig's inputs and sensors"
+    return contents | (recordings_read(case, order.vehicle, []) if order.vehicle else {})
 
 
 # --- What a test bed can be tuned to: a match, over two quantities, over tolerances.
@@ -889,8 +928,10 @@ def match(
     from matching.match.match import match as run
     from matching.worker_pool import beside
 
+    case = case_of(case)
+    computing()
     with beside(workers or 1) as aside:
-        return run(case_of(case), seed, starts, progress, beds=beds, aside=aside)
+        return run(case, seed, starts, progress, beds=beds, aside=aside)
 
 
 # more than six parameters: the options of the command
@@ -939,17 +980,11 @@ def map(  # noqa: A001
     """
     from matching.match.map import map_case
 
+    case = case_of(case)
+    computing()
     return map_case(
-        case_of(case),
-        x,
-        y,
-        executor,
-        seed=seed,
-        starts=starts,
-        workers=workers,
-        record=path_of(record),
-        progress=progress,
-    )  # fmt: skip
+        case, x, y, executor, seed=seed, starts=starts, workers=workers, record=path_of(record), progress=progress
+    )
 
 
 # more than six parameters: the options of the command
@@ -997,14 +1032,14 @@ def tolerance(
     from contextlib import nullcontext
 
     from matching.match.tolerance import tolerance as run
+    from matching.match.tolerance import what_varies
     from matching.worker_pool import executor_of
 
+    case, shares = (
+        case_of(case),
+        {name: in_si(share, "1", f"tolerance {name}") for name, share in (added or {}).items()},
+    )
+    what_varies(case, shares)
+    computing()
     with nullcontext(executor) if executor else executor_of(workers) as pool:
-        return run(
-            case_of(case), draws, pool, seed=seed, added=shares_of(added), record=path_of(record), progress=progress
-        )
-
-
-def shares_of(added: Mapping[str, float | str] | None) -> dict[str, float]:
-    """The tolerances of :func:`tolerance` as numbers, by quantity."""
-    return {name: in_si(share, "1", f"tolerance {name}") for name, share in (added or {}).items()}
+        return run(case, draws, pool, seed=seed, added=shares, record=path_of(record), progress=progress)

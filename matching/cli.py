@@ -13,11 +13,11 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import replace
 from difflib import get_close_matches
+from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from matching.arguments import add_arguments, described
 from matching.commands import COMMANDS, Command, calls
@@ -25,148 +25,15 @@ from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, InputError, of
 from modelling.escape import terminal
 from modelling.toml import line_of
 
-if TYPE_CHECKING:
-    from matching.match.case import Case
-    from modelling.system import System
-
-
-# --- ``--check``: the input files of a command read and checked, nothing calculated or written.
-
-WITHOUT = ("new", "export", "explore")  # commands that read no input file, or do little else than read it
-
-
-def check_files(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What each input file that the arguments name holds, by file."""
-    from modelling.recordings.read import read_channels
-
-    named, contents = vars(arguments), dict[str, str]()
-    channels = None
-    if named.get("channels"):
-        channels = read_channels(arguments.channels)
-        contents[arguments.channels] = f"a channel file: {', '.join(channels)}"
-    if named.get("model"):
-        from modelling.model_file import load
-
-        system = load(arguments.model)
-        contents[arguments.model] = _model(system)
-        contents |= _recordings(named, system, channels)
-    if "budget" in named:
-        from matching.uncertainty.budget import read_budget
-
-        budget = read_budget(arguments.budget)
-        contents[arguments.budget] = (
-            f"a budget: {_counted(budget.measurands, 'measurand')}, {_counted(budget.inputs, 'input')}"
-        )
-    if arguments.command == "fidelity":
-        from matching.fidelity import read_case
-
-        title, _ = read_case(arguments.case, arguments.arithmetic, arguments.nrmse, channels)
-        contents[arguments.case] = f"a fidelity case: {title}"
-    elif "case" in named or "file" in named:
-        contents |= _case_or_model(named, channels)
-    if check := COMMANDS[arguments.command].check:
-        contents |= check(arguments)
-    return {"checked": contents}
-
-
-def check_summary(result: dict[str, Any]) -> str:
-    """One line a file."""
-    return "\n".join(f"{file}: {content}" for file, content in result["checked"].items())
-
-
-def _case_or_model(named: dict[str, Any], channels: Any) -> dict[str, str]:
-    from matching.channel_names import channel_list
-    from matching.match.case import target_modes
-    from matching.match.case_file import is_case, load_case
-    from modelling.model_file import load
-    from modelling.recordings.readers import READERS
-    from modelling.toml import read_toml
-
-    if named["command"] in ("verify", "excite", "commission", "identify"):
-        from matching.bed.verify import read_recordings
-        from matching.export import tuned_case
-
-        case = tuned_case(named["case"]).tuned
-        target_modes(case)
-        if named["command"] != "verify":
-            return {named["case"]: _case(case)}
-        read_recordings(named["recordings"], case, channels)
-        return {named["case"]: _case(case)} | dict.fromkeys(named["recordings"], "a recording of the controlled bed")
-    path = named.get("case") or named["file"]
-    if "file" in named and Path(path).suffix.lower() in READERS:
-        listed = channel_list(path)["channels"]
-        most = max(row["samples"] for row in listed)
-        return {path: f"a recording: {_counted(listed, 'channel')} of up to {most} samples"}
-    if "file" in named and not is_case(read_toml(path)):
-        return {path: _model(load(path))}
-    case = load_case(path)
-    target_modes(case)
-    if named["command"] == "map":
-        from matching.match.map import axis
-
-        for name in ("x", "y"):
-            axis(case, named[name], f"--{name}")
-    return {path: _case(case)}
-
-
-def _recordings(named: dict[str, Any], system: System, channels: Any) -> dict[str, str]:
-    from matching.diagnosis.loggers import read_loggers
-    from modelling.recordings.read import contents_of
-
-    paths = [*named.get("recordings", ()), *([named["recording"]] if named.get("recording") else [])]
-    paths += named.get("holdout") or ()
-    contents = {}
-    for path in paths:
-        contents[path] = contents_of(read_loggers(path, system, channels), system)
-    return contents
-
-
-def _model(system: System) -> str:
-    parts = [
-        _counted(getattr(system, table), word)
-        for table, word in (
-            ("inertias", "inertia"), ("shafts", "shaft"), ("gears", "gear"), ("differentials", "differential"),
-            ("inputs", "input"), ("sensors", "sensor"), ("effects", "effect"),
-        )
-        if getattr(system, table)
-    ]  # fmt: skip
-    return f"a model: {', '.join(parts)}"
-
-
-def _case(case: Case) -> str:
-    notes = "".join(f"\n  note: {note}" for note in case.notes)
-    return (
-        f"a case: {_counted(case.loop.dynamometers, 'dynamometer')}, {_counted(case.targets, 'target mode')}, "
-        f"{_counted(case.moves, 'quantity')} that may move; vehicle {_model(case.vehicle)}; rig {_model(case.rig)}"
-        f"{notes}"
-    )
-
-
-def _counted(parts: Any, word: str) -> str:
-    several = word[:-1] + "ies" if word.endswith("ty") else f"{word}s"
-    return f"{len(parts)} {word if len(parts) == 1 else several}"
-
-
-# --- Cli
-
 # PYTHON_ARGCOMPLETE_OK
 
-
+WITHOUT = ("new", "export", "explore")  # commands without --check: they read no file, or do little else
 ABOUT = "Tunes a powertrain test bed until it reproduces the vehicle's response; checks models against recordings."
 HELP_AND_TAB = """rigmatch COMMAND --help explains a command.
 Tab in bash and zsh: eval "$(register-python-argcomplete rigmatch)"; other shells: docs/commands.md"""
 MADE_BY_MAKE_RUN = "out/road_to_rig"  # what examples of help take as there
 NARROWEST_TERMINAL = 40  # columns
 GO_ON_IN_PLACE = ("explore", "commission")  # commands that write to files they read
-
-# Errors of the operating system that a wrong path on the command line causes; a full disk, say, is not among them.
-WRONG_PATH: dict[type[Exception], tuple[str, str]] = {
-    FileNotFoundError: ("no such file", "a path that exists"),
-    IsADirectoryError: ("is a directory", "a file"),
-    NotADirectoryError: ("has a file where a directory is needed", "a path of directories"),
-    FileExistsError: ("exists and is not a directory", "another name"),
-    PermissionError: ("access denied", "a path you may read, or write to for output"),
-}
 
 
 class HelpFormatter(argparse.HelpFormatter):
@@ -226,10 +93,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAULT
     except Exception as error:
-        if line := _wrong_path(error, words):
+        if line := str(of_the_machine(error) or "") or _wrong_path(error, words):
             return _say(line, BAD_INPUT)
-        if fault := of_the_machine(error):
-            return _say(str(fault), BAD_INPUT)
         if "--traceback" in words or os.environ.get("RIGMATCH_TRACEBACK"):
             import traceback
 
@@ -305,11 +170,25 @@ def _run(words: Sequence[str]) -> None:
     arguments = parser.parse_args(words)
     command = COMMANDS[arguments.command]
     if getattr(arguments, "check", False):
-        command, arguments.out = replace(command, run=check_files, summary=check_summary, page=""), None
+        arguments.out = None
+        command = Command(command.group, command.function, partial(_only_read, command), summary=_contents, out=None)
     with _inputs_kept(arguments):
         text = _answer(command, arguments)
     if text:
         print(_fitted(text.rstrip("\n")), flush=True)
+
+
+def _only_read(command: Command, arguments: argparse.Namespace) -> dict[str, Any]:
+    """What the files of a command hold, by file: nothing is calculated or written."""
+    from matching.dry_run import dry_run
+
+    with dry_run() as contents:
+        command.run(arguments)
+    return {"checked": contents}
+
+
+def _contents(result: dict[str, Any]) -> str:
+    return "\n".join(f"{file}: {content}" for file, content in result["checked"].items())
 
 
 def _check_no_empty_words(words: Sequence[str]) -> None:
@@ -382,16 +261,13 @@ def _one_thread_for_blas() -> None:
 
 
 def _wrong_path(error: Exception, words: Sequence[str]) -> str:
-    """Line for a wrong path on the command line that no reader caught; empty if the error is a fault of the program."""
-    if type(error) not in WRONG_PATH or not isinstance(error, OSError):
+    """Line for a path on the command line that the operating system refuses; empty for any other error."""
+    if not isinstance(error, OSError) or not isinstance(error.filename, str | bytes | os.PathLike):
         return ""
-    if not isinstance(error.filename, str | bytes | os.PathLike):
-        return ""
-    wrong, right = WRONG_PATH[type(error)]
     path = Path(os.fsdecode(error.filename))
     on_command_line = [Path(word.partition("=")[2] if word.startswith("--") else word).absolute() for word in words]
     is_users = any(path.absolute() in (each, *each.parents) for each in on_command_line)
-    return str(InputError(str(path), wrong, f"give {right}")) if is_users else ""
+    return str(InputError(str(path), (error.strerror or "fails").lower(), "give another path")) if is_users else ""
 
 
 def _place(error: Exception) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from matching import api
 from matching.arguments import called, completed, pairs
+from matching.dry_run import computing, is_dry
 from matching.saved import SavedResult
 from modelling import display
 from modelling.errors import InputError
@@ -51,6 +53,8 @@ def called_with_progress(arguments: Arguments, **more: Any) -> Any:
         raise InputError("--workers", "does not go with --scheduler", "name one of them")
     if "workers" in takes:
         arguments.workers = arguments.workers or cores()
+    if is_dry():
+        return called(function, arguments, **more)
     with ExitStack() as stack:
         if "executor" in takes:
             more["executor"] = stack.enter_context(executor_of(arguments.workers, arguments.scheduler))
@@ -140,11 +144,16 @@ def _listed(arguments: Arguments) -> dict[str, Any]:
     from modelling.writing import write_all
 
     listed = channel_list(arguments.file, api.load(arguments.model) if arguments.model else None)
+    channels = listed["channels"]
+    most = max(row["samples"] for row in channels)
+    computing(lambda: {arguments.file: f"a recording: {len(channels)} channels of up to {most} samples"})
     files = []
     if arguments.model:
         files = [f"{file_name(Path(arguments.file).stem)}_channels.toml"]
         write_all(arguments.out, {files[0]: listed["channel_file"]})
-    return {"file": arguments.file, **listed, "files": files}
+    words = ["diagnose", arguments.model or "", arguments.file, "--channels", str(Path(arguments.out, *files))]
+    following = f"rigmatch {shlex.join(words)} --out out/diagnosis" if files else ""
+    return {"file": arguments.file, **listed, "files": files, "next": following}
 
 
 def _drawn(arguments: Arguments) -> dict[str, Any]:
@@ -173,6 +182,8 @@ def show_summary(result: dict[str, Any]) -> str:
         rows = [{head: _cell(value) for head, value in row.items()} for row in result["channels"]]
         notes = [f"note: {note}" for note in result["notes"]]
         parts = [aligned(rows), *notes, *([result["channel_file"].rstrip()] if result["channel_file"] else [])]
+        if result["next"]:
+            written.append(f"next, after you have read and corrected it: {result['next']}")
         return "\n".join([*parts, *written])
 
     lines = [
@@ -246,12 +257,6 @@ def run_modes(arguments: Arguments) -> dict[str, Any]:
 
         *_, files = modes_files(analysed, title=system.title or str(arguments.model))
     return write_results(arguments.out or ".", "modes.json", result, files)
-
-
-def check_modes(arguments: Arguments) -> dict[str, str]:
-    """For ``--check``: whether the quantities to change exist; names no further file."""
-    _changes(arguments.change, api.load(arguments.model))
-    return {}
 
 
 def _add_reduced(result: dict[str, Any], system: System, analysed: Modes) -> None:
@@ -397,50 +402,7 @@ def run_tolerance(arguments: Arguments) -> dict[str, Any]:
     return written(called_with_progress(arguments, added=added), arguments)
 
 
-def check_tolerance(arguments: Arguments) -> dict[str, str]:
-    """For ``--check``: whether the study covers the case, and what varies exists; names no further file."""
-    from matching.match.tolerance import what_varies
-
-    what_varies(api.load_case(arguments.case), api.shares_of(pairs(arguments.added or [], "--tolerance")))
-    return {}
-
-
-# --- Say how far it can be trusted
-
-
-def check_uncertainty(arguments: Arguments) -> dict[str, str]:
-    """For ``--check``: whether the wanted uncertainty is one of the measurands'; names no further file."""
-    from matching.uncertainty.budget import read_budget
-    from matching.uncertainty.propagate import wanted_uncertainty
-
-    budget = read_budget(arguments.budget)
-    if arguments.wanted is not None:
-        for measurand in budget.measurands:
-            wanted_uncertainty(arguments.wanted, measurand, budget.where)
-    return {}
-
-
 # --- Go onto the bed
-
-
-def check_excite(arguments: Arguments) -> dict[str, str]:
-    """For ``--check``: whether the wishes can be met; names no further file."""
-    from matching.bed.excite import check_order
-
-    limit = pairs(arguments.limit or [], "--limit")
-    order = api.excitation_order(
-        arguments.duration, arguments.margin, arguments.speed, limit, arguments.beds, arguments.seed
-    )
-    check_order(api.tuned_case_of(arguments.case), order)
-    return {}
-
-
-def check_identify(arguments: Arguments) -> dict[str, str]:
-    """For ``--check``: what the recordings hold, by file."""
-    from matching.bed.identify import recordings_read
-
-    vehicle, bed = ([Path(name) for name in names] for names in (arguments.vehicle, arguments.bed))
-    return recordings_read(api.tuned_case_of(arguments.case), vehicle, bed)
 
 
 def verify_arguments(parser: argparse.ArgumentParser) -> None:
@@ -453,12 +415,9 @@ def verify_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_verify(arguments: Arguments) -> dict[str, Any]:
     """Judge and write files."""
-    from modelling.recordings.read import read_channels
-
     if arguments.follow is not None:
         arguments.follow = api.in_si(arguments.follow, "s", "--follow", positive=True)
-    case = api.tuned_case_of(arguments.case)
-    channels = read_channels(arguments.channels) if arguments.channels else None
+    case, channels = api.tuned_case_of(arguments.case), api.channels_of(arguments.channels)
     if arguments.follow is None:
         return _judged(arguments, case, channels, arguments.recordings)
     return _followed(arguments, case, channels)
@@ -470,7 +429,9 @@ def _judged(arguments: Arguments, case: Case, channels: Any, recordings: Sequenc
     from matching.bed.verify import judge, read_recordings
     from matching.progress import steps
 
-    verification = judge(case, read_recordings(recordings, case, channels, arguments.recordings))
+    read = read_recordings(recordings, case, channels, arguments.recordings)
+    computing(lambda: dict.fromkeys(arguments.recordings, "a recording of the controlled bed"))
+    verification = judge(case, read)
     reason = None
     if arguments.follow is None:  # nobody at the bed waits for minutes
         with steps("verify") as tell:
@@ -511,23 +472,6 @@ def run_commission(arguments: Arguments) -> dict[str, Any]:
     """Go round; a person at the bed is told every step in a line of its own."""
     more = {} if arguments.follow is None else {"tell": say}
     return written(called_with_progress(arguments, **more), arguments)
-
-
-def check_commission(arguments: Arguments) -> dict[str, str]:
-    """For ``--check``: what the bed is, and what the vehicle's recordings hold, by file."""
-    from matching.bed.excite import check_order
-    from matching.bed.identify import recordings_read
-    from matching.bed.simulated_bed import FmuBed, check_bed
-
-    case, bed = api.tuned_case_of(arguments.case), Path(arguments.bed)
-    check_order(case, api.commission_excitation(arguments.duration, arguments.speed))
-    check_bed(bed)
-    contents = {arguments.bed: "a folder for recordings of the bed"}
-    if bed.is_file():
-        with FmuBed(bed, [part.name for part in case.rig.inputs], [part.name for part in case.rig.sensors]):
-            contents[arguments.bed] = "an FMU with the rig's inputs and sensors"
-    recordings = [Path(name) for name in arguments.vehicle_recording]
-    return contents | (recordings_read(case, recordings, []) if recordings else {})
 
 
 def say(what: str) -> None:
@@ -638,8 +582,6 @@ class Command:
         Does it and writes files; returns the result object.
     summary : callable, optional
         The result for a reader at a terminal.
-    check : callable, optional
-        What ``--check`` reads next to model, case, budget and recordings, by file.
     page : str
         The report in the folder of ``--out``.
     out : str, optional
@@ -654,7 +596,6 @@ class Command:
     function: Callable[..., Any]
     run: Callable[[Arguments], dict[str, Any]] = run_function
     summary: Callable[[dict[str, Any]], str] | None = None
-    check: Callable[[Arguments], dict[str, str]] | None = None
     page: str = ""
     out: str | None = ""
     required: tuple[str, ...] = ()
@@ -755,7 +696,7 @@ COMMANDS: dict[str, Command] = {
     "show": Command(BEGIN, api.show, run_show, summary=show_summary, further=show_arguments, **HERE),
     "explore": Command(BEGIN, api.explore, run_explore, hidden=("browser",), further=explore_arguments, **NO_OUT),
     "modes": Command(
-        UNDERSTAND, api.modes, run_modes, summary=modes_summary, check=check_modes, hidden=("values",),
+        UNDERSTAND, api.modes, run_modes, summary=modes_summary, hidden=("values",),
         further=modes_arguments, **NO_OUT,
     ),
     "simulate": Command(UNDERSTAND, api.simulate, run_simulate, summary=simulate_summary),
@@ -765,12 +706,12 @@ COMMANDS: dict[str, Command] = {
         further=study_arguments,
     ),
     "tolerance": Command(
-        MATCH, api.tolerance, run_tolerance, summary=told("tolerance.json"), check=check_tolerance, page="report.html",
+        MATCH, api.tolerance, run_tolerance, summary=told("tolerance.json"), page="report.html",
         hidden=("record",), further=study_arguments,
     ),
     "diagnose": Command(LACKS, api.diagnose, summary=told("diagnosis.json"), page="report.html"),
     "uncertainty": Command(
-        TRUST, api.uncertainty, summary=told("uncertainty.json"), check=check_uncertainty, page="uncertainty.html",
+        TRUST, api.uncertainty, summary=told("uncertainty.json"), page="uncertainty.html",
         **HERE,
     ),
     "fidelity": Command(TRUST, api.fidelity, summary=told("fidelity.json"), page="fidelity.html", **HERE),
@@ -779,14 +720,13 @@ COMMANDS: dict[str, Command] = {
     ),
     "excite": Command(
         BED, api.excite, summary=lambda plan: told("proof.json" if "period" in plan else "excite.json")(plan),
-        check=check_excite,
     ),
-    "identify": Command(BED, api.identify, summary=told("identification.json"), check=check_identify),
+    "identify": Command(BED, api.identify, summary=told("identification.json")),
     "verify": Command(
         BED, api.verify, run_verify, summary=told("verification.json"), page="report.html", further=verify_arguments
     ),
     "commission": Command(
-        BED, api.commission, run_commission, summary=told("commission.json"), check=check_commission,
+        BED, api.commission, run_commission, summary=told("commission.json"),
         page="report.html", required=("bed", "out"), **NO_OUT,
     ),
 }  # fmt: skip

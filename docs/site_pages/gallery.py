@@ -40,12 +40,10 @@ def gallery_pages() -> dict[str, str | bytes]:
 
 
 def _card(page: str, text: str, picture: str) -> str:
-    """A card: title and first paragraph of its page, with a picture where there is one."""
+    """A card: title and first sentence of its page, with a picture where there is one."""
     title, _, rest = text.lstrip("# ").partition("\n")
-    plain = re.sub(r"```.*?```|!\[[^\]]*\]\([^)]*\)", "", rest, flags=re.DOTALL)
-    words = " ".join(re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", plain).split())
-    sentences = [each for each in re.split(r"(?<=[.:])\s", words) if re.match(r"[A-Z].{20,}\.$", each)]
-    sentence = sentences[0] if sentences else ""
+    paragraph = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", " ".join(rest.strip().split("\n\n")[0].split()))
+    sentence = re.split(r"(?<=[.?]) (?=[A-Z])", paragraph)[0]
     image = f":img-top: {picture}\n" if picture else ""
     return f":::{{grid-item-card}} {title}\n:link: {page}\n:link-type: doc\n{image}\n{sentence}\n:::\n\n"
 

@@ -16,7 +16,8 @@ from matching.bed.excite import ExcitationPlan
 from matching.bed.proof import Proof
 from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared, snapshots
 from matching.match.case import Case, Uncertain
-from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, ControlLaw, SupervisedController
+from modelling.bed.bed import ControlLaw
+from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, SupervisedController
 from modelling.effects.effect import shared_place
 from modelling.effects.sensors_and_actuators import (
     AllPass,

@@ -29,8 +29,8 @@ from matching.bed.measured import estimated_response, spectra
 from matching.channel_names import Suggestion, channel_file, suggestions, time_column
 from matching.explore.files import Document, ModelDocument, Workspace
 from matching.progress import PROGRESS_ALWAYS
-from matching.report.common import LIMIT, NOISE, RIG, VEHICLE
-from matching.report.drivetrain import Picture, case_drawings, drawing, picture
+from matching.report.common import LIMIT, NOISE, RIG, VEHICLE, decimated
+from matching.report.drivetrain import Sketch, case_drawings, drawing, sketch
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
 from modelling.escape import file_name, html
@@ -293,28 +293,59 @@ def _place(content: Mapping[str, Any], axis: str, value: float) -> float:
     return float(np.interp(value, values, np.arange(len(values))))
 
 
+# --- Elements of the page that Panel does not have, each with its script and style beside this file.
+
+
+def beside_this(name: str) -> str:
+    """The text of a script or style."""
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")
+
+
+class DrivetrainView(JSComponent):
+    """A drawing whose parts can be picked by mouse and keys: as wide as the page, larger on request.
+
+    ``svg`` and ``marks`` are those of :mod:`matching.report.drivetrain`; ``picked`` is the last part, with a count that
+    makes it new; without ``reacts`` no part is a button.
+    """
+
+    label = param.String(default="the drivetrain")
+    svg = param.String(default="")
+    marks = param.Dict(default={})
+    reacts = param.Boolean(default=False)
+    picked = param.String(default="")
+    _esm = beside_this("drivetrain.js")
+    _stylesheets = [beside_this("drivetrain.css")]
+
+
+class Slider(JSComponent):
+    """The browser's own slider, which says its name and value to screen readers and moves by the arrow keys.
+
+    ``label`` is what it sets, with its unit.
+    """
+
+    label = param.String(default="value")
+    start = param.Number(default=0.0)
+    end = param.Number(default=1.0)
+    step = param.Number(default=0.01)
+    value = param.Number(default=0.0)
+    _esm = beside_this("slider.js")
+    _stylesheets = [beside_this("slider.css")]
+
+
+class TabBar(JSComponent):
+    """A row of buttons that screen readers know as tabs; ``active`` is the number of the one that is open."""
+
+    names = param.List(default=[], item_type=str)
+    active = param.Integer(default=0)
+    _esm = beside_this("tabs.js")
+    _stylesheets = [beside_this("tabs.css")]
+
+
 # --- Pieces that every tab uses: headings, messages, tables, the box with command and Python.
 
 WIDE = "stretch_width"
 # Panes have a shadow tree of their own, which the style sheet of the page does not reach.
-PANE_STYLE = """
-:host { font: 15px/1.45 system-ui, "Segoe UI", Arial, sans-serif; color: #1a1a1a; }
-p { max-width: 80ch; margin: .3em 0; } .wrong { color: #a00000; font-weight: 600; }
-pre { margin: .3em 0; padding: .4em .6em; background: #f4f4f4; overflow-x: auto; white-space: pre; }
-pre.words { white-space: pre-wrap; }
-.scrolls { overflow-x: auto; } table { border-collapse: collapse; font-size: .92rem; }
-caption { text-align: left; font-weight: 600; padding: .2em 0; }
-th, td { text-align: left; padding: 3px 14px 3px 0; border-bottom: 1px solid #ddd; vertical-align: top; }
-td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-h1 { font-size: 1.3rem; margin: .3em 0; } h2 { font-size: 1.1rem; margin: .9em 0 .2em; }
-summary { cursor: pointer; }
-iframe { width: 100%; height: 860px; border: 1px solid #bbb; border-radius: 4px; background: #fff; }
-@media (max-width: 700px) { .scrolls td:last-child { min-width: 11em; } }
-@media (prefers-color-scheme: dark) {
-  :host { color: #e8e8e8; } .wrong { color: #ff9a9a; } pre { background: #2b2b2b; } a { color: #7cc4f5; }
-  th, td { border-bottom-color: #555; }
-}
-"""
+PANE_STYLE = beside_this("pane.css")
 
 
 def heading(text: str, level: int = 2) -> pn.pane.HTML:
@@ -632,7 +663,7 @@ def _size(recording: Recording, name: str) -> float:
     return max(float(np.abs(recording[name]).max()), 1e-300)
 
 
-# --- Bokeh figures of the page: responses with a cursor, energies of a mode, signals.
+# --- Bokeh figures of the page: responses with a cursor, signals.
 
 TOOLS = "pan,wheel_zoom,box_zoom,reset,save"
 HEIGHT = 260  # px
@@ -683,25 +714,6 @@ class ResponseFigures:
         values = curves.values[:, curves.sensors.index(sensor), curves.inputs.index(source)]
         kept = np.isfinite(values)
         self.show(self.measured, curves.frequencies[kept], values[kept])
-
-
-class EnergyBars:
-    """Shares of the components in the energies of one mode."""
-
-    def __init__(self, names: list[str]):
-        self.source = ColumnDataSource({"name": names, "share": [0.0] * len(names)})
-        self.figure = figure(
-            title="Energy of the mode", y_range=names[::-1], x_range=(0, 1), x_axis_label="share of kinetic or "
-            "potential energy", height=max(120, 40 + 16 * len(names)), sizing_mode="stretch_width", tools="save",
-        )  # fmt: skip
-        self.figure.toolbar.logo = None
-        self.figure.hbar(y="name", right="share", height=0.7, source=self.source, color="#E69F00", line_color="#222222")
-        self.figure.add_tools(HoverTool(tooltips=[("", "@name"), ("share", "@share{0.0 %}")]))
-
-    def show(self, shares: dict[str, float]) -> None:
-        """Show other shares, by name."""
-        names = self.source.data["name"]
-        self.source.data = {"name": names, "share": [shares.get(name, 0.0) for name in names]}
 
 
 # --- Buttons that run a command in a process of its own, tell its progress and cancel it.
@@ -788,250 +800,29 @@ def _in_page(page: Any, act: Callable[[Any], None], value: Any) -> None:
         page.add_next_tick_callback(lambda: act(value))
 
 
-# --- The drawing as an element of the page: as wide as the page, larger on request; parts are picked by mouse or keys.
-
-
-class DrivetrainView(JSComponent):
-    """An SVG whose parts (``data-part``) can be picked; ``picked`` is the last, with a count that makes it new."""
-
-    label = param.String(default="the drivetrain")
-    svg = param.String(default="")
-    picked = param.String(default="")
-
-    _esm = """
-export function render({ model, el }) {
-  const whole = document.createElement('div')
-  const box = document.createElement('div')
-  let zoom = 1  // times the width of the page
-  const fit = () => {
-    for (const svg of box.querySelectorAll('svg')) {
-      svg.style.width = `${100 * zoom}%`
-      svg.style.maxWidth = `${zoom * svg.width.baseVal.valueInSpecifiedUnits}px`
-    }
-  }
-  const button = (text, label, factor) => {
-    const made = document.createElement('button')
-    made.type = 'button'
-    made.textContent = text
-    made.setAttribute('aria-label', label)
-    made.addEventListener('click', () => {
-      const before = zoom
-      const middle = box.scrollLeft + box.clientWidth / 2
-      zoom = Math.min(8, Math.max(1, zoom * factor))
-      fit()
-      box.scrollLeft = middle * zoom / before - box.clientWidth / 2
-    })
-    return made
-  }
-  const bar = document.createElement('div')
-  bar.className = 'zoom'
-  bar.append(button('+', 'Larger drawing', 1.5), button('−', 'Smaller drawing', 1 / 1.5))
-  box.className = 'drawing'
-  box.tabIndex = 0
-  box.setAttribute('role', 'region')
-  box.setAttribute('aria-label', `Drawing of ${model.label}, scrolls when larger`)
-  const still = window.matchMedia('(prefers-reduced-motion: reduce)')
-  const draw = () => {
-    const root = box.getRootNode()
-    const held = root.activeElement && root.activeElement.dataset ? root.activeElement.dataset.part : null
-    const left = box.scrollLeft
-    box.innerHTML = model.svg
-    fit()
-    box.scrollLeft = left
-    for (const svg of box.querySelectorAll('svg')) {
-      svg.setCurrentTime(performance.now() / 1000 % 2)
-      if (still.matches) svg.pauseAnimations()
-    }
-    if (held) {
-      const again = box.querySelector(`[data-part="${CSS.escape(held)}"]`)
-      if (again) again.focus({ preventScroll: true })
-    }
-  }
-  let count = 0
-  const pick = (event) => {
-    const part = event.target.closest('[data-part]')
-    if (!part) return
-    event.preventDefault()
-    count += 1
-    model.picked = `${part.dataset.part} ${count}`
-  }
-  box.addEventListener('click', pick)
-  box.addEventListener('keydown', (event) => { if (event.key === 'Enter' || event.key === ' ') pick(event) })
-  model.on('svg', draw)
-  draw()
-  whole.append(bar, box)
-  return whole
-}
-"""
-
-    _stylesheets = [
-        """
-.drawing { overflow-x: auto; border: 1px solid #ccc; background: #fff; padding: 4px; max-width: 100%; }
-.drawing:focus-visible { outline: 2px solid #0072B2; }
-.drawing svg { display: block; height: auto; }
-.zoom { display: flex; gap: 4px; justify-content: flex-end; padding: 2px 0; }
-.zoom button { width: 30px; height: 26px; border: 1px solid #888; border-radius: 4px; background: #fff; }
-@media (prefers-color-scheme: dark) { .zoom button { background: #333; color: #eee; } }
-.part[data-part] { cursor: pointer; }
-.part .box { stroke-width: 0.03; }
-.part[data-part]:hover .box { stroke: #888; }
-.part.changed .box { stroke: #D55E00; stroke-width: 0.045; stroke-dasharray: 0.12 0.06; }
-.part.selected .box { stroke: #0072B2; stroke-width: 0.05; stroke-dasharray: none; }
-.part:focus { outline: none; }
-.part:focus-visible .box { stroke: #000; stroke-width: 0.07; }
-"""
-    ]
-
-
-# --- A slider that says its name and value to screen readers and moves by the arrow keys: the browser's own.
-
-
-class Slider(JSComponent):
-    """A number between two ends; ``label`` is what it sets, with its unit."""
-
-    label = param.String(default="value")
-    start = param.Number(default=0.0)
-    end = param.Number(default=1.0)
-    step = param.Number(default=0.01)
-    value = param.Number(default=0.0)
-
-    _esm = """
-export function render({ model }) {
-  const label = document.createElement('label')
-  const text = document.createElement('span')
-  const input = document.createElement('input')
-  input.type = 'range'
-  label.append(text, input)
-  const words = () => { text.textContent = `${model.label}: ${Number(model.value.toPrecision(4))}` }
-  const take = () => {
-    input.min = model.start; input.max = model.end; input.step = model.step; input.value = model.value
-    words()
-  }
-  input.addEventListener('input', () => { model.value = Number(input.value); words() })
-  for (const name of ['label', 'start', 'end', 'step', 'value']) model.on(name, () => {
-    if (name !== 'value' || Number(input.value) !== model.value) take()
-  })
-  take()
-  return label
-}
-"""
-
-    _stylesheets = [
-        """
-label { display: flex; flex-direction: column; padding: 0 5px; font: 15px/1.45 system-ui, sans-serif; color: #1a1a1a; }
-@media (prefers-color-scheme: dark) { label { color: #e8e8e8; } }
-input { width: 100%; accent-color: #0072B2; }
-"""
-    ]
-
-
-# --- The row of tabs: buttons that screen readers know as tabs; arrow keys move between them.
-
-
-class TabBar(JSComponent):
-    """Names of tabs, and the number of the one that is open."""
-
-    names = param.List(default=[], item_type=str)
-    active = param.Integer(default=0)
-
-    _esm = """
-export function render({ model }) {
-  const bar = document.createElement('div')
-  bar.setAttribute('role', 'tablist')
-  bar.setAttribute('aria-label', 'Views')
-  const buttons = model.names.map((name, number) => {
-    const button = document.createElement('button')
-    button.textContent = name
-    button.setAttribute('role', 'tab')
-    button.addEventListener('click', () => { model.active = number })
-    bar.append(button)
-    return button
-  })
-  const mark = () => buttons.forEach((button, number) => {
-    button.setAttribute('aria-selected', number === model.active ? 'true' : 'false')
-    button.tabIndex = number === model.active ? 0 : -1
-  })
-  bar.addEventListener('keydown', (event) => {
-    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key]
-    if (!step) return
-    event.preventDefault()
-    model.active = (model.active + step + buttons.length) % buttons.length
-    mark()
-    buttons[model.active].focus()
-  })
-  model.on('active', mark)
-  mark()
-  return bar
-}
-"""
-
-    _stylesheets = [
-        """
-div { display: flex; flex-wrap: wrap; gap: 4px; border-bottom: 1px solid #888; }
-button { font: 15px/1.4 system-ui, sans-serif; padding: 6px 14px; border: 1px solid #888; border-bottom: none;
-  border-radius: 4px 4px 0 0; background: #f0f0f0; color: #1a1a1a; cursor: pointer; }
-div { counter-reset: step; }
-button::before { counter-increment: step; content: counter(step) ". "; }
-@media (prefers-color-scheme: dark) { button { background: #333; color: #eee; } }
-button[aria-selected="true"] { background: #0072B2; color: #fff; border-color: #0072B2; }
-button:focus-visible { outline: 3px solid #000; outline-offset: 1px; }
-"""
-    ]
-
-
 # --- Drawings of the open models; those of a case with what the case says of them.
 
 
-def pictures(workspace: Workspace) -> dict[str, Picture]:
-    """Picture of every open model, by its role; values as edited, dynamometers and cut as the saved case has them."""
+def sketches(workspace: Workspace) -> dict[str, Sketch]:
+    """Drawing of every open model, by its role; values as edited, dynamometers and cut as the saved case has them."""
     systems = {role: document.system for role, document in workspace.models.items()}
     if workspace.case is None:
-        return {role: picture(drawing(system)) for role, system in systems.items()}
-    drawn = dict(zip(("vehicle", "rig"), case_drawings(workspace.load_case()), strict=True))
-    largest = max(part.J.value for system in systems.values() for part in system.inertias)
-    return {role: picture(drawing(system, drawn[role].emphasis, largest)) for role, system in systems.items()}
-
-
-# --- Long signals for a screen: the least and the largest sample of every column of pixels, so that no peak is lost.
-
-
-def envelope(time: np.ndarray, values: np.ndarray, low: float, high: float, columns: int) -> tuple[np.ndarray, ...]:
-    """A signal between two times, decimated to two samples a column.
-
-    Parameters
-    ----------
-    time : ndarray (t,)
-        Rising, s.
-    values : ndarray (t,)
-        NaN where nothing was recorded.
-    low, high : float
-        s; one sample beyond each end is kept, so that the curve reaches the edges.
-    columns : int
-
-    Returns
-    -------
-    time, values : ndarray (k,)
-        All samples where they are fewer than two a column, else the extremes in the order in which they occur.
-    """
-    first = max(int(np.searchsorted(time, low)) - 1, 0)
-    last = min(int(np.searchsorted(time, high, side="right")) + 1, len(time))
-    t, y = time[first:last], values[first:last]
-    size = len(t) // columns
-    if size <= 2:
-        return t, y
-    whole = size * columns
-    blocks = y[:whole].reshape(columns, size)
-    gaps = np.isnan(blocks)
-    least = (np.where(gaps, np.inf, blocks) if gaps.any() else blocks).argmin(axis=1)
-    largest = (np.where(gaps, -np.inf, blocks) if gaps.any() else blocks).argmax(axis=1)
-    places = np.sort(np.stack([least, largest], axis=1) + size * np.arange(columns)[:, None], axis=1).ravel()
-    places = np.concatenate([places, np.arange(whole, len(t))]) if whole < len(t) else places
-    return t[places], y[places]
+        drawings = {role: drawing(system) for role, system in systems.items()}
+    else:
+        of_case = dict(zip(("vehicle", "rig"), case_drawings(workspace.load_case()), strict=True))
+        largest = max(part.J.value for system in systems.values() for part in system.inertias)
+        drawings = {role: drawing(system, of_case[role].emphasis, largest) for role, system in systems.items()}
+    known = workspace.sketches  # a drawing takes a fifth of a second
+    workspace.sketches = {
+        role: known[role] if role in known and known[role].drawing == drawn else sketch(drawn)
+        for role, drawn in drawings.items()
+    }
+    return workspace.sketches
 
 
 # --- A measurement file beside a model: its columns, which channel each is, and the signals over time.
 
-COLUMNS = 1500  # of pixels that a signal is decimated to
+SHOWN_POINTS = 3000  # of a signal: two a column of pixels
 
 
 @dataclass(frozen=True)
@@ -1068,8 +859,10 @@ class Measurement:
 
     def signal(self, column: str, low: float, high: float) -> tuple[np.ndarray, ...]:
         """Times and values (k,) of a column between two times, decimated for a screen, in the file's units."""
-        time, values = envelope(self._column(self.time), self._column(column), low, high, COLUMNS)
-        return time, values
+        time, values = self._column(self.time), self._column(column)
+        first = max(int(np.searchsorted(time, low)) - 1, 0)  # one sample beyond each end: the curve reaches the edges
+        last = int(np.searchsorted(time, high, side="right")) + 1
+        return decimated(time[first:last], values[first:last], SHOWN_POINTS)
 
     def write_channels(self, chosen: Mapping[str, tuple[str, str]], folder: Path) -> Path:
         """Write a channel file that says which column, in which unit, is which channel; its path."""

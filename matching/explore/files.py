@@ -285,6 +285,8 @@ class Workspace:
     case : Document or None
     recordings : list of Path
     budget, fidelity : Document or None
+    sketches : dict of str to Sketch
+        The models as they were drawn last.
     leave : callable
         Empties the page that shows these files now: its fields would not hear what a newer page changes.
     """
@@ -295,6 +297,7 @@ class Workspace:
     recordings: list[Path] = field(default_factory=list)
     budget: Document | None = None
     fidelity: Document | None = None
+    sketches: dict[str, Any] = field(default_factory=dict, repr=False)
     leave: Callable[[], None] = field(default=lambda: None, repr=False)
     home: Path = field(default_factory=Path.cwd)
 

@@ -1,4 +1,4 @@
-"""The tab *Modes*: table, energies, the mode swinging on the drawing, responses; a slider moves all of it."""
+"""The tab *Modes*: table, the mode with its energies swinging on the drawing, responses; a slider moves all of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from matching.explore.common import (
     WIDE,
     DrivetrainView,
     Editing,
-    EnergyBars,
     Entry,
     Equivalent,
     EquivalentBox,
@@ -30,15 +29,15 @@ from matching.explore.common import (
     measured_curves,
     offer,
     paragraph,
-    pictures,
     read_as_suggested,
     same,
+    sketches,
     table,
 )
 from matching.explore.files import Document, Workspace, part_of, write_case, write_model
 from matching.explore.parts import ADDABLE, add_part, remove_part, rename_part
 from matching.report.common import amount, hertz, number, spaced, unit
-from matching.report.drivetrain import LEGEND, Marks, Picture, drivetrain_svg
+from matching.report.drivetrain import LEGEND, Sketch, marks
 from modelling.errors import InputError
 from modelling.escape import html
 
@@ -51,8 +50,11 @@ class DrivetrainTab:
     def __init__(self, workspace: Workspace, changed: Callable[[], None]):
         self.workspace, self._changed = workspace, changed
         self._role, self._part = next(iter(workspace.models)), ""
-        self._pictures: dict[str, Picture] = {}
-        self.views = {role: DrivetrainView(label=f"the {spaced(role)}", sizing_mode=WIDE) for role in workspace.models}
+        self._sketches: dict[str, Sketch] = {}
+        self.views = {
+            role: DrivetrainView(label=f"the {spaced(role)}", reacts=True, sizing_mode=WIDE)
+            for role in workspace.models
+        }
         self.editing = Editing(self._enter, self._undo, self._documents, self._after_change, width=300)
         self.chooser = pn.widgets.Select(name="Part", groups=self._groups(), width=300)
         self.values = pn.Column(sizing_mode=WIDE)
@@ -109,12 +111,12 @@ class DrivetrainTab:
         self.refresh()
 
     def refresh(self) -> None:
-        """Draw everything anew; pictures only where a value has changed."""
+        """Mark everything anew; drawings only where a value has changed."""
+        self._sketches = self._sketches or sketches(self.workspace)
         for role, view in self.views.items():
-            document = self.workspace.models[role]
+            drawn, document = self._sketches[role], self.workspace.models[role]
             chosen = self._part if role == self._role else ""
-            marks = Marks(selected=chosen, changed=document.changed_parts)
-            view.svg = drivetrain_svg(self._picture(role), marks, reacts=True, prefix=role)
+            view.param.update(svg=drawn.svg, marks=marks(drawn, chosen, document.changed_parts))
         rows = [
             html(
                 f"{spaced(role)}: {name}: {amount(before, document.system.units[name])} → "
@@ -132,7 +134,7 @@ class DrivetrainTab:
 
     def after_change(self) -> None:
         """Show values that were changed here or elsewhere."""
-        self._pictures.clear()
+        self._sketches = {}
         groups = self._groups()
         if groups != self.chooser.groups:
             parts = list(groups[self._role].values())
@@ -159,11 +161,6 @@ class DrivetrainTab:
     def _title(self, role: str) -> str:
         title = self.workspace.models[role].system.title
         return f"{role.capitalize()}: {title}" if title else role.capitalize()
-
-    def _picture(self, role: str) -> Picture:
-        if role not in self._pictures:
-            self._pictures |= pictures(self.workspace)
-        return self._pictures[role]
 
     def _entries(self) -> list[Entry]:
         document = self.workspace.models[self._role]
@@ -230,7 +227,6 @@ class ModesTab:
         self.reset, self.keep = pn.widgets.Button(name="Reset", width=100), pn.widgets.Button(name="Keep", width=100)
         self.input, self.sensor = (pn.widgets.Select(name=name, width=250) for name in ("Input", "Sensor"))
         self.responses, self.message = ResponseFigures(), Message()
-        self.energies = pn.Column(sizing_mode=WIDE)
         self.same = EquivalentBox(same("modes", "", out=""))
         self.open_model()
         self.role.param.watch(lambda _: self.open_model(), "value")
@@ -248,8 +244,6 @@ class ModesTab:
         return pn.Column(
             beside([self.view], fields),
             self.table,
-            heading("Energy"),
-            self.energies,
             heading("Frequency response"),
             pn.FlexBox(self.input, self.sensor),
             pn.pane.Bokeh(self.responses.modulus, sizing_mode=WIDE),
@@ -263,13 +257,11 @@ class ModesTab:
         document = self.workspace.models[self.role.value]
         try:
             self.trial = WhatIf(document)
-            self._picture = pictures(self.workspace)[self.role.value]
+            self._sketch = sketches(self.workspace)[self.role.value]
         except InputError as error:
             self.message.say(str(error), wrong=True)
             return
         modes = self.trial.before.modes
-        self.bars = EnergyBars([spaced(name) for name in (*modes.masses, *modes.springs)])
-        self.energies[:] = [pn.pane.Bokeh(self.bars.figure, sizing_mode=WIDE)]
         elastic = [place for place in range(len(modes)) if modes.frequencies[place] > 0]
         numbers = {f"{place + 1}: {hertz(modes[place].frequency)} Hz": place for place in range(len(modes))}
         offer(self.mode, numbers, elastic[0] if elastic else 0)
@@ -303,10 +295,8 @@ class ModesTab:
         if self.mode.value is None or self.mode.value >= len(self.trial.now.modes):
             return
         mode = self.trial.now.modes[self.mode.value]
-        marks = Marks(mode=mode, changed={name.rpartition(".")[0] for name in self.trial.values})
-        self.view.svg = drivetrain_svg(self._picture, marks, prefix="mode")
-        self.bars.show({spaced(name): share for name, share in (mode.kinetic | mode.potential).items()})
-        self.bars.figure.title.text = f"Energy of mode {mode.number}, {hertz(mode.frequency)} Hz"
+        tried = {part_of(name) for name in self.trial.values}
+        self.view.param.update(svg=self._sketch.svg, marks=marks(self._sketch, changed=tried, mode=mode))
 
     def _show_responses(self) -> None:
         before, now = self.trial.before.response, self.trial.now.response

@@ -538,7 +538,6 @@ TOKEN_BYTES = 24
 BEGIN_SECONDS = 60.0  # at most, until the page can be opened
 FRAME_PX = 900  # height in a notebook
 SHOWN_FIRST_MS = 30  # until the browser has drawn that a tab is being prepared
-STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 
 
 class NoIcon(RequestHandler):
@@ -677,7 +676,7 @@ def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
     number = port or _free_port()
     out.mkdir(parents=True, exist_ok=True)
     settings.resources = "server"  # the page needs no internet, whatever BOKEH_RESOURCES says
-    pn.extension("filedropper", raw_css=[STYLE])
+    pn.extension("filedropper", raw_css=[common.beside_this("page.css")])
     server = get_server(
         {"page": make}, address=HOST, port=number, prefix=f"/{token}", websocket_origin=[f"{HOST}:{number}"],
         title="rigmatch", start=False, show=False, verbose=False, index=None,

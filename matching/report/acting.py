@@ -17,11 +17,10 @@ from matplotlib.collections import QuadMesh
 from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 
-from matching.report.common import image
+from matching.report.common import image, without_head
 
 COLOUR_BAR = "<colorbar>"  # what Matplotlib calls the axes of one
 CENTRED = 0.51  # of an axis' unit: how far from its tick a named bar may stand
-OUTSIDE = re.compile(r'<\?xml.*?\?>|<!DOCTYPE.*?>|<metadata>.*?</metadata>| xmlns(:\w+)?="[^"]*"', re.DOTALL)
 
 
 def acting(fig: Figure) -> tuple[bytes, Markup]:
@@ -36,7 +35,7 @@ def acting(fig: Figure) -> tuple[bytes, Markup]:
             bar.set_gid(f"bar: {words}")
     svg = image(fig)
     known = escape(json.dumps([_scales(axes) for axes in shown], separators=(",", ":")))
-    return svg, Markup(f'<div class="acts" data-axes="{known}">{OUTSIDE.sub("", svg.decode()).strip()}</div>')
+    return svg, Markup(f'<div class="acts" data-axes="{known}">{without_head(svg)}</div>')
 
 
 def _label(artist: Any) -> str:

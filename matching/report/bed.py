@@ -16,6 +16,7 @@ from matching.bed.proof import Proof, proof_csv
 from matching.bed.verify import COVERAGE_FACTOR, BedVerification, FunctionCurves
 from matching.report.common import (
     BAND,
+    INK,
     MATCHED,
     NOISE,
     RIG,
@@ -26,7 +27,6 @@ from matching.report.common import (
     decimated,
     figure,
     number,
-    plain_ticks,
     spaced,
     styled,
     unit,
@@ -104,19 +104,9 @@ def _panel(ax: Any, curve: FunctionCurves) -> None:
     ax.loglog(f, np.abs(curve.vehicle), color=VEHICLE, label="vehicle")
     ax.loglog(f, np.abs(curve.predicted), color=MATCHED, linestyle="--", label="predicted for the bed")
     ax.fill_between(f, low, high, where=known, color=NOISE, alpha=0.3, linewidth=0, label="about 95 %")
-    ax.loglog(
-        f[known],
-        measured[known],
-        "o",
-        markersize=4,
-        color=NOISE,
-        alpha=0.5,
-        markeredgewidth=0,
-        zorder=1.5,
-        label="measured on the bed",
-    )
+    ax.loglog(f[known], measured[known], "o", markersize=3, color=NOISE, markeredgecolor=INK, markeredgewidth=0.5,
+              zorder=3, label="measured on the bed")  # fmt: skip
     ax.set_xlim(f[0], f[-1])
-    plain_ticks(ax.xaxis)
     ax.set_title(f"{spaced(curve.input)} → {spaced(curve.sensor)}", fontsize=8)
     ax.set_ylabel(f"{unit(curve.unit)} per N·m")
 
@@ -157,7 +147,7 @@ def verification_report(
         answer=answer(content),
         good=content["status"] == "as_predicted",
         lists={
-            "Why it falls short": [Step(sentence) for sentence in why(content)],
+            "Why it falls short": [Step(spaced(sentence)) for sentence in why(content)],
             "What to do now": verification_steps(content, made.case if made else "CASE", folder),
         },
         table=Table([_error(f"all {error['name']} torques", error) for error in content["errors"]]),

@@ -6,8 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 from warnings import catch_warnings, simplefilter
@@ -18,7 +17,14 @@ from matplotlib import rc_context, rcParamsDefault
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import (
+    LogFormatterSciNotation,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    NullLocator,
+    StrMethodFormatter,
+)  # fmt: skip
 from sympy.printing.mathml import MathMLPresentationPrinter
 
 from modelling.equations.lagrange import Sign, derive, known_zeros, signs
@@ -170,73 +176,6 @@ def counted(count: int, singular: str, plural: str = "") -> str:
     return f"{count} {singular}" if count == 1 else f"{count} {plural or singular + 's'}"
 
 
-# --- Numbers at logarithmic axes as plain text: Matplotlib's are formulas, which are slow to set.
-
-FORMULA = re.compile(r"\$\\mathdefault\{(.*)\}\$")
-POWER = re.compile(r"\^\{(-?\d+)\}")
-SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-
-
-class PlainPowers(LogFormatterSciNotation):
-    """The same numbers without formulas, such as 10⁻³ and 2×10⁻³."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        """The text at a tick."""
-        return plain(super().__call__(x, pos))
-
-
-def plain(text: str) -> str:
-    """A number that Matplotlib wrote as a formula; any other text as it is."""
-    formula = FORMULA.fullmatch(text)
-    if formula is None:
-        return text
-    with_times = formula[1].replace(r"\times", "×").replace("-", "−")
-    return POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), with_times.replace("^{−", "^{-"))
-
-
-def write_powers_plainly(fig: Figure) -> None:
-    """No formulas at the axes of a figure."""
-    for axes in fig.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            for ticker in (axis.major, axis.minor):
-                if type(ticker.formatter) is LogFormatterSciNotation:
-                    ticker.formatter.__class__ = PlainPowers
-
-
-# --- Ticks and the room that their texts need, worked out once for a size of the axes: Matplotlib does it four times.
-
-REPEATED = ("_update_ticks", "_get_ticklabel_bboxes")  # of an axis; without these names nothing is kept
-
-
-@contextmanager
-def ticks_kept(fig: Figure) -> Iterator[None]:
-    """While a figure is laid out and drawn its ticks are those of before, unless limits, size or place change."""
-    axes_of_figure = [axis for axes in fig.axes for axis in (axes.xaxis, axes.yaxis)]
-    changed = [(axis, name) for axis in axes_of_figure for name in REPEATED if hasattr(axis, name)]
-    for axis, name in changed:
-        setattr(axis, name, _kept(axis, getattr(axis, name)))
-    try:
-        yield
-    finally:
-        for axis, name in changed:
-            delattr(axis, name)
-
-
-def _kept(axis: Any, method: Callable[..., Any]) -> Callable[..., Any]:
-    last: list[Any] = [None, None]
-
-    def ask(*arguments: Any, **options: Any) -> Any:
-        state = (
-            axis.axes.bbox.bounds, axis.get_figure(root=True).dpi, tuple(axis.get_view_interval()), axis.get_scale(),
-            axis.major.locator, axis.major.formatter, [id(argument) for argument in arguments],
-        )  # fmt: skip
-        if state != last[0]:
-            last[:] = state, method(*arguments, **options)
-        return last[1]
-
-    return ask
-
-
 # --- One look for every figure: fixed colours that colour-blind readers tell apart, figures without pyplot state.
 
 # Colours of Okabe and Ito (2008), which colour-blind readers tell apart.
@@ -280,7 +219,7 @@ class PlainFigure(Figure):
 
     def draw(self, renderer: Any) -> None:
         """As :meth:`matplotlib.figure.Figure.draw`."""
-        write_powers_plainly(self)
+        plain_logarithms(self)
         super().draw(renderer)
 
 
@@ -328,9 +267,9 @@ def image(fig: Figure, kind: str = "svg", metadata: Mapping[str, str] | None = N
         Entries by Matplotlib's names for the kind of file (``Title``, ``Source``, … for SVG; any for PNG).
     """
     buffer = io.BytesIO()
-    with styled(), catch_warnings(), ticks_kept(fig):
+    with styled(), catch_warnings():
         simplefilter("ignore", UserWarning)  # a letter that the font lacks, a title longer than the figure
-        write_powers_plainly(fig)
+        plain_logarithms(fig)
         if kind == "svg":
             _write_svg(fig, buffer, {"Date": None, **(metadata or {})})
         else:
@@ -352,6 +291,14 @@ def _write_svg(fig: Figure, buffer: io.BytesIO, metadata: Mapping[str, str | Non
         fig.dpi = dpi
         fig.set_layout_engine(engine)
         fig.set_canvas(canvas)
+
+
+OUTSIDE = re.compile(r'<\?xml.*?\?>|<!DOCTYPE.*?>|<metadata>.*?</metadata>| xmlns(:\w+)?="[^"]*"', re.DOTALL)
+
+
+def without_head(svg: bytes) -> str:
+    """An SVG file as an element of a page."""
+    return OUTSIDE.sub("", svg.decode()).strip()
 
 
 # --- Line styles of vehicle, rig without control and matched rig: a colour and a stroke each, told apart in grey too.
@@ -377,23 +324,28 @@ def legend_above(fig: Any, axes: Any, columns: int = 4, **options: Any) -> None:
     fig.legend(handles, labels, loc="outside upper center", ncols=columns, **options)
 
 
-# --- Ticks of a logarithmic axis: few, and with plain numbers.
+# --- Ticks of logarithmic axes: few, and with plain numbers; Matplotlib's are formulas, which are slow to set.
 
 LABELLED_RATIO = 200  # high to low end of an axis up to which ticks between decades are labelled
+EVEN_RATIO = 3  # up to which ticks are evenly spaced: between 1, 2 and 5 there may be none
 
 
-def plain_ticks(axis: Any) -> None:
-    """Ticks at 1, 2 and 5 of a decade (more are slow to draw and crowd), all labelled on a short axis.
-
-    Parameters
-    ----------
-    axis : matplotlib.axis.Axis
-        A logarithmic axis whose limits are set.
-    """
-    low, high = sorted(axis.get_view_interval())
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_locator(LogLocator(subs=(2, 5)))
-    axis.set_minor_formatter(StrMethodFormatter("{x:g}") if high < LABELLED_RATIO * low else NullFormatter())
+def plain_logarithms(fig: Figure) -> None:
+    """Ticks of logarithmic axes at 1, 2 and 5 of a decade, all labelled on a short axis; locators that are set stay."""
+    for axes in fig.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            tickers = axis.major, axis.minor
+            if not any(type(ticker.formatter) is LogFormatterSciNotation for ticker in tickers):
+                continue
+            low, high = sorted(axis.get_view_interval())
+            if isinstance(axis.major.locator, LogLocator) and high < EVEN_RATIO * low:
+                axis.set_major_locator(MaxNLocator(5))
+                axis.set_minor_locator(NullLocator())
+            elif not isinstance(axis.minor.locator, NullLocator):
+                axis.set_minor_locator(LogLocator(subs=(2, 5)))
+            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            short = high < LABELLED_RATIO * low
+            axis.set_minor_formatter(StrMethodFormatter("{x:g}") if short else NullFormatter())
 
 
 # --- Equations as MathML, which browsers render without any script.

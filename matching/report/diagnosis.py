@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from string import Formatter
 from typing import Any
@@ -27,7 +27,6 @@ from matching.report.common import (
     figure,
     number,
     percent,
-    plain_ticks,
     spaced,
     styled,
     unit,
@@ -132,13 +131,6 @@ def noise_band(row: Sequence[Any]) -> None:
     first.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
-def logarithmic(axes: Any) -> None:
-    """Logarithmic axes with few ticks and plain numbers."""
-    axes.set(xscale="log", yscale="log")
-    plain_ticks(axes.xaxis)
-    plain_ticks(axes.yaxis)
-
-
 def noise_line(axes: Any) -> None:
     """A horizontal line at 1, the noise."""
     axes.axhline(1.0, color=NOISE, linewidth=2.2, linestyle=(0, (1, 1)), label="noise", zorder=3)
@@ -185,7 +177,7 @@ def legend(fig: Any, axes: Any) -> None:
 
 BINS = 48
 LEAST_PER_BIN = 12  # samples, for a mean
-BALANCE_DOTS = 1500
+DOTS = 1500  # of a cloud
 EDGE_S = 0.3  # left out at either end of a recording: the smoother has no data beyond
 EDGE_SHARE = 0.2  # of a short recording
 
@@ -233,13 +225,20 @@ def _rms_torque(torque: np.ndarray) -> float:
 
 def _over(axes: Any, x: np.ndarray, torque: np.ndarray) -> None:
     axes.locator_params(axis="x", nbins=5)
-    few = np.linspace(0, len(x) - 1, min(len(x), BALANCE_DOTS)).astype(int)
-    axes.plot(x[few], torque[few], ".", color=RIG, markersize=2, alpha=0.3, rasterized=True)
+    binned(axes, x, torque, {"color": RIG, "markersize": 2}, {"color": INK, "linewidth": 1.8})
+
+
+def binned(axes: Any, x: np.ndarray, values: np.ndarray, dot: dict[str, Any], mean: dict[str, Any]) -> None:
+    """Values (t,) over x (t,) as dots, of many some, and the mean of each bin as a line."""
+    present = np.isfinite(values)
+    x, values = x[present], values[present]
+    few = np.linspace(0, len(x) - 1, min(len(x), DOTS)).astype(int)
+    axes.plot(x[few], values[few], ".", alpha=0.3, rasterized=True, zorder=1.5, **dot)
     edges = np.linspace(x.min(), x.max(), BINS + 1)
     bins = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
     count = np.bincount(bins, minlength=BINS)
-    mean = np.where(count >= LEAST_PER_BIN, np.bincount(bins, torque, BINS) / np.maximum(count, 1), np.nan)
-    axes.plot((edges[1:] + edges[:-1]) / 2, mean, color=INK, linewidth=1.8)
+    means = np.where(count >= LEAST_PER_BIN, np.bincount(bins, values, BINS) / np.maximum(count, 1), np.nan)
+    axes.plot((edges[1:] + edges[:-1]) / 2, means, **mean)
 
 
 # --- The captions of the figures of a diagnosis, for pages too that others draw for.
@@ -368,7 +367,6 @@ def _traces(axes: Any, data: HoldoutData, view: SensorView) -> None:
 
 # --- Figures of the residual over time, over speed, torque and angle, over frequency and orders of the rotation.
 
-DOTS = 1200
 LEAST_REVOLUTIONS = 2  # that an order spectrum needs
 HIGHEST_ORDER = 12
 MOST_SAMPLES = 4_000  # of an order spectrum; more are averaged first
@@ -383,10 +381,7 @@ def time_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figure:
         fig = figure(11, 0.9 + 1.25 * len(sensor_views))
         rows = fig.subplots(len(sensor_views), 1, squeeze=False, sharex=True)[:, 0]
         for axes, view in zip(rows, sensor_views, strict=True):
-            for residual, look in _both(plot_data):
-                scaled = residual[:, view.index] / plot_data.noise[view.index]
-                if len(scaled) != len(time):
-                    continue
+            for scaled, look in _in_noise_of(plot_data, view):
                 pale = look | {"alpha": 0.25, "label": None}
                 line(axes, *with_gaps(time, plot_data.before.segments, scaled), pale)
                 line(axes, *with_gaps(time, plot_data.before.segments, _running_mean(scaled)), look)
@@ -405,10 +400,8 @@ def where_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figure:
         for row, view in zip(grid, sensor_views, strict=True):
             motion = _motion(plot_data, view)
             for axes, (name, x) in zip(row, motion.items(), strict=False):
-                for residual, look in _both(plot_data):
-                    scaled = residual[:, view.index] / plot_data.noise[view.index]
-                    if len(scaled) == len(x):
-                        _binned(axes, x, scaled, look)
+                for scaled, look in _in_noise_of(plot_data, view):
+                    binned(axes, x, scaled, {"color": look["color"], "markersize": 1.5}, look | SMOOTH[look["label"]])
                 axes.set_xlabel(name)
                 if name.endswith("°"):
                     axes.set_xticks(range(0, 361, 90))
@@ -430,18 +423,16 @@ def spectrum_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figu
         for (left, right), view in zip(grid, sensor_views, strict=True):
             angle = plot_data.before.angle[view.inertia]
             revolves = float(np.ptp(angle)) / (2 * np.pi) > LEAST_REVOLUTIONS
-            for residual, look in _both(plot_data):
-                scaled = residual[:, view.index] / plot_data.noise[view.index]
-                if len(scaled) != len(plot_data.before.time):
-                    continue
+            for scaled, look in _in_noise_of(plot_data, view):
                 part = max(plot_data.before.segments, key=lambda part: part.stop - part.start)
                 x, y = _spectrum(scaled[part], plot_data.before.step)
                 line(left, x[1:], y[1:], look)
                 if revolves:
                     line(right, *_orders(scaled, angle), look | SMOOTH[look["label"]])
             noise_line(left)
-            logarithmic(left)
-            left.set(xlabel="Frequency in Hz", ylabel=f"{view.sensor.name}\nin times the noise")
+            left.set(
+                xscale="log", yscale="log", xlabel="Frequency in Hz", ylabel=f"{view.sensor.name}\nin times the noise"
+            )
             if not revolves:
                 words = f"{view.inertia} makes less than {LEAST_REVOLUTIONS} revolutions"
                 right.text(0.5, 0.5, words, transform=right.transAxes, ha="center", color=LIMIT)
@@ -463,8 +454,11 @@ def _running_mean(residual: np.ndarray) -> np.ndarray:
     return np.divide(total, count, out=np.full(len(residual), np.nan), where=present)
 
 
-def _both(plot_data: PlotData) -> tuple[tuple[np.ndarray, dict[str, Any]], ...]:
-    return styled_residuals(plot_data.residual_before, plot_data.residual_after)
+def _in_noise_of(plot_data: PlotData, view: SensorView) -> Iterator[tuple[np.ndarray, dict[str, Any]]]:
+    """A sensor's residuals (t,) in times its noise, with their line styles; of those of the whole recording."""
+    for residual, look in styled_residuals(plot_data.residual_before, plot_data.residual_after):
+        if len(residual) == len(plot_data.before.time):
+            yield residual[:, view.index] / plot_data.noise[view.index], look
 
 
 def _motion(plot_data: PlotData, view: SensorView) -> dict[str, np.ndarray]:
@@ -478,18 +472,6 @@ def _motion(plot_data: PlotData, view: SensorView) -> dict[str, np.ndarray]:
     else:
         over[f"Angle of {view.inertia} in rad"] = angle
     return over
-
-
-def _binned(axes: Any, x: np.ndarray, residual: np.ndarray, look: dict[str, Any]) -> None:
-    present = np.isfinite(residual)
-    x, residual = x[present], residual[present]
-    few = np.linspace(0, len(x) - 1, min(len(x), DOTS)).astype(int)
-    axes.plot(x[few], residual[few], ".", color=look["color"], markersize=1.5, alpha=0.3, rasterized=True, zorder=1.5)
-    edges = np.linspace(x.min(), x.max(), BINS + 1)
-    bins = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
-    count = np.bincount(bins, minlength=BINS)
-    mean = np.where(count >= LEAST_PER_BIN, np.bincount(bins, residual, BINS) / np.maximum(count, 1), np.nan)
-    axes.plot((edges[1:] + edges[:-1]) / 2, mean, **look | SMOOTH[look["label"]])
 
 
 def _spectrum(residual: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -566,6 +548,7 @@ PLACES = {
 LEAST_RIVAL_CONFIDENCE = 0.1  # from which the answer names a rival
 PLAIN_POWERS = range(-4, 6)  # powers of ten that are written without exponent
 MOST_DECIMALS = 8
+LEAST_SHOWN = 2.5e-5  # of a fidelity's standard uncertainty: twice that is 0.00 % where it is less
 
 
 def answer(result: Mapping[str, Any]) -> str:
@@ -918,7 +901,8 @@ def _fidelity(fidelity: Mapping[str, Any]) -> list[Any]:
         ("R_MU", None, "uncertainty of the sensors over the range of the measurement (Eqs. 22, 23)"),
         ("R_XiL", "standard_uncertainty", "both, without R_SD, which needs a test bed (Eq. 16)"),
     ):
-        cells = [percent(side[name]) + (f" ± {percent(2 * side[u])}" if u else "") for side in (before, after)]
+        cells = [percent(side[name]) + (f" ± {percent(2 * side[u])}" if u and side[u] > LEAST_SHOWN else "")
+                 for side in (before, after)]  # fmt: skip
         rows.append((name, *cells, what))
     note = (
         f"XiL fidelity by Eqs. 14 to 23 of the paper as defined, delay included, on held-out data up to "

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import functools
-import math
 import textwrap
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, FancyBboxPatch, Patch, Polygon, Rectangle
-from matplotlib.text import Text
+from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
+from matplotlib.transforms import Bbox
 
 from matching.match.case import Case
 from matching.report.common import (
@@ -32,6 +26,7 @@ from matching.report.common import (
     number,
     spaced,
     styled,
+    without_head,
 )
 from matching.report.page import embedded, environment
 from modelling import display
@@ -402,10 +397,10 @@ def _column(system: System, emphasis: Emphasis, notes: dict[str, list[str]]) -> 
 def draw(axes: Axes, drawn: Drawing) -> None:
     """Draw it."""
     for joint in drawn.layout.joints:
-        with _labelled(axes, f"{joint.table}.{joint.name}"):
+        with _as_part(axes, f"{joint.table}.{joint.name}"):
             _joint(axes, drawn, joint)
     for part in drawn.system.inertias:
-        with _labelled(axes, f"inertias.{part.name}"):
+        with _as_part(axes, f"inertias.{part.name}"):
             _inertia(axes, drawn, part.name)
     axes.set_xlim(-1.0, drawn.width - 1.0)
     axes.set_ylim(TOP - drawn.height, TOP)
@@ -414,13 +409,12 @@ def draw(axes: Axes, drawn: Drawing) -> None:
 
 
 @contextmanager
-def _labelled(axes: Axes, part: str) -> Iterator[None]:
-    """What is drawn within has the name of the part as its label; no legend shows it."""
+def _as_part(axes: Axes, part: str) -> Iterator[None]:
+    """What is drawn within is a group of this name in an SVG."""
     before = set(axes.get_children())
     yield
-    for artist in axes.get_children():
-        if artist not in before:
-            artist.set_label(part)
+    for artist in set(axes.get_children()) - before:
+        artist.set_gid(part)
 
 
 def _notes(system: System) -> dict[str, list[str]]:
@@ -562,7 +556,8 @@ def case_drawings(case: Case) -> tuple[Drawing, Drawing]:
     return replace(both[0], column=column), replace(both[1], column=column)
 
 
-def _figure(drawings: list[tuple[str, str, Drawing]], legend: str = "") -> Figure:
+def _figure(drawings: list[tuple[str, str, Drawing]], legend: str | None = "") -> Figure:
+    """Drawings with their titles below each other, and a legend unless it is None."""
     width = max(drawn.width for _, _, drawn in drawings)
     heights = [drawn.height for _, _, drawn in drawings]
     with styled():
@@ -570,141 +565,21 @@ def _figure(drawings: list[tuple[str, str, Drawing]], legend: str = "") -> Figur
         letters = int(inches * POINTS_AN_INCH / (TITLE_POINTS * LETTER_WIDTH))
         titles = [textwrap.fill(title, letters, break_on_hyphens=False) for title, _, _ in drawings]
         lines = sum(1 + title.count("\n") for title in titles)
-        fig = figure(inches, INCHES * (sum(heights) + 0.6) + 0.25 * lines)
+        fig = figure(inches, INCHES * (sum(heights) + (0.0 if legend is None else 0.6)) + 0.25 * lines)
         beside = (inches / INCHES - width) / 2  # of a drawing narrower than the figure
         rows = fig.subplots(len(drawings), 1, squeeze=False, height_ratios=heights)[:, 0]
         for axes, title, (_, colour, drawn) in zip(rows, titles, drawings, strict=True):
             draw(axes, drawn)
             axes.set_xlim(-1.0 - beside, width - 1.0 + beside)
             axes.set_title(title, loc="left", color=colour, fontsize=TITLE_POINTS, parse_math=False)
-        fig.supxlabel(legend + LEGEND, fontsize=6, color="#555555", parse_math=False, wrap=True)
+        if legend is not None:
+            fig.supxlabel(legend + LEGEND, fontsize=6, color="#555555", parse_math=False, wrap=True)
     return fig
 
 
-# --- A drawing of a drivetrain as plain shapes, each with the part that it belongs to: for pages on which parts react.
+# --- A drawing on a page where its parts react: its SVG, and of every part where it stands and what marks it.
 
-POINTS_PER_UNIT = 0.62 * 72  # one unit of the drawing is 0.62 inches wide
-AROUND = 0.15  # about the box of a part, units: what marks it is drawn there
-
-
-@dataclass(frozen=True)
-class Stroke:
-    """A line through points (k, 2), units; width in units."""
-
-    points: tuple[tuple[float, float], ...]
-    colour: str
-    width: float
-    dashed: bool
-
-
-@dataclass(frozen=True)
-class Area:
-    """A filled polygon with corners (k, 2), units; ``hatched`` where software stands in for the part."""
-
-    corners: tuple[tuple[float, float], ...]
-    fill: str
-    colour: str
-    width: float
-    hatched: bool
-
-
-@dataclass(frozen=True)
-class Label:
-    """Lines of text centred at x; ``below`` is whether they hang from y or stand on it; height in units."""
-
-    x: float
-    y: float
-    lines: tuple[str, ...]
-    below: bool
-    bold: bool
-    colour: str
-    height: float
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnPart:
-    """A part of a drivetrain as drawn: its name (``shafts.link``) and its shapes from back to front."""
-
-    name: str
-    shapes: tuple[Stroke | Area | Label, ...]
-
-    @functools.cached_property
-    def box(self) -> tuple[float, float, float, float]:
-        """Left, lower, right and upper end of its areas and texts, or of its lines where it has neither."""
-        solid = [shape for shape in self.shapes if not isinstance(shape, Stroke)]
-        places = np.array([place for shape in solid or self.shapes for place in _places(shape)])
-        (left, lower), (right, upper) = places.min(axis=0), places.max(axis=0)
-        return float(left), float(lower), float(right), float(upper)
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A drivetrain as shapes; ``extent`` is left, lower, right and upper end in units, y upwards."""
-
-    drawing: Drawing
-    parts: tuple[DrawnPart, ...]
-    extent: tuple[float, float, float, float]
-
-
-def picture(drawn: Drawing) -> Picture:
-    """The shapes of a drawing: those that :func:`matching.report.drivetrain.draw` draws, part by part."""
-    axes = Figure().add_axes((0, 0, 1, 1))
-    draw(axes, drawn)
-    by_part: dict[str, list[Artist]] = {}
-    for artist in axes.get_children():
-        if isinstance(artist, Line2D | Patch | Text) and "." in str(artist.get_label()):
-            by_part.setdefault(str(artist.get_label()), []).append(artist)
-    parts = tuple(DrawnPart(name, tuple(_shapes(axes, artists))) for name, artists in by_part.items())
-    (left, right), (lower, upper) = axes.get_xlim(), axes.get_ylim()
-    boxes = [part.box for part in parts]  # a long name at an end reaches beyond the axes
-    return Picture(drawn, parts, (
-        min([left, *(box[0] - AROUND for box in boxes)]), min([lower, *(box[1] - AROUND for box in boxes)]),
-        max([right, *(box[2] + AROUND for box in boxes)]), max([upper, *(box[3] + AROUND for box in boxes)]),
-    ))  # fmt: skip
-
-
-def _shapes(axes: Axes, artists: Iterable[Artist]) -> Iterable[Stroke | Area | Label]:
-    for artist in sorted(artists, key=lambda each: each.get_zorder()):
-        if isinstance(artist, Line2D):
-            width = artist.get_linewidth() / POINTS_PER_UNIT
-            yield Stroke(_points(artist.get_xydata()), to_hex(artist.get_color()), width, artist.is_dashed())
-        elif isinstance(artist, Patch):
-            outline = (artist.get_transform() - axes.transData).transform_path(artist.get_path())
-            for corners in outline.to_polygons(closed_only=True):
-                yield Area(
-                    _points(corners), to_hex(artist.get_facecolor()), to_hex(artist.get_edgecolor()),
-                    artist.get_linewidth() / POINTS_PER_UNIT, bool(artist.get_hatch()),
-                )  # fmt: skip
-        elif isinstance(artist, Text):
-            (x, y), below = artist.get_position(), artist.get_verticalalignment() == "top"
-            lines = tuple(line for line in artist.get_text().split("\n") if line)
-            bold = artist.get_fontweight() == "bold"
-            yield Label(x, y, lines, below, bold, to_hex(artist.get_color()), TEXT_POINTS / POINTS_PER_UNIT)
-
-
-def _points(array: Any) -> tuple[tuple[float, float], ...]:
-    return tuple((round(float(x), 3), round(float(y), 3)) for x, y in array)
-
-
-def _places(shape: Stroke | Area | Label) -> Iterable[tuple[float, float]]:
-    if isinstance(shape, Stroke):
-        return shape.points
-    if isinstance(shape, Area):
-        return shape.corners
-    letter = 0.3 if shape.bold else 0.27  # half its width over its height, on average
-    half = letter * shape.height * max(map(len, shape.lines), default=0)
-    tall = 1.2 * shape.height * len(shape.lines) * (-1 if shape.below else 1)
-    return [(shape.x - half, shape.y), (shape.x + half, shape.y + tall)]
-
-
-# --- A drivetrain as SVG for a page: parts that can be clicked and reached by Tab, energies as colour, a mode swinging.
-#
-# The mark on every disc moves as a point of its rim does, seen from the side: up and down with the angle of the
-# inertia.
-
-PIXELS_PER_UNIT = 62
-FRAMES = 16  # of one period of the swinging mode
-LINE_SPACING = 1.1  # of the height of letters
+AROUND = 4.0  # points between a part and the frame that marks it
 WORDS = {
     "inertias": "inertia", "shafts": "shaft", "gears": "gear", "differentials": "differential",
 }  # fmt: skip
@@ -713,62 +588,80 @@ LEAST_SHARE = 0.005  # of the energy, below which a part is not coloured
 
 
 @dataclass(frozen=True)
-class Marks:
-    """What is marked in a drawing.
+class Sketch:
+    """A drivetrain as SVG, in which the groups of a part have its name (``shafts.link``) as ``id``.
 
     Attributes
     ----------
-    selected : str
-        Name of the part that is edited, or empty.
-    changed : collection of str
-        Names of parts that differ from the file.
-    mode : Mode or None
-        Its energy shares colour the parts, and its shape swings.
+    drawing : Drawing
+    svg : str
+    boxes : dict of str to tuple
+        Left, upper, right and lower end of every part, in points from the upper left corner.
+    discs : dict of str to tuple
+        Centre x, y and half the height of every inertia, in points.
     """
 
-    selected: str = ""
-    changed: Collection[str] = field(default_factory=frozenset)
-    mode: Mode | None = None
+    drawing: Drawing
+    svg: str
+    boxes: dict[str, tuple[float, float, float, float]]
+    discs: dict[str, tuple[float, float, float]]
 
 
-def drivetrain_svg(picture: Picture, marks: Marks | None = None, *, reacts: bool = False, prefix: str = "") -> str:
-    """The drawing as an element of a page.
+def sketch(drawn: Drawing) -> Sketch:
+    """Draw a drivetrain for a page."""
+    fig = _figure([("", INK, drawn)], None)
+    svg = without_head(image(fig))
+    (axes,), scale, height = fig.axes, POINTS_AN_INCH / fig.dpi, POINTS_AN_INCH * fig.get_figheight()
+    extents, renderer = dict[str, list[Bbox]](), fig.canvas.get_renderer()  # type: ignore[attr-defined]  # of Agg
+    for artist in (*axes.patches, *axes.texts):  # lines reach into the neighbours
+        if name := artist.get_gid():
+            extents.setdefault(name, []).append(artist.get_window_extent(renderer))
+    ends = {name: scale * Bbox.union(each).get_points() for name, each in extents.items()}
+    boxes = {name: (left, height - high, right, height - low) for name, ((left, low), (right, high)) in ends.items()}
+    discs = {}
+    for part in drawn.system.inertias:
+        x, y = drawn.place(part.name)
+        (left, low), (_, high) = axes.transData.transform([(x, y), (x, y + drawn.half(part.name))])
+        discs[f"inertias.{part.name}"] = (scale * left, height - scale * low, scale * (high - low))
+    return Sketch(drawn, svg, boxes, discs)
+
+
+def marks(
+    drawn: Sketch, selected: str = "", changed: Collection[str] = (), mode: Mode | None = None
+) -> dict[str, dict[str, Any]]:
+    """How a page marks every part.
 
     Parameters
     ----------
-    reacts : bool
-        Whether parts are buttons: each has ``data-part`` and is reached by Tab.
-    prefix : str
-        Put before identifiers, so that several drawings fit on one page.
+    drawn : Sketch
+    selected : str
+        Part that is edited.
+    changed : collection of str
+        Parts that differ from the file.
+    mode : Mode, optional
+        Its energy shares colour the parts, and its shape swings.
+
+    Returns
+    -------
+    dict of str to dict
+        By part: ``box`` (x, y, width, height in points), ``words`` for who does not see the drawing, ``class``,
+        ``heat`` (a colour), and of an inertia in a mode ``swing`` (x, y, half the height, real and imaginary
+        amplitude).
     """
-    marks = marks or Marks()
-    left, lower, right, upper = picture.extent
-    system = picture.drawing.system
-    return environment().get_template("drivetrain.svg").render(
-        left=left, top=-upper, width=round(right - left, 3), height=round(upper - lower, 3), scale=PIXELS_PER_UNIT,
-        title=f"Drivetrain {system.title}".strip(), reacts=reacts, prefix=prefix,
-        parts=[_part(picture, part, marks, prefix) for part in picture.parts],
-        swing=[] if marks.mode is None else _swing(picture, marks.mode),
-    )  # fmt: skip
-
-
-def _part(picture: Picture, part: DrawnPart, marks: Marks, prefix: str) -> dict[str, Any]:
-    left, lower, right, upper = part.box
-    share = 0.0 if marks.mode is None else _energy(marks.mode, part.name)
-    return {
-        "name": part.name, "words": _words(picture, part.name, share), "changed": part.name in marks.changed,
-        "selected": part.name == marks.selected, "x": round(left - 0.1, 3), "y": round(-upper - 0.08, 3),
-        "width": round(right - left + 0.2, 3), "height": round(upper - lower + 0.16, 3),
-        "heat": f"rgba(230,159,0,{min(LARGEST_OPACITY, 0.1 + share):.2f})" if share > LEAST_SHARE else "transparent",
-        "shapes": _markup(part, prefix),
-    }  # fmt: skip
-
-
-@functools.lru_cache(maxsize=2048)
-def _markup(part: DrawnPart, prefix: str) -> Markup:
-    """The shapes of a part, which stay while a slider moves."""
-    shapes = [_shape(shape) for shape in part.shapes]
-    return Markup(environment().get_template("drivetrain_part.svg").render(shapes=shapes, prefix=prefix))
+    found: dict[str, dict[str, Any]] = {}
+    largest = max(map(abs, mode.shape.values()), default=0.0) or 1.0 if mode else 1.0
+    for name, (left, upper, right, lower) in drawn.boxes.items():
+        share = _energy(mode, name) if mode else 0.0
+        heat = f"rgba(230,159,0,{min(LARGEST_OPACITY, 0.1 + share):.2f})" if share > LEAST_SHARE else "transparent"
+        found[name] = {
+            "box": [left - AROUND, upper - AROUND, right - left + 2 * AROUND, lower - upper + 2 * AROUND],
+            "words": _words(drawn.drawing.system, name, share), "heat": heat,
+            "class": " ".join(["part", *["changed"] * (name in changed), *["selected"] * (name == selected)]),
+        }  # fmt: skip
+        if mode and name in drawn.discs:
+            amplitude = complex(mode.shape.get(name, 0.0)) / largest
+            found[name]["swing"] = [*drawn.discs[name], amplitude.real, amplitude.imag]
+    return found
 
 
 def _energy(mode: Mode, part: str) -> float:
@@ -777,48 +670,13 @@ def _energy(mode: Mode, part: str) -> float:
     return sum(share for name, share in shares.items() if name == part or name.startswith(f"{part}."))
 
 
-def _words(picture: Picture, name: str, share: float) -> str:
+def _words(system: System, name: str, share: float) -> str:
     """What a reader who does not see the drawing is told of a part."""
     table, _, part = name.partition(".")
-    component = picture.drawing.system[name]
-    quantities = [(key, getattr(component, key, None), unit) for key, unit in QUANTITY_UNITS.items()]
+    quantities = [(key, getattr(system[name], key, None), unit) for key, unit in QUANTITY_UNITS.items()]
     amounts = [f"{key} {amount(quantity.value, unit)}" for key, quantity, unit in quantities if quantity is not None]
     energy = [f"{100 * share:.0f} % of the energy"] if share > LEAST_SHARE else []
     return ", ".join([f"{WORDS[table]} {spaced(part)}", *amounts, *energy])
-
-
-def _shape(shape: Stroke | Area | Label) -> dict[str, Any]:
-    if isinstance(shape, Stroke):
-        values: dict[str, Any] = {"kind": "stroke", "points": _svg_points(shape.points), "dashed": shape.dashed}
-        return values | {"colour": shape.colour, "width": round(shape.width, 4)}
-    if isinstance(shape, Area):
-        values = {"kind": "area", "points": _svg_points(shape.corners), "fill": shape.fill, "hatched": shape.hatched}
-        return values | {"colour": shape.colour, "width": round(shape.width, 4)}
-    step = LINE_SPACING * shape.height
-    first = -shape.y + (0.8 * shape.height if shape.below else -step * (len(shape.lines) - 1))
-    lines = [
-        {"x": round(shape.x, 3), "y": round(first + step * place, 3), "text": text}
-        for place, text in enumerate(shape.lines)
-    ]
-    return {"kind": "text", "lines": lines, "bold": shape.bold, "colour": INK, "height": shape.height}
-
-
-def _svg_points(points: tuple[tuple[float, float], ...]) -> str:
-    return " ".join(f"{x:g},{-y:g}" for x, y in points)
-
-
-def _swing(picture: Picture, mode: Mode) -> list[dict[str, Any]]:
-    largest = max((abs(amplitude) for amplitude in mode.shape.values()), default=0.0) or 1.0
-    discs = []
-    for part in picture.drawing.system.inertias:
-        amplitude = complex(mode.shape.get(f"inertias.{part.name}", 0.0)) / largest
-        (x, y), half = picture.drawing.place(part.name), picture.drawing.half(part.name)
-        turns = (math.tau * frame / FRAMES for frame in range(FRAMES + 1))
-        heights = (-y - half * (amplitude.real * math.cos(turn) - amplitude.imag * math.sin(turn)) for turn in turns)
-        size = f"{abs(amplitude):.2f}" if abs(amplitude.imag) > 1e-9 else f"{round(amplitude.real, 2) + 0.0:+.2f}"
-        values = ";".join(f"{height:.3f}" for height in heights)
-        discs.append({"x": x, "y": -y, "half": round(half, 3), "heights": values, "amplitude": size})
-    return discs
 
 
 # --- Models and cases in a notebook: their drawing; of a model its equations below.

@@ -175,10 +175,9 @@ def fidelity_report(content: Mapping[str, Any], folder: str = "", made: Any = No
     """What an XiL fidelity says."""
     spread = content["uncertainty"]
     rows = [
-        {"": spaced(name), "fidelity": percent(value), "standard uncertainty": _spread(spread[key]),
-         "weight": f"{content['weights'][name]:g}" if name in content["weights"] else "total"}
-        for name, key, value in [("R_XiL", "total", content["R_XiL"])]
-        + [(name, name, value) for name, value in content["domains"].items()]
+        {"": name, "fidelity": percent(value), "standard uncertainty": _spread(spread[key]), "weight": weight}
+        for name, key, value, weight in [("R_XiL, total", "total", content["R_XiL"], "")]
+        + [(spaced(name), name, value, f"{content['weights'][name]:g}") for name, value in content["domains"].items()]
     ]  # fmt: skip
     signals = [
         {"domain": spaced(domain), "signal": signal["name"], "R_NRMSE": percent(signal["R_NRMSE"]),
@@ -194,8 +193,8 @@ def fidelity_report(content: Mapping[str, Any], folder: str = "", made: Any = No
     return Report(
         title=f"XiL fidelity: {content['title']}" if content["title"] else "XiL fidelity",
         status=percent(content["R_XiL"], 1),
-        answer=f"R_XiL = {percent(content['R_XiL'])}, {_spread(spread['total'])}: how faithfully the bed reproduces "
-        f"this manoeuvre up to {content['f_max']:g} Hz.",
+        answer=f"R_XiL = {percent(content['R_XiL'])}, {_spread(spread['total']) or 'without uncertainty'}: how "
+        f"faithfully the bed reproduces this manoeuvre up to {content['f_max']:g} Hz.",
         lists={"What to improve first": _causes_to_improve(content)},
         table=Table(rows),
         folds=[Fold("Signals", [Table(signals)], told=True), Fold("Sensors", [Table(sensors)], told=True)],
@@ -205,7 +204,7 @@ def fidelity_report(content: Mapping[str, Any], folder: str = "", made: Any = No
 
 def _spread(spread: Mapping[str, Any]) -> str:
     if spread["standard_uncertainty"] < LEAST_SHOWN:
-        return "without uncertainty"
+        return ""
     low, high = spread["interval"]
     return f"u = {percent(spread['standard_uncertainty'])}, 95 % between {percent(low)} and {percent(high)}"
 
@@ -389,9 +388,9 @@ def uncertainty_report(content: Mapping[str, Any], folder: str = "", made: Any =
     return Report(
         title=f"Uncertainty budget: {content['title']}" if content["title"] else "Uncertainty budget",
         status="result" if len(measurands) == 1 else f"{len(measurands)} results",
-        answer=f"{measurands[0]['statement']}, {_by(measurands[0])}.",
+        answer=f"{measurands[0]['statement']}{_by(measurands[0])}.",
         lists={
-            "Further results": [Step(each["statement"], _by(each)) for each in measurands[1:]],
+            "Further results": [Step(each["statement"] + _by(each)) for each in measurands[1:]],
             "What to improve first": [step for each in measurands for step in _inputs_to_improve(each)]
             + [Step(line) for wish in content.get("inverse", []) for line in _improvements(wish)],
             "What to watch": _to_watch(content),
@@ -408,10 +407,10 @@ def budget_data(measurand: Mapping[str, Any]) -> str:
 
 def _by(measurand: Mapping[str, Any]) -> str:
     if measurand["method"] == "first_order":
-        return "by the law of propagation"
+        return ", by the law of propagation"
     if measurand.get("first_order_check", {}).get("verdict") == "open":
-        return "by Monte Carlo: the draws do not decide whether the law of propagation holds"
-    return "by Monte Carlo: the law of propagation does not hold here"
+        return ": the draws do not decide whether the law of propagation holds"
+    return ": the law of propagation does not hold here"
 
 
 def _inputs_to_improve(measurand: Mapping[str, Any]) -> list[Step]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,16 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 
 from matching.match.beds import BedsCheck, quantile
-from matching.match.case import Case, Compared, Requirements
+from matching.match.case import Case, Compared
 from matching.match.case_file import case_files
 from matching.match.in_time import TruthInTime
-from matching.match.loop import bed_set, controller_of, frequency_response
-from matching.match.loop import return_difference as sampled_difference
+from matching.match.loop import bed_set, controller_of, frequency_response, return_difference
 from matching.match.loop_modes import LoopMode
-from matching.match.result import AdapterTrade, MatchResult, ParameterResult, TargetResult
-from matching.match.verify import Verification
+from matching.match.result import AdapterTrade, MatchResult, TargetResult
+from matching.match.verify import Deviation, Verification
 from matching.report.common import (
     BAND,
+    INK,
     LEGEND,
     LIMIT,
     LINES,
@@ -40,7 +40,6 @@ from matching.report.common import (
     legend_above,
     number,
     percent,
-    plain_ticks,
     practical,
     sentence,
     spaced,
@@ -148,80 +147,39 @@ HOLDS = {True: "✓ holds", False: "✗ missed"}
 LOWEST_HZ, HIGHEST_HZ, POINTS = 1e-2, 500.0, 2000  # below, only the integrator acts; above, the loop gain is small
 
 
-def return_difference(case: Case, frequencies: np.ndarray) -> np.ndarray:
-    """I + L (f, u, u) of a case's feedback loop at frequencies (f,), Hz."""
-    bed = bed_set(case, [{}], frequencies)
-    return sampled_difference(bed, frequency_response(controller_of(case), frequencies))[0]
+def sensitivity(case: Case, modes: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Largest singular values (f,) of S = (I + L)⁻¹ and T = I − S of a tuned case, after their frequencies (f,), Hz.
 
-
-def frequencies_around(modes: list[float]) -> np.ndarray:
-    """Hz, dense around lightly damped modes."""
+    The grid is dense around lightly damped ``modes``, Hz.
+    """
     around = [f * np.linspace(0.8, 1.25, 200) for f in modes if f > 0]
-    return np.unique(np.concatenate([np.geomspace(LOWEST_HZ, HIGHEST_HZ, POINTS), *around]))
-
-
-@dataclass(frozen=True)
-class CurveLimit:
-    """The largest value that a curve may have, from a frequency (Hz) on."""
-
-    curve: str
-    largest: float
-    begins: float
-
-    @property
-    def words(self) -> str:
-        """For a figure."""
-        from_there = f" from {self.begins:.3g} Hz" if self.begins > LOWEST_HZ else ""
-        return f"{self.curve} ≤ {self.largest:g}{from_there}"
-
-
-@dataclass(frozen=True)
-class SensitivityCurves:
-    """Largest singular values (f,) of S = (I + L)⁻¹ and T = I − S over frequency, Hz, and what the case allows."""
-
-    frequencies: np.ndarray
-    S: np.ndarray
-    T: np.ndarray
-    limits: tuple[CurveLimit, ...]
-
-
-def sensitivity(case: Case, modes: list[float], required: Requirements) -> SensitivityCurves:
-    """Of a tuned case; the grid is dense around ``modes``, Hz."""
-    f = frequencies_around(modes)
+    f = np.unique(np.concatenate([np.geomspace(LOWEST_HZ, HIGHEST_HZ, POINTS), *around]))
     f = f[f < 0.499 / case.loop["sample_time"]]
-    S = np.linalg.inv(return_difference(case, f))
-    T = np.eye(S.shape[-1]) - S
-    limits = [
-        CurveLimit("|S|", 1 / case.limits["modulus_margin"], required.margin_from),
-        CurveLimit("|T|", required.rolled_off, required.rolled_off_from),
-    ]
-    of_S, of_T = (np.linalg.svd(matrix, compute_uv=False)[:, 0] for matrix in (S, T))
-    return SensitivityCurves(f, of_S, of_T, tuple(limits))
+    difference = return_difference(bed_set(case, [{}], f), frequency_response(controller_of(case), f))[0]
+    S = np.linalg.inv(difference)
+    of_S, of_T = (np.linalg.svd(matrix, compute_uv=False)[:, 0] for matrix in (S, np.eye(S.shape[-1]) - S))
+    return f, of_S, of_T
 
 
-def sensitivity_figure(loop: SensitivityCurves) -> Figure:
-    """Both curves, each limit from where it counts on."""
-    f, colours = loop.frequencies, {"|S|": MATCHED, "|T|": RIG}
+def sensitivity_figure(
+    f: np.ndarray, S: np.ndarray, T: np.ndarray, limits: Mapping[str, tuple[float, float]]
+) -> Figure:
+    """Both curves (f,), and the largest value allowed of each from a frequency (Hz) on."""
+    colours = {"|S|": MATCHED, "|T|": RIG}
     with styled():
         fig = figure(8.0, 4.2)
         axes = fig.subplots()
-        axes.plot(f, loop.S, color=MATCHED, linewidth=1.6, label="|S|, what a disturbance is multiplied by")
-        axes.plot(f, loop.T, color=RIG, linewidth=1.4, linestyle=(0, (6, 2)), label="|T|, what noise is multiplied by")
-        for limit in loop.limits:
-            ends = [limit.begins, f[-1]]
-            axes.plot(ends, [limit.largest] * 2, color=LIMIT, linewidth=1.2, linestyle="--")
-            axes.fill_between(
-                ends, limit.largest, [limit.largest * 1.25] * 2, color=colours[limit.curve], alpha=0.2, linewidth=0
-            )
-            axes.annotate(
-                limit.words, (f[-1], limit.largest), (-2, 9), textcoords="offset points", fontsize=8, ha="right"
-            )
-        axes.set_xscale("log")
-        axes.set_yscale("log")
+        axes.plot(f, S, color=MATCHED, linewidth=1.6, label="|S|, what a disturbance is multiplied by")
+        axes.plot(f, T, color=RIG, linewidth=1.4, linestyle=(0, (6, 2)), label="|T|, what noise is multiplied by")
+        for name, (largest, begins) in limits.items():
+            ends = [max(begins, f[0]), f[-1]]
+            axes.plot(ends, [largest] * 2, color=LIMIT, linewidth=1.2, linestyle="--")
+            axes.fill_between(ends, largest, [largest * 1.25] * 2, color=colours[name], alpha=0.2, linewidth=0)
+            words = f"{name} ≤ {largest:g}" + (f" from {begins:.3g} Hz" if begins > LOWEST_HZ else "")
+            axes.annotate(words, (f[-1], largest), (-2, 9), textcoords="offset points", fontsize=8, ha="right")
+        axes.set(xscale="log", yscale="log", xlabel="Frequency in Hz", ylabel="Largest singular value")
         axes.set_xlim(f[0], f[-1])
-        axes.set_ylim(max(1e-3, 0.5 * min(loop.S.min(), loop.T.min())), 3 * max(loop.S.max(), loop.T.max()))
-        axes.set_xlabel("Frequency in Hz")
-        axes.set_ylabel("Largest singular value")
+        axes.set_ylim(max(1e-3, 0.5 * min(S.min(), T.min())), 3 * max(S.max(), T.max()))
         legend_above(fig, axes)
     return fig
 
@@ -229,18 +187,7 @@ def sensitivity_figure(loop: SensitivityCurves) -> Figure:
 # --- Figure of the response error when one value is wrong: how accurately each must be known.
 
 
-@dataclass(frozen=True)
-class Wrong:
-    """A wrong value: its name, its deviation, the response error it causes (None: unknown), stability, margin."""
-
-    name: str
-    off: str
-    error: float | None
-    stable: bool
-    margin: float | None = None
-
-
-def robustness_figure(rows: Sequence[Wrong], error: float, most: int = 14) -> Figure:
+def robustness_figure(rows: Sequence[Deviation], error: float, most: int = 14) -> Figure:
     """Bars from the error as matched to the error with one value wrong, the largest on top; unstable ones hatched."""
     names = list(dict.fromkeys(row.name for row in rows))
     worst = {name: max(_rank(row, error) for row in rows if row.name == name) for name in names}
@@ -248,20 +195,21 @@ def robustness_figure(rows: Sequence[Wrong], error: float, most: int = 14) -> Fi
     with styled():
         fig = figure(12.4, 1.3 + 0.34 * max(len(names), 1))
         axes = fig.subplots()
-        top = max([error, *(row.error for row in rows if row.error is not None and row.stable)]) * 1.25
+        top = max([error, *(row.response_error for row in rows if row.stable)]) * 1.25
         for place, name in enumerate(names):
-            pair = sorted((row for row in rows if row.name == name), key=lambda row: row.off.startswith("+"))
+            pair = sorted((row for row in rows if row.name == name), key=lambda row: row.change)
             step = 0.8 / len(pair)
             for k, row in enumerate(pair):
                 at = place + (k - (len(pair) - 1) / 2) * step
-                unusable = not row.stable or row.error is None
-                reach = top if unusable or row.error is None else min(row.error, top)
+                reach = min(row.response_error, top) if row.stable else top
+                colour, edge, hatch = (
+                    (_TINTS[k % len(_TINTS)], "#333333", None) if row.stable else ("white", RIG, "////")
+                )
                 axes.barh(
-                    at, reach - error, left=error, height=0.9 * step,
-                    color="white" if unusable else _TINTS[k % len(_TINTS)],
-                    edgecolor=RIG if unusable else "#333333", linewidth=0.7, hatch="////" if unusable else None,
+                    at, reach - error, left=error, height=0.9 * step, linewidth=0.7, color=colour, edgecolor=edge,
+                    hatch=hatch,
                 )  # fmt: skip
-                said = f"{row.off}: {'unstable' if not row.stable else number(row.error, 2)}"
+                said = f"{off(row)}: {number(row.response_error, 2) if row.stable else 'unstable'}"
                 axes.annotate(said, (reach, at), (4, 0), textcoords="offset points", va="center", fontsize=8)
         axes.axvline(error, color=LIMIT, linestyle="--", linewidth=1.2)
         axes.set_yticks(range(len(names)), [component(name) for name in names], fontsize=8)
@@ -275,8 +223,14 @@ def robustness_figure(rows: Sequence[Wrong], error: float, most: int = 14) -> Fi
 _TINTS = (MATCHED, "#99D8C7")
 
 
-def _rank(row: Wrong, error: float) -> float:
-    return float("inf") if not row.stable or row.error is None else abs(row.error - error)
+def _rank(row: Deviation, error: float) -> float:
+    return abs(row.response_error - error) if row.stable else math.inf
+
+
+def off(wrong: Deviation) -> str:
+    """A deviation in words: relative, of the dead time in ms."""
+    text = practical(wrong.change, "s", 2) if wrong.name == "loop.dead_time" else f"{number(100 * wrong.change, 2)} %"
+    return f"+{text}" if wrong.change > 0 else text
 
 
 # --- The simulated manoeuvre over time: vehicle, rig without control and matched rig.
@@ -363,38 +317,13 @@ ROUNDING = 1e-6  # relative, by which a solution at a limit may miss it
 PEAK_UNITS = {"torque": "N*m", "speed": "rad/s", "power": "W", "twist": "rad", "torque_over_speed": "1"}
 
 
-@dataclass(frozen=True)
-class Need:
-    """Peak of a quantity in the manoeuvre, SI; ``limit`` is None where the case sets none."""
-
-    what: str
-    peak: float
-    limit: float | None
-    unit: str
-
-
-@dataclass(frozen=True)
-class ResultCheck:
-    """One check of the result: what was checked, the outcome, whether it passed."""
-
-    what: str
-    outcome: str
-    holds: bool
-
-
 def signals(result: MatchResult) -> list[Signal]:
     """The simulated manoeuvre: compared sensors, then the dynamometers; empty where the motion diverged."""
     traces = result.verification.traces
     if traces is None:
         return []
-    by_name = {sensor.name: sensor for sensor in result.case.vehicle.sensors}
-    drawn = []
-    for name in dict.fromkeys(pair.sensor for pair in result.case.compared):
-        sources: Mapping[str, Any] = {"vehicle": traces.vehicle, "rig": traces.rig, "matched": traces.matched}
-        curves = {who: readings[name] for who, readings in sources.items() if name in readings}
-        sensor = by_name[name]
-        label = f"{sensor.measures.capitalize()} in {unit(sensor.unit)}"
-        drawn.append(Signal(name.replace("_", " ").capitalize(), label, traces.time, curves))
+    drawn = _readings(result, dict.fromkeys(pair.sensor for pair in result.case.compared), traces.time,
+                      {"vehicle": traces.vehicle, "rig": traces.rig, "matched": traces.matched})  # fmt: skip
     for dyno in result.case.loop.dynamometers:
         for what in ("torque", "speed"):
             limit = result.case.limits.get(f"dynamometer_{what}")
@@ -410,34 +339,31 @@ def in_time_signals(result: MatchResult) -> list[Signal]:
     traces = result.in_time.traces
     if traces is None:
         return []
+    sources = {"vehicle": traces.vehicle, "matched": traces.measured, "unmeasured": traces.unmeasured}
+    return _readings(result, result.in_time.sensors, traces.time, sources)
+
+
+def _readings(
+    result: MatchResult, names: Iterable[str], time: np.ndarray, sources: Mapping[str, Mapping[str, np.ndarray]]
+) -> list[Signal]:
+    """Sensors over time (t,) with the readings of each system that has them."""
     by_name = {sensor.name: sensor for sensor in result.case.vehicle.sensors}
-    drawn = []
-    for name in result.in_time.sensors:
-        sensor = by_name[name]
-        curves = {"vehicle": traces.vehicle[name], "matched": traces.measured[name]}
-        curves["unmeasured"] = traces.unmeasured[name]
-        label = f"{sensor.measures.capitalize()} in {unit(sensor.unit)}"
-        drawn.append(Signal(name.replace("_", " ").capitalize(), label, traces.time, curves))
-    return drawn
-
-
-def wrong_values(result: MatchResult) -> list[Wrong]:
-    """The effect of single wrong values."""
     return [
-        Wrong(wrong.name, _deviation(wrong), wrong.response_error, wrong.stable, wrong.modulus_margin)
-        for wrong in result.verification.robustness
-    ]
+        Signal(spaced(name).capitalize(), f"{by_name[name].measures.capitalize()} in {unit(by_name[name].unit)}", time,
+               {who: readings[name] for who, readings in sources.items() if name in readings})
+        for name in names
+    ]  # fmt: skip
 
 
-def needs(result: MatchResult) -> list[Need]:
-    """Peaks of the manoeuvre: dynamometers, and shafts with a limit."""
+def needs(result: MatchResult) -> list[dict[str, Any]]:
+    """Peaks of the manoeuvre, SI, and their limits (None: the case sets none): dynamometers, shafts with a limit."""
     limits, peaks = result.case.limits, []
     for name, peak in result.verification.peaks.items():
         what = name.rsplit(".", 1)[1]
         is_dyno = name.startswith("dynamometers.")
         limit = limits.get(f"dynamometer_{what}" if is_dyno else name)
         if is_dyno or limit is not None:
-            peaks.append(Need(name, peak, limit, PEAK_UNITS[what]))
+            peaks.append({"what": name, "peak": peak, "limit": limit, "unit": PEAK_UNITS[what]})
     return peaks
 
 
@@ -448,39 +374,29 @@ def margin_counted_from(verification: Verification) -> str:
     return f" from {number(verification.margin_from, 3)} Hz on"
 
 
-def checks(result: MatchResult) -> list[ResultCheck]:
-    """Every check with its outcome, stability first."""
+def checks(result: MatchResult) -> list[tuple[str, str, bool]]:
+    """Every check of the result: what was checked, the outcome, and whether it holds; stability first."""
     verification = result.verification
-    rows = [ResultCheck(*_in_words(name, verification), holds) for name, holds in verification.checks.items()]
+    rows = [(*_in_words(name, verification), holds) for name, holds in verification.checks.items()]
     limits = result.case.limits
     margin, (least, at) = verification.modulus_margin, verification.least_damping
-    rows.append(
-        ResultCheck(
-            "Modulus margin of the feedback loop",
-            f"{number(margin, 3)} at {number(verification.loop.margin_at, 3)} Hz, "
-            f"at least {number(limits['modulus_margin'])} required{margin_counted_from(verification)}",
-            margin >= limits["modulus_margin"] * (1 - ROUNDING),
-        )
-    )
-    rows.append(
-        ResultCheck(
-            "Smallest damping ratio of any mode of the loop",
-            f"{number(least, 3)} at {number(at, 3)} Hz, at least {number(limits['damping_ratio'])} required",
-            least >= limits["damping_ratio"] * (1 - ROUNDING),
-        )
-    )
-    for target in result.targets:
-        rows.append(
-            ResultCheck(f"Mode {target.vehicle_mode} identified from the simulated manoeuvre", *_identified(target))
-        )
+    rows += [
+        ("Modulus margin of the feedback loop",
+         f"{number(margin, 3)} at {number(verification.loop.margin_at, 3)} Hz, "
+         f"at least {number(limits['modulus_margin'])} required{margin_counted_from(verification)}",
+         margin >= limits["modulus_margin"] * (1 - ROUNDING)),
+        ("Smallest damping ratio of any mode of the loop",
+         f"{number(least, 3)} at {number(at, 3)} Hz, at least {number(limits['damping_ratio'])} required",
+         least >= limits["damping_ratio"] * (1 - ROUNDING)),
+    ]  # fmt: skip
+    rows += [(f"Mode {target.vehicle_mode} identified from the simulated manoeuvre", *_identified(target))
+             for target in result.targets]  # fmt: skip
     exceeded = [row for row in verification.violations if row.limit not in ("modulus_margin", "damping_ratio")]
     for violation in exceeded:
         si = PEAK_UNITS[violation.where.rsplit(".", 1)[1]]
         outcome = f"{practical(violation.value, si)}, {practical(violation.allowed, si)} allowed"
-        rows.append(ResultCheck(f"Limit of {violation.where}", outcome, False))
-    if not exceeded:
-        rows.append(ResultCheck("Torque, twist, speed and power limits over the manoeuvre", "kept", True))
-    return rows
+        rows.append((f"Limit of {violation.where}", outcome, False))
+    return rows if exceeded else [*rows, ("Torque, twist, speed and power limits over the manoeuvre", "kept", True)]
 
 
 def _identified(target: TargetResult) -> tuple[str, bool]:
@@ -488,9 +404,8 @@ def _identified(target: TargetResult) -> tuple[str, bool]:
     if target.identified is None:
         return "not identified", False
     deviation = round(100 * (target.identified / target.vehicle - 1), 2) + 0.0
-    return f"{hertz(target.identified)} Hz, {deviation:+.2f} % from the vehicle", abs(
-        deviation
-    ) <= IDENTIFIED_WITHIN_PERCENT
+    holds = abs(deviation) <= IDENTIFIED_WITHIN_PERCENT
+    return f"{hertz(target.identified)} Hz, {deviation:+.2f} % from the vehicle", holds
 
 
 def _in_words(name: str, verification: Verification) -> tuple[str, str]:
@@ -510,13 +425,6 @@ def _in_words(name: str, verification: Verification) -> tuple[str, str]:
     return name.capitalize(), ""
 
 
-def _deviation(wrong: Any) -> str:
-    """The wrong value's deviation: relative, of the dead time in ms."""
-    is_time = wrong.name == "loop.dead_time"
-    text = practical(wrong.change, "s", 2) if is_time else f"{number(100 * wrong.change, 2)} %"
-    return f"+{text}" if wrong.change > 0 else text
-
-
 # --- Frequencies and energy shares of vehicle, rig without control and matched rig, as the paper's Fig. 3 shows them.
 
 MODES_HIGHEST_HZ = 1000.0  # above are poles of lags and of the dead time, which are no modes of the drivetrain
@@ -531,7 +439,7 @@ def columns(result: MatchResult) -> list[Column]:
     """Vehicle, rig without control and matched rig with the target modes; a system without modes is left out."""
     # modes of the feed-forward: what the matched rig shows for measured torques
     measured = [mode for mode in result.matched_modes if mode.belongs_to == "feed_forward"]
-    matched = [mode_of(mode) for mode in measured or result.matched_modes]
+    matched = measured or result.matched_modes
     drawn = []
     for title, colour, modes, aims in (
         ("Vehicle", VEHICLE, result.vehicle_modes, [target.vehicle for target in result.targets]),
@@ -552,13 +460,7 @@ def columns(result: MatchResult) -> list[Column]:
     return drawn
 
 
-def mode_of(mode: LoopMode) -> Mode:
-    """A mode of the closed loop as one of a drivetrain, to be drawn beside those of vehicle and rig."""
-    keys = ("number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential")
-    return Mode(**{key: getattr(mode, key) for key in keys})
-
-
-def nearest(modes: Sequence[Mode], frequency: float, symmetry: str) -> Mode | None:
+def nearest(modes: Sequence[Mode | LoopMode], frequency: float, symmetry: str) -> Mode | LoopMode | None:
     """The mode of a symmetry whose frequency lies nearest to a frequency in Hz."""
     alike = [
         mode for mode in modes if mode.symmetry == symmetry and mode.kinetic and 0 < mode.frequency <= MODES_HIGHEST_HZ
@@ -614,7 +516,6 @@ def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) ->
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlim(f[0], f[-1])
-    plain_ticks(axes.xaxis)
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_locator(LogLocator(numticks=7))
     largest = max(np.abs(values).max() for values in curves.values())
@@ -625,7 +526,7 @@ def magnitude(axes: Any, result: MatchResult, index: int, title: bool = True) ->
     )
     if title:
         pair = result.case.compared[index]
-        axes.set_title(f"{_said(pair.input)} → {_said(pair.sensor)}", fontsize=9, pad=16)
+        axes.set_title(f"{spaced(pair.input)} → {spaced(pair.sensor)}", fontsize=9, pad=16)
 
 
 def phase(axes: Any, result: MatchResult, index: int) -> None:
@@ -661,10 +562,6 @@ def _error(result: MatchResult, index: int) -> str:
     if "unmeasured" in curves_of(result, index):
         parts.append(f"not measured {number(errors.unmeasured, 2)}")
     return ", ".join(parts)
-
-
-def _said(name: str) -> str:
-    return name.replace("_", " ")
 
 
 # --- The match at a glance: response, manoeuvre and target modes in one figure, 1200 pixels wide at 150 dpi.
@@ -717,48 +614,22 @@ def _name(target: TargetResult) -> str:
 
 def _targets(axes: Any, result: MatchResult) -> None:
     places = {"vehicle": 2, "rig": 1, "matched": 0}
-    colours = {"vehicle": VEHICLE, "rig": RIG, "matched": MATCHED}
-    marks = "osD^v"
-    for count, (target, mark) in enumerate(zip(result.targets, marks * 9)):
-        frequencies = {name: getattr(target, name) for name in places}
-        known = [name for name in places if frequencies[name] is not None]
-        path = [frequencies[name] for name in known]
-        axes.plot(path, [places[name] for name in known], color="#999999", linewidth=0.9, linestyle=":", zorder=1)
-        for name in known:
-            axes.plot(
-                frequencies[name],
-                places[name],
-                mark,
-                color=colours[name],
-                markersize=9,
-                markeredgecolor="#222222",
-                zorder=3,
-            )
-            axes.annotate(
-                f"{hertz(frequencies[name])} Hz",
-                (frequencies[name], places[name]),
-                (0, -18 if count % 2 else 9),
-                textcoords="offset points",
-                ha="center",
-                fontsize=8,
-            )
-        axes.plot(
-            [],
-            [],
-            mark,
-            color="white",
-            markeredgecolor="#222222",
-            label=_name(target),
-        )
+    for count, (target, mark) in enumerate(zip(result.targets, "osD^v" * 9)):
+        known = {name: value for name in places if (value := getattr(target, name)) is not None}
+        axes.plot(list(known.values()), [places[name] for name in known], color="#999999", linewidth=0.9,
+                  linestyle=":", zorder=1)  # fmt: skip
+        for name, frequency in known.items():
+            at = frequency, places[name]
+            axes.plot(*at, mark, color=LINES[name]["color"], markersize=9, markeredgecolor=INK, zorder=3)
+            axes.annotate(f"{hertz(frequency)} Hz", at, (0, -18 if count % 2 else 9), textcoords="offset points",
+                          ha="center", fontsize=8)  # fmt: skip
+        axes.plot([], [], mark, color="white", markeredgecolor=INK, label=_name(target))
     for name, place in places.items():
         if all(getattr(target, name) is None for target in result.targets):
             axes.annotate("not found", (0.5, place), xycoords=("axes fraction", "data"), ha="center", fontsize=8)
-    everything = np.array(
-        [value for target in result.targets for value in (target.vehicle, target.rig, target.matched) if value]
-    )
+    shown = [value for target in result.targets for value in (target.vehicle, target.rig, target.matched) if value]
     axes.set_xscale("log")
-    axes.set_xlim(everything.min() / 1.8, everything.max() * 1.8)
-    plain_ticks(axes.xaxis)
+    axes.set_xlim(min(shown) / 1.8, max(shown) * 1.8)
     axes.set_ylim(-0.9, 2.6)
     axes.set_yticks(list(places.values()), [LINES[name]["label"] for name in places])
     axes.grid(False, axis="y")
@@ -816,7 +687,7 @@ CAPTIONS = {
     "drivetrain": "Vehicle and rig. Dashed: the cut; hatched: the residual vehicle, which the dynamometers emulate.",
     "overview": "Response, manoeuvre and target modes at a glance.",
     "modes": "Modes and their energy. In colour: the target modes, and on the rig without control those of the same "
-    "symmetry. s symmetric, a antisymmetric left to right.",
+    "symmetry. sym, anti: symmetric, antisymmetric left to right.",
     "responses": "Frequency responses. The line of the matched rig should run inside the broad line of the vehicle; "
     "the grey band is the matched band. Dotted: the matched rig when the controller does not measure the torque.",
     "manoeuvre": "The manoeuvre, simulated with a delay line and a sampled controller.",
@@ -829,11 +700,6 @@ CAPTIONS = {
     "each value, and the range that is no worse than 2 % and the scatter. Dotted: what the bed as planned reaches.",
     "robustness": "How accurately each quantity must be known: response error when one value is wrong.",
 }
-
-
-def drawn_modes(result: MatchResult) -> list[float]:
-    """Frequencies in Hz around which curves of the loop need a dense grid."""
-    return [target.vehicle for target in result.targets] + [mode.frequency for mode in result.rig_modes]
 
 
 def pictures(result: MatchResult) -> dict[str, Picture]:
@@ -849,8 +715,11 @@ def pictures(result: MatchResult) -> dict[str, Picture]:
         draw["manoeuvre"] = lambda: trace_figure(of_manoeuvre, begins)
     if of_worst_bed := in_time_signals(result):
         draw["in_time"] = lambda: trace_figure(of_worst_bed, begins)
-    frequencies, required = drawn_modes(result), result.verification.required
-    draw["sensitivity"] = lambda: sensitivity_figure(sensitivity(tuned, frequencies, required))
+    dense = [target.vehicle for target in result.targets] + [mode.frequency for mode in result.rig_modes]
+    required = result.verification.required
+    limits = {"|S|": (1 / case.limits["modulus_margin"], required.margin_from),
+              "|T|": (required.rolled_off, required.rolled_off_from)}  # fmt: skip
+    draw["sensitivity"] = lambda: sensitivity_figure(*sensitivity(tuned, dense), limits)
     if max(len(system.inertias) for system in (case.vehicle, case.rig)) <= MOST_INERTIAS:
         draw["drivetrain"] = lambda: case_figure(tuned)
     beds = result.verification.beds
@@ -858,7 +727,7 @@ def pictures(result: MatchResult) -> dict[str, Picture]:
         draw["beds"] = lambda: beds_figure(beds, case.unmeasured_tolerance)
     if result.adapters:
         draw["trade"] = lambda: trade_figure(result.adapters)
-    if wrong := wrong_values(result):
+    if wrong := result.verification.robustness:
         draw["robustness"] = lambda: robustness_figure(wrong, result.response_error.after)
     data = curve_data(result)
     return {name: Picture(make, CAPTIONS[name], data.get(name, "")) for name, make in draw.items()}
@@ -879,7 +748,7 @@ def content(result: MatchResult) -> dict[str, Any]:
     asked: dict[str, Any] = dict(case.limits)
     tolerances = {"tolerance": case.tolerance, "unmeasured_tolerance": case.unmeasured_tolerance}
     asked |= {name: value for name, value in tolerances.items() if math.isfinite(value)}
-    return entries | {"asked": asked, "needs": [vars(need) for need in needs(result)]}
+    return entries | {"asked": asked, "needs": needs(result)}
 
 
 def answer(result: Mapping[str, Any]) -> str:
@@ -1062,8 +931,8 @@ def _evidence(result: MatchResult, content: Mapping[str, Any]) -> list[Fold]:
              [in_time_table(result.in_time), Show("in_time")] if result.in_time.rows else []),
         Fold("What must be known accurately", [Show("robustness")]),
         Fold("Checks of stability and targets", [
-            Table([{"check": row.what, "outcome": f"{'✓' if row.holds else '✗'} {row.outcome}"}
-                   for row in checks(result)]),
+            Table([{"check": what, "outcome": f"{'✓' if holds else '✗'} {outcome}"}
+                   for what, outcome, holds in checks(result)]),
             Table([_target(target) for target in result.targets]), Show("sensitivity"),
         ]),
         Fold(f"Controller and residual vehicle, structure “{loop.structure.name}”", [
@@ -1112,11 +981,11 @@ def _moved(row: Mapping[str, Any]) -> dict[str, str]:
     }  # fmt: skip
 
 
-def _need(need: Need) -> dict[str, str]:
-    used = f"{number(100 * need.peak / need.limit, 3)} %" if need.limit else ""
-    limit = practical(need.limit, need.unit) if need.limit else "none"
-    over = "✗ " if need.limit and need.peak > need.limit else ""
-    return {"": component(need.what), "needed": practical(need.peak, need.unit), "limit": limit, "used": over + used}
+def _need(need: Mapping[str, Any]) -> dict[str, str]:
+    peak, limit = need["peak"], need["limit"]
+    used = f"{'✗ ' if peak > limit else ''}{number(100 * peak / limit, 3)} %" if limit else ""
+    return {"": component(need["what"]), "needed": practical(peak, need["unit"]),
+            "limit": practical(limit, need["unit"]) if limit else "none", "used": used}  # fmt: skip
 
 
 def _target(target: TargetResult) -> dict[str, str]:
@@ -1147,7 +1016,7 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
     points = []
     if result.status != "matched":
         points = [Step(f"Change what stands in the way: {limit}") for limit in result.limits[:MOST_LIMITS]]
-        other = next((row.name for row in adapters_of(result)), "loop.inverter_lag")
+        other = next((row.name for row in result.parameters if row.name.startswith("rig.")), "loop.inverter_lag")
         command = f"rigmatch map {result.case.path or 'CASE'} --x loop.dead_time --y {other} --out {folder}/map"
         return [*points, Step("See over two quantities where the match would hold", command=command)]
     orders = [trade for trade in result.adapters if abs(trade.ordered / trade.planned - 1) > SAME_RELATIVE]
@@ -1171,27 +1040,22 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
 
 def to_watch(result: MatchResult) -> list[str]:
     """What may spoil the match, most important first."""
-    points = [f"check failed: {check.what}, {check.outcome}" for check in checks(result) if not check.holds]
+    points = [f"check failed: {what}, {outcome}" for what, outcome, holds in checks(result) if not holds]
     beds = result.verification.beds
     if beds and beds.worst and 0 < beds.worst.damping_ratio < beds.required_damping:
         points.append(
             f"the worst bed within [uncertainty] has a damping ratio of {number(beds.worst.damping_ratio, 2)}, "
             f"{number(beds.required_damping, 2)} is required; most by {sentence([*map(component, beds.worst.named)])}"
         )
-    wrong = wrong_values(result)
-    points += [f"the loop becomes unstable with {component(row.name)} {row.off}" for row in wrong if not row.stable]
-    known = [row for row in wrong if row.stable and row.error is not None]
-    worst = max(known, key=lambda row: row.error or 0.0, default=None)
-    if worst is not None and (worst.error or 0.0) > result.response_error.after:
+    wrong = result.verification.robustness
+    points += [f"the loop becomes unstable with {component(row.name)} {off(row)}" for row in wrong if not row.stable]
+    worst = max((row for row in wrong if row.stable), key=lambda row: row.response_error, default=None)
+    if worst is not None and worst.response_error > result.response_error.after:
         points.append(
-            f"{component(worst.name)} must be known best: {worst.off} makes the response error {number(worst.error, 2)}"
+            f"{component(worst.name)} must be known best: {off(worst)} makes the response error "
+            f"{number(worst.response_error, 2)}"
         )
     return points[:MOST_LIMITS]
-
-
-def adapters_of(result: MatchResult) -> list[ParameterResult]:
-    """Quantities of the rig that were allowed to move."""
-    return [row for row in result.parameters if row.name.startswith("rig.")]
 
 
 def in_time_table(truth: TruthInTime) -> Table:

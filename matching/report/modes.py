@@ -14,6 +14,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from matching.match.loop_modes import LoopMode
 from matching.report.common import ABSENT, LIMIT, VEHICLE, figure, image, spaced, styled
 from matching.report.page import environment, register_table
 from modelling import display, escape
@@ -206,11 +207,11 @@ class Column:
 
     title: str
     colour: str
-    modes: Sequence[Mode] | Modes
+    modes: Sequence[Mode | LoopMode] | Modes
     emphasised: tuple[int, ...] = ()
 
     @property
-    def chosen(self) -> list[Mode]:
+    def chosen(self) -> list[Mode | LoopMode]:
         """The modes to emphasise; the first two that are not rigid-body modes if none are named."""
         numbers = self.emphasised or tuple(mode.number for mode in self.modes if mode.frequency > 0)[:2]
         by_number = {mode.number: mode for mode in self.modes}
@@ -239,7 +240,7 @@ def _frequencies(axes: Any, column: Column, top: float) -> None:
         height = max(mode.frequency, FLOOR_HZ)
         colour = _tint(column.colour, chosen[mode.number]) if mode.number in chosen else _NO_TINT
         axes.bar(mode.number, height, width=0.7, color=colour, edgecolor=_EDGE, linewidth=0.6)
-        mark = {"symmetric": " s", "antisymmetric": " a"}.get(mode.symmetry, "")
+        mark = {"symmetric": "\nsym", "antisymmetric": "\nanti"}.get(mode.symmetry, "")
         axes.annotate(
             f"{mode.frequency:.3g}{mark}",
             (mode.number, height),
@@ -251,10 +252,11 @@ def _frequencies(axes: Any, column: Column, top: float) -> None:
         )
     axes.set_yscale("log")
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_ylim(FLOOR_HZ, 3 * max(top, 1.0))
+    axes.set_ylim(FLOOR_HZ, 5 * max(top, 1.0))
     axes.set_xticks([mode.number for mode in column.modes])
     axes.grid(False, axis="x")
-    axes.set_xlabel("Mode number (s symmetric, a antisymmetric left to right)" if _labelled(column) else "Mode number")
+    sides = " (sym, anti: symmetric, antisymmetric left to right)" if _labelled(column) else ""
+    axes.set_xlabel(f"Mode number{sides}")
     axes.set_title(escape.figure(column.title))
 
 
@@ -331,7 +333,7 @@ def _share_table(axes: Any, shares: np.ndarray, names: Sequence[str], title: str
     axes.tick_params(length=0)
 
 
-def _components(modes: Iterable[Mode], energy: str) -> list[str]:
+def _components(modes: Iterable[Mode | LoopMode], energy: str) -> list[str]:
     """Components with energy in the modes, in the model's order; a rigid-body mode may have none."""
     return list(dict.fromkeys(name for mode in modes for name in getattr(mode, energy)))
 

@@ -87,7 +87,7 @@ def map_figure(result: Map) -> Figure:
                 scale = Normalize(0, 100) if share else LogNorm(known.min() / 1.02, known.max() * 1.02)
                 masked = np.ma.masked_invalid(values)
                 fields = axes.pcolormesh(columns, rows, masked, cmap=colours, norm=scale, label=f"_{words}")
-                fig.colorbar(fields, ax=axes, format="%g", label=words)
+                fig.colorbar(fields, ax=axes, label=words)
             axes.set(xlim=columns[[0, -1]], ylim=rows[[0, -1]])
             _write(axes, result, values)
             _mark(axes, result, columns, rows)
@@ -121,11 +121,12 @@ def _write(axes: Any, result: Map, values: np.ndarray) -> None:
     """The value of each field, below the ring where the case is; nothing where there are many."""
     if max(values.shape) > MOST_WRITTEN:
         return
+    digits = enough_digits(values.ravel().tolist(), 2, 4)
     for y, row in zip(result.y.values, values, strict=True):
         for x, value in zip(result.x.values, row, strict=True):
             if np.isfinite(value):
                 below = -RING_CLEARANCE if (x, y) == (result.x.here, result.y.here) else 0
-                axes.annotate(number(float(value), 2), (x, y), (0, below), textcoords="offset points",
+                axes.annotate(number(float(value), digits), (x, y), (0, below), textcoords="offset points",
                               ha="center", va="center", fontsize=8, zorder=4)  # fmt: skip
 
 

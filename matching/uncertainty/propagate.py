@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
 from functools import lru_cache
 from typing import Any
@@ -147,68 +147,6 @@ def _score(shape: Distribution, normal: np.ndarray) -> np.ndarray:
     """Quantiles of a shape, over its standard deviation, where the normals stand."""
     law = shape.law()  # far out, where the weights vanish, the clip keeps quantiles finite
     return law.ppf(np.clip(ndtr(normal), 1e-15, 1 - 1e-15)) / law.std()
-
-
-# --- A distribution held in bounded memory: moments and a fine histogram, filled chunk by chunk.
-
-BINS = 1 << 16
-
-
-@dataclass
-class Histogram:
-    """Counts (bins + 2,) between fixed edges with one open bin at either end, and exact streaming moments.
-
-    ``low`` and ``high`` bound the equal bins; what falls outside is counted between them and the extremes. A bin is
-    about 10⁻⁴ standard uncertainties wide, far below what the draws themselves leave uncertain.
-    """
-
-    low: float
-    high: float
-    counts: np.ndarray = field(default_factory=lambda: np.zeros(BINS + 2, dtype=np.int64))
-    number: int = 0
-    mean: float = 0.0
-    squares: float = 0.0
-    least: float = math.inf
-    most: float = -math.inf
-
-    @classmethod
-    def around(cls, pilot: np.ndarray, coverage: float) -> Histogram:
-        """Edges that hold all but a hundredth of the part outside the coverage, judged by a pilot sample (n,)."""
-        outside = (1 - coverage) / 200
-        low, high = (float(edge) for edge in np.quantile(pilot, [outside, 1 - outside]))
-        margin = 0.05 * (high - low) or max(abs(low), 1.0) * 1e-9
-        return cls(low - margin, high + margin)
-
-    def tally(self, values: np.ndarray) -> np.ndarray:
-        """Counts (bins + 2,) of values (n,) in the bins, without adding them (threads may call it)."""
-        places = (values - self.low) * (BINS / (self.high - self.low))
-        np.clip(places, -1, BINS, out=places)
-        return np.bincount((places + 1).astype(np.int64), minlength=BINS + 2)
-
-    def add(self, counts: np.ndarray, number: int, mean: float, squares: float, least: float, most: float) -> None:
-        """Merges a chunk's counts (bins + 2,); moments by the pairwise update of Chan, Golub and LeVeque."""
-        self.counts += counts
-        total = self.number + number
-        shift = mean - self.mean if self.number else 0.0
-        self.mean = self.mean if self.number else mean
-        self.squares += squares + shift * shift * self.number * number / total
-        self.mean += shift * number / total
-        self.number, self.least, self.most = total, min(self.least, least), max(self.most, most)
-
-    @property
-    def standard_deviation(self) -> float:
-        """Standard deviation of all values added."""
-        return math.sqrt(self.squares / (self.number - 1))
-
-    def _cumulative(self) -> tuple[np.ndarray, np.ndarray]:
-        inner = np.linspace(self.low, self.high, BINS + 1)
-        edges = np.concatenate([[min(self.least, self.low)], inner, [max(self.most, self.high)]])
-        return edges, np.concatenate([[0.0], np.cumsum(self.counts) / self.number])
-
-    def quantile(self, probability: float) -> float:
-        """The value below which so much of the distribution lies."""
-        edges, cumulative = self._cumulative()
-        return float(np.interp(probability, cumulative, edges))
 
 
 # --- Propagate
@@ -606,9 +544,9 @@ def interval_statement(
     return f"{name} = {y}{shown}, u = {uncertainty}{shown}, {inside} (Monte Carlo)"
 
 
-# --- The Monte Carlo method of JCGM 101: adaptive, seeded, on all cores, in bounded memory.
+# --- The Monte Carlo method of JCGM 101: adaptive, seeded, on all cores; of every chunk of draws a summary is kept.
 
-PILOT = 10  # chunks kept to place the histogram's edges
+FEWEST_CHUNKS = 10  # from whose scatter it is told what the draws leave uncertain
 MOST_DRAWS = 2_000_000  # draws until the result is stable
 MOST_TO_DECIDE = 10_000_000  # draws until a question to the result is decided as well, some seconds
 WIDEST_DRAWS = 1e150  # of wider ones the sum of squares over all draws is no floating-point number
@@ -634,7 +572,6 @@ class MonteCarlo:
     stable: bool
     tolerance: float
     spread: np.ndarray
-    histogram: Histogram = field(repr=False)
 
     def to_dict(self, unit: Unit) -> dict[str, Any]:
         """As ``uncertainty.json`` holds it, in a unit."""
@@ -676,41 +613,30 @@ def monte_carlo(
     limit = max(2, math.ceil((draws or (MOST_TO_DECIDE if undecided else most)) / chunk))
     values = _drawn_values(budget, measurand, seed, chunk)
     workers = workers or min(os.cpu_count() or 1, 8)
+    rows: list[tuple[float, ...]] = []
+
+    def result() -> MonteCarlo:
+        return _result(budget.coverage, np.array(rows), chunk, seed, digits)
+
+    next_question = 0.0
     with ThreadPoolExecutor(workers) as pool:
-        pilot = list(pool.map(values, range(min(PILOT, limit))))
-        histogram = Histogram.around(np.concatenate(pilot), budget.coverage)
-
-        def summary(y: np.ndarray) -> tuple:
-            return _summary(y, histogram, budget.coverage)
-
-        def chunks() -> Iterator[tuple]:
-            yield from map(summary, pilot)
-            pilot.clear()
-            for first in range(PILOT, limit, 4 * workers):  # waves bound what is in memory at a time
-                yield from pool.map(lambda place: summary(values(place)), range(first, min(first + 4 * workers, limit)))
-
-        def result() -> MonteCarlo:
-            return _result(budget.coverage, histogram, rows, seed, digits)
-
-        rows: list[tuple] = []
-        next_question = 0.0
-        for counts, moments, low, high in chunks():
-            histogram.add(counts, *moments)
-            rows.append((moments[1], math.sqrt(moments[2] / (moments[0] - 1)), low, high))
-            if draws is not None or len(rows) < max(PILOT, next_question) or not _stable(rows, digits, histogram):
-                continue
-            if undecided is None or not undecided(result()):
-                break
-            next_question = QUESTION_GROWTH * len(rows)
-        return result()
+        for first in range(0, limit, 4 * workers):  # waves bound what is in memory at a time
+            places = range(first, min(first + 4 * workers, limit))
+            for row in pool.map(lambda place: _summary(values(place), budget.coverage), places):
+                rows.append(row)
+                if draws is not None or len(rows) < max(FEWEST_CHUNKS, next_question) or not result().stable:
+                    continue
+                if undecided is None or not undecided(result()):
+                    return result()
+                next_question = QUESTION_GROWTH * len(rows)
+    return result()
 
 
-def _summary(y: np.ndarray, histogram: Histogram, coverage: float) -> tuple:
-    """Of a chunk of values (count,): its counts by bin, its moments, and the ends of its shortest interval."""
-    mean = float(y.mean())
-    low, high = _shortest(np.sort(y), coverage)
-    moments = (len(y), mean, float(np.sum((y - mean) ** 2)), float(y.min()), float(y.max()))
-    return histogram.tally(y), moments, low, high
+def _summary(y: np.ndarray, coverage: float) -> tuple[float, ...]:
+    """Of a chunk of values (count,): mean, standard deviation, ends of the shortest and of the symmetric interval."""
+    ordered, tail = np.sort(y), (1 - coverage) / 2
+    symmetric = np.quantile(ordered, [tail, 1 - tail])
+    return float(y.mean()), float(y.std(ddof=1)), *_shortest(ordered, coverage), *map(float, symmetric)
 
 
 def _drawn_values(budget: Budget, measurand: Measurand, seed: int, count: int) -> Callable[[int], np.ndarray]:
@@ -736,38 +662,23 @@ def _drawn_values(budget: Budget, measurand: Measurand, seed: int, count: int) -
     return values
 
 
-def _result(coverage: float, histogram: Histogram, rows: list[tuple], seed: int, digits: int) -> MonteCarlo:
-    tail = (1 - coverage) / 2
-    # The average over the chunks, whose scatter is known: where the shortest interval of all draws lies is decided by
-    # where its flat minimum happens to be, and scatters more with n^(−1/3).
-    low, high = np.mean([row[2:] for row in rows], axis=0).tolist()
-    shortest = low, high
-    symmetric = (histogram.quantile(tail), histogram.quantile(1 - tail))
-    if histogram.standard_deviation == 0:  # an exact result, which the histogram's bins hold to a bin only
-        shortest = symmetric = (histogram.mean, histogram.mean)
+def _result(coverage: float, rows: np.ndarray, count: int, seed: int, digits: int) -> MonteCarlo:
+    """From the summaries (chunks, 6) of chunks of ``count`` draws.
+
+    Ends of intervals are averages over the chunks, whose scatter is known. Where the shortest interval of all draws
+    lies is decided by where its flat minimum happens to be, and scatters more with n^(−1/3).
+    """
+    chunks, draws = len(rows), len(rows) * count
+    means, deviations = rows[:, 0], rows[:, 1]
+    squares = (count - 1) * np.sum(deviations**2) + count * np.sum((means - means.mean()) ** 2)
+    uncertainty = math.sqrt(squares / (draws - 1))
+    low, high, symmetric_low, symmetric_high = rows[:, 2:].mean(axis=0).tolist()
+    spread = 2 * rows[:, :4].std(axis=0, ddof=1) / math.sqrt(chunks)
+    tolerance = numerical_tolerance(uncertainty, digits)
     return MonteCarlo(
-        histogram.mean,
-        histogram.standard_deviation,
-        shortest,
-        symmetric,
-        coverage,
-        histogram.number,
-        seed,
-        _stable(rows, digits, histogram),
-        numerical_tolerance(histogram.standard_deviation, digits),
-        _spread(rows),
-        histogram,
-    )
-
-
-def _stable(rows: list[tuple], digits: int, histogram: Histogram) -> bool:
-    tolerance = numerical_tolerance(histogram.standard_deviation, digits)
-    return histogram.standard_deviation == 0 or bool(np.all(_spread(rows) < tolerance))
-
-
-def _spread(rows: list[tuple]) -> np.ndarray:
-    table = np.array(rows)
-    return 2 * table.std(axis=0, ddof=1) / math.sqrt(len(rows))
+        float(means.mean()), uncertainty, (low, high), (symmetric_low, symmetric_high), coverage, draws, seed,
+        uncertainty == 0 or bool(np.all(spread < tolerance)), tolerance, spread,
+    )  # fmt: skip
 
 
 def _shortest(ordered: np.ndarray, coverage: float) -> tuple[float, float]:

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import rigmatch as rm
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.loggers import joined, read_loggers, with_clocks
+from matching.diagnosis.loggers import joined, with_clocks
 from modelling.errors import InputError
 from modelling.model_file import from_dict
 from modelling.recordings.read import csv_text
@@ -78,7 +79,7 @@ def test_files_of_two_loggers_are_read_with_the_reference(loggers, tmp_path):
     for logger, more in zip(loggers, (extra, {}), strict=True):
         text = csv_text(logger.time, logger.channels | more, units)
         (tmp_path / logger.source).write_text(text, encoding="utf-8")
-    whole = read_loggers(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.csv'}", model)
+    whole = rm.read_recording(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.csv'}", model)
     np.testing.assert_allclose(whole["wanted"], np.pi / 30 * 300 * np.sin(whole.time), rtol=1e-6, atol=1e-6)
 
 

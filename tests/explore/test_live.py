@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from matching.explore.common import LiveModel, envelope, measured_curves, slider_range
+from matching.explore.common import LiveModel, measured_curves, opened_measurement, slider_range
 from modelling.model_file import from_dict
 from modelling.recordings.recording import Recording
 from modelling.system import Quantity
@@ -47,25 +47,11 @@ def test_the_range_of_a_slider_is_that_of_the_file_or_a_factor():
     assert slider_range(Quantity(0.0)) is None
 
 
-def test_a_long_signal_keeps_every_peak_and_a_short_one_every_sample():
-    time = np.arange(100_000) / 1000
-    values = np.sin(time)
-    values[[31_234, 77_777]] = 50.0, -50.0
-    t, y = envelope(time, values, 0.0, 100.0, 200)
-    assert len(t) <= 2 * 200 + len(time) % 200 + 2
-    assert np.all(np.diff(t) >= 0)
-    assert {31.234, 77.777} <= set(t.tolist())
-    assert (y.max(), y.min()) == (50.0, -50.0)
-    t, y = envelope(time, values, 31.2, 31.3, 200)
-    assert np.array_equal(y, values[31_199:31_302])
-    assert np.array_equal(t, time[31_199:31_302])
-
-
-def test_missing_samples_hide_no_peak():
-    values = np.where(np.arange(10_000) % 7 == 0, np.nan, 1.0)
-    values[5_003] = 9.0
-    _, y = envelope(np.arange(10_000.0), values, 0.0, 1e4, 50)
-    assert np.nanmax(y) == 9.0
+def test_a_signal_between_two_times_has_one_sample_beyond_each_end(tmp_path):
+    (tmp_path / "a.csv").write_text("time [s],a\n" + "".join(f"{k / 100},{k}\n" for k in range(100)))
+    t, y = opened_measurement(tmp_path / "a.csv").signal("a", 0.205, 0.235)
+    assert y.tolist() == [20, 21, 22, 23, 24]
+    assert t.tolist() == [0.2, 0.21, 0.22, 0.23, 0.24]
 
 
 def test_a_measured_response_is_that_of_the_plant(system):

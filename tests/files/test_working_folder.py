@@ -1,10 +1,13 @@
 """Nothing that lies in the working folder is run or changes a result."""
 
+import contextlib
 import os
 import subprocess
 import sys
 
 import numpy as np
+
+from matching.cli import main
 
 MODEL = """
 [inertias.motor]
@@ -38,12 +41,11 @@ import sys
 from matching.cli import main
 from matching.worker_pool import LocalProcesses
 if __name__ == "__main__":
-    if sys.argv[1] == "shadowed":
-        from matching.explore.common import Job
-        with LocalProcesses(1) as pool:
-            assert pool.submit(abs, -3).result(timeout=100) == 3
-        job = Job(["modes", "model.toml", "--out", "job"], done=lambda _: None)
-        job._reader.join(timeout=100)
+    from matching.explore.common import Job
+    job = Job(["modes", "model.toml", "--out", "job"], done=lambda _: None)
+    with LocalProcesses(1) as pool:
+        assert pool.submit(abs, -3).result(timeout=100) == 3
+    job._reader.join(timeout=100)
     sys.exit(main(["simulate", "model.toml", "run.parquet", "--out", sys.argv[1]]))
 """
 
@@ -60,18 +62,17 @@ def test_modules_and_settings_of_the_working_folder_do_not_count(tmp_path):
     columns = {"time": time, "torque": np.sin(20 * time), "speed": np.cos(20 * time)}
     parquet.write_table(pyarrow.table(columns), folder / "run.parquet")
 
-    def run(out):
-        done = subprocess.run(
-            [sys.executable, "-P", str(outside), out], cwd=folder, capture_output=True, text=True, timeout=250,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        return (folder / out / "simulated.svg").read_text()
-
-    plain = run("plain")
+    with contextlib.chdir(folder):
+        assert main(["simulate", "model.toml", "run.parquet", "--out", "plain"]) == 0
     for name in SHADOWS:
         (folder / f"{name}.py").write_text("open('executed', 'a').write(__name__)\n")
     (folder / "matplotlibrc").write_text("lines.linewidth: 9\naxes.facecolor: red\nfont.size: 30\naxes.grid: True\n")
-    assert run("shadowed") == plain
+    done = subprocess.run(
+            [sys.executable, "-P", str(outside), "shadowed"], cwd=folder, capture_output=True, text=True, timeout=250,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}, check=False,
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    plain, shadowed = ((folder / out / "simulated.svg").read_text() for out in ("plain", "shadowed"))
+    assert shadowed == plain
     assert list((folder / "job").iterdir())
     assert not (folder / "executed").exists()

@@ -118,7 +118,7 @@ def test_empty_path_does_not_name_the_folder_one_is_in(capsys, words):
 def test_missing_file_that_no_reader_caught(answer, capsys, tmp_path):
     answer(lambda arguments: Path(arguments.model).read_text())
     assert cli.main(["modes", str(tmp_path / "none.toml")]) == 2
-    assert capsys.readouterr().err.endswith("none.toml: no such file; give a path that exists\n")
+    assert capsys.readouterr().err.endswith("none.toml: no such file or directory; give another path\n")
     assert cli.main(["modes", str(tmp_path)]) == 2
     assert "is a directory" in capsys.readouterr().err
 

@@ -3,9 +3,12 @@
 import importlib.util
 from pathlib import Path
 
+import pytest
+
 RUN = Path(__file__).parents[2] / "examples" / "diagnosis" / "run.py"
 
 
+@pytest.mark.long
 def test_four_recordings_end_in_four_verdicts(tmp_path, capsys):
     spec = importlib.util.spec_from_file_location("diagnosis_run", RUN)
     module = importlib.util.module_from_spec(spec)

@@ -11,7 +11,7 @@ from structure.imports import ROOT
 import rigmatch as rm
 from matching.cli import main
 from matching.report.common import image
-from matching.report.drivetrain import MOST_INERTIAS, case_drawings, case_figure, drawing, layout, model_figure, picture
+from matching.report.drivetrain import MOST_INERTIAS, case_drawings, case_figure, drawing, layout, model_figure, sketch
 from modelling.errors import InputError
 from modelling.model_file import from_dict
 
@@ -61,9 +61,9 @@ def drawings():
 
 def test_no_part_stands_on_another_even_where_branches_meet_again():
     for drawn in drawings():
-        boxes = [(part.name, *part.box) for part in picture(drawn).parts]
-        for (name, left, lower, right, upper), (other, *ends) in combinations(boxes, 2):
-            apart = right <= ends[0] or ends[2] <= left or upper <= ends[1] or ends[3] <= lower
+        boxes = [(name, *box) for name, box in sketch(drawn).boxes.items()]
+        for (name, left, upper, right, lower), (other, *ends) in combinations(boxes, 2):
+            apart = right <= ends[0] or ends[2] <= left or lower <= ends[1] or ends[3] <= upper
             assert apart, f"{name} and {other} overlap in {drawn.system.title}"
 
 

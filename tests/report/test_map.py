@@ -121,7 +121,7 @@ def test_the_share_of_stable_beds_has_a_panel_where_beds_judge(case):
     drawn = map_figure(replace(plain, points=tuple(map(tuple, judged))))
     panels = [own for own in drawn.axes if own.get_xlabel()]
     assert len(panels) == 3
-    assert [text.get_text() for text in panels[2].texts] == ["100", "100", "50"]
+    assert [text.get_text() for text in panels[2].texts] == ["100", "99.5", "50"]
     assert len([own for own in map_figure(plain).axes if own.get_xlabel()]) == 2
 
 

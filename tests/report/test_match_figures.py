@@ -6,15 +6,12 @@ import pytest
 from matching.report.common import LINES
 from matching.report.match import (
     CAPTIONS,
-    CurveLimit,
-    SensitivityCurves,
     content,
     in_time_signals,
     pictures,
     report,
     sensitivity_figure,
     signals,
-    wrong_values,
 )
 from matching.report.page import page
 
@@ -95,10 +92,8 @@ def test_sensitivity_shows_the_modulus_margin_of_the_verification(hand_made, as_
 
 def test_a_limit_is_drawn_from_where_it_counts_to_the_end():
     f = np.array([0.01, 1.0, 10.0, 200.0])
-    curves = SensitivityCurves(
-        f, np.full(4, 1.5), np.full(4, 0.5), (CurveLimit("|S|", 2.0, 0.01), CurveLimit("|T|", 0.5, 10.0))
-    )
-    axes = sensitivity_figure(curves).axes[0]
+    allowed = {"|S|": (2.0, 0.0), "|T|": (0.5, 10.0)}
+    axes = sensitivity_figure(f, np.full(4, 1.5), np.full(4, 0.5), allowed).axes[0]
     limits = axes.get_lines()[2:]
     assert [line.get_xydata().tolist() for line in limits] == [[[0.01, 2.0], [200, 2.0]], [[10, 0.5], [200, 0.5]]]
     assert [text.get_text() for text in axes.texts] == ["|S| ≤ 2", "|T| ≤ 0.5 from 10 Hz"]
@@ -107,7 +102,7 @@ def test_a_limit_is_drawn_from_where_it_counts_to_the_end():
 
 def test_wrong_values_reach_to_their_errors(hand_made, as_figures):
     axes, after = as_figures["robustness"].axes[0], hand_made.response_error.after
-    errors = sorted(row.error for row in wrong_values(hand_made) if row.stable and row.error is not None)
+    errors = sorted(row.response_error for row in hand_made.verification.robustness if row.stable)
     drawn = sorted(bar.get_x() + bar.get_width() for bar in axes.patches if not bar.get_hatch())
     assert set(np.round(drawn, 9)) <= set(np.round(errors, 9))
     assert drawn[-1] == pytest.approx(errors[-1])

@@ -164,15 +164,15 @@ def test_json_has_the_agreed_shape(hand_made):
 
 
 def test_needs_and_checks(hand_made):
-    peaks = {need.what: need for need in needs(hand_made)}
+    peaks = {need["what"]: need for need in needs(hand_made)}
     left = peaks["dynamometers.left.torque"]
     trace = next(own for own in signals(hand_made) if own.title == "Dynamometer left, torque")
-    assert left.peak == pytest.approx(np.abs(trace.curves["matched"]).max())
-    assert left.limit == hand_made.case.limits["dynamometer_torque"]
-    assert peaks["shafts.flange_left.twist"].limit == pytest.approx(np.pi / 180)
-    assert all(own.holds for own in checks(hand_made))
+    assert left["peak"] == pytest.approx(np.abs(trace.curves["matched"]).max())
+    assert left["limit"] == hand_made.case.limits["dynamometer_torque"]
+    assert peaks["shafts.flange_left.twist"]["limit"] == pytest.approx(np.pi / 180)
+    assert all(holds for *_, holds in checks(hand_made))
     stricter = replace(hand_made, case=replace(hand_made.case, limits={**hand_made.case.limits, "modulus_margin": 0.9}))
-    assert [own.what for own in checks(stricter) if not own.holds] == ["Modulus margin of the feedback loop"]
+    assert [what for what, _, holds in checks(stricter) if not holds] == ["Modulus margin of the feedback loop"]
 
 
 def test_a_motion_that_ran_away_still_gives_a_page(hand_made):

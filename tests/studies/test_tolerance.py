@@ -99,8 +99,8 @@ def test_unstable_draws_are_seen(prepared):
 
 def test_a_study_is_seeded_and_independent_of_the_executor(case, prepared):
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(2) as two:
-        first = tolerance(case, 120, one, seed=2, added=ADDED)
-        assert first.to_dict() == tolerance(case, 120, two, seed=2, added=ADDED).to_dict()
+        first = tolerance(case, 60, one, seed=2, added=ADDED)
+        assert first.to_dict() == tolerance(case, 60, two, seed=2, added=ADDED).to_dict()
     margin = first.spreads[0]
     assert margin.quantiles[0.05] < margin.nominal
     swings = {}  # one at a time

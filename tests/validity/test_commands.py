@@ -89,7 +89,7 @@ def test_names_with_slashes_and_dollars_and_values_of_any_size(tmp_path, capsys)
 def test_fidelity_writes_table_json_and_figures(tmp_path, capsys):
     assert main(["fidelity", str(EXAMPLES / "fidelity" / "tab2.toml"), "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
-    assert "88.54 %   without uncertainty" in shown  # no "u = 0.00 %" beside the note that none was stated
+    assert "R_XiL = 88.54 %, without uncertainty" in shown  # no "u = 0.00 %" beside the note that none was stated
     assert "u = 0.00 %" not in shown
     check_schema("fidelity", answer := json.loads((tmp_path / "fidelity.json").read_text()))
     assert (

@@ -1,0 +1,79 @@
+"""``--check``: a command runs until its files are read, says what they hold, and ends before it computes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matching.match.case import Case
+    from modelling.system import System
+
+_contents: ContextVar[dict[str, str] | None] = ContextVar("contents", default=None)
+
+
+class _AllRead(Exception):
+    """Ends a dry run."""
+
+
+@contextmanager
+def dry_run() -> Iterator[dict[str, str]]:
+    """Within, a function ends where it would begin to compute; yields what was read, in words by file."""
+    found: dict[str, str] = {}
+    token = _contents.set(found)
+    try:
+        with suppress(_AllRead):
+            yield found
+    finally:
+        _contents.reset(token)
+
+
+def was_read(file: Any, words: Callable[[], str]) -> None:
+    """Tell a dry run what a file holds."""
+    if (contents := _contents.get()) is not None:
+        contents[str(file)] = words()
+
+
+def computing(further: Callable[[], Mapping[str, str]] = dict) -> None:
+    """Where a function begins to compute: a dry run reads ``further`` files, and ends."""
+    if (contents := _contents.get()) is not None:
+        contents |= further()
+        raise _AllRead
+
+
+def is_dry() -> bool:
+    """Whether nothing will be computed."""
+    return _contents.get() is not None
+
+
+def model_words(system: System) -> str:
+    """What a model holds."""
+    parts = [
+        counted(getattr(system, table), word)
+        for table, word in (
+            ("inertias", "inertia"), ("shafts", "shaft"), ("gears", "gear"), ("differentials", "differential"),
+            ("inputs", "input"), ("sensors", "sensor"), ("effects", "effect"),
+        )
+        if getattr(system, table)
+    ]  # fmt: skip
+    return f"a model: {', '.join(parts)}"
+
+
+def case_words(case: Case) -> str:
+    """What a case holds, its target modes checked."""
+    from matching.match.case import target_modes
+
+    notes = "".join(f"\n  note: {note}" for note in case.notes)
+    return (
+        f"a case: {counted(case.loop.dynamometers, 'dynamometer')}, {counted(target_modes(case), 'target mode')}, "
+        f"{counted(case.moves, 'quantity')} that may move; vehicle {model_words(case.vehicle)}; "
+        f"rig {model_words(case.rig)}{notes}"
+    )
+
+
+def counted(parts: Any, word: str) -> str:
+    """How many parts there are, with their noun."""
+    several = word[:-1] + "ies" if word.endswith("ty") else f"{word}s"
+    return f"{len(parts)} {word if len(parts) == 1 else several}"
