@@ -1,4 +1,4 @@
-"""An FMU on disk from whatever a user names."""
+"""A controller as it leaves the computer: its law and limits, the opened shafts it notices, files as FMU and C."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs on a bed: the identification recording under a slow speed hold, and the proof of the controlled bed."""
+"""Beds to record on: as an FMU stepped in real order, by hand in a folder, and as a system to be diagnosed."""
 
 from __future__ import annotations
 

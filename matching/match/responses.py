@@ -1,4 +1,4 @@
-"""The compared transfer functions of vehicle, rig without control and matched rig."""
+"""The compared responses of vehicle, rig without control and matched rig, and how far they are apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The controlled test bed: residual vehicle, control loop with its structures, feed-forward, manoeuvres."""
+"""The controlled test bed: its loop, its structures, the observer as it runs, and the model it predicts with."""
 
 from __future__ import annotations
 

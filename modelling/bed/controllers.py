@@ -1,4 +1,4 @@
-"""Control structures, one a file; a new one is registered by its line here."""
+"""The control structures ``pi`` and ``model_based``, and all structures by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The largest torque of a dynamometer over its speed: constant up to the base speed, falling in field weakening."""
+"""What beds emulate: the residual vehicle cut out of the vehicle; feed-forward across the dead time; torque curves."""
 
 from __future__ import annotations
 

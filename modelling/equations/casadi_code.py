@@ -1,4 +1,4 @@
-"""Derived equations as CasADi functions."""
+"""Equations as CasADi functions of state, inputs and parameters, translated from SymPy once for each structure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A model linearised about a state."""
+"""A model linearised about a state, at rest or in steady motion."""
 
 from __future__ import annotations
 
