@@ -32,7 +32,6 @@ SHADOWS = (
     "asammdf",
     "pyarrow",
     "concurrent",
-    "panel",
     "matching",
     "ctypes",
 )
@@ -41,11 +40,8 @@ import sys
 from matching.cli import main
 from matching.worker_pool import LocalProcesses
 if __name__ == "__main__":
-    from matching.explore.common import Job
-    job = Job(["modes", "model.toml", "--out", "job"], done=lambda _: None)
     with LocalProcesses(1) as pool:
         assert pool.submit(abs, -3).result(timeout=100) == 3
-    job._reader.join(timeout=100)
     sys.exit(main(["simulate", "model.toml", "run.parquet", "--out", sys.argv[1]]))
 """
 
@@ -74,5 +70,4 @@ def test_modules_and_settings_of_the_working_folder_do_not_count(tmp_path):
     assert done.returncode == 0, done.stderr
     plain, shadowed = ((folder / out / "simulated.svg").read_text() for out in ("plain", "shadowed"))
     assert shadowed == plain
-    assert list((folder / "job").iterdir())
     assert not (folder / "executed").exists()
