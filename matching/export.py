@@ -1,4 +1,4 @@
-"""An FMU on disk from whatever a user names."""
+"""A controller as it leaves the computer: its law and limits, the opened shafts it notices, files as FMU and C."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from matching.match.case import Case, apply, of_system
 from matching.match.case_file import load_case
 from matching.match.in_time import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
 from matching.match.loop import LinearBed, assembled_bed, control_law, linear_bed, shaft_torque
-from modelling.bed.bed import delayed_bed
+from modelling.bed.bed import ControlLaw, delayed_bed
 from modelling.bed.observer import NOISE
 from modelling.bed.vehicle import Interface, ResidualVehicle, cut
 from modelling.controller.c_source import memory_bytes
@@ -25,7 +25,6 @@ from modelling.controller.law import (
     NO_LIMIT,
     OPENED_SHARE,
     WATCHED_SAMPLES,
-    ControlLaw,
     ExportedController,
     OpenedShaft,
     Settings,

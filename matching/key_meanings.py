@@ -40,7 +40,7 @@ CASE = {
     "dynamometers": "`torque_input`, `torque_sensor`, `speed_sensor`, and `follows`, the shaft that is cut",
     "loop": "control structure, delays and gains",
     "targets": "a list: `mode` of the vehicle by number, `frequency_tolerance` (relative), `damping_tolerance`",
-    "response": "`band` (Hz), `compare` (pairs of `input`, `sensor`), `objective`, `tolerance`, `unmeasured_tolerance`",
+    "response": "`band` (Hz), `compare` (pairs of `input`, `sensor`), `tolerance`, `unmeasured_tolerance`",
     "manoeuvre": "torques over time by input: a kind with its quantities, a list of segments, or a recorded torque",
     "limits": "what must not be exceeded",
     "move": "what may be tuned: `\"NAME\" = { lower, upper }`",

@@ -16,7 +16,7 @@ from typing import Any
 from matching import fidelity
 from matching import key_meanings as meanings
 from matching.match import case_file
-from matching.match.case import LIMIT_UNITS, OBJECTIVES, TORQUE_OVER_SPEED, Target
+from matching.match.case import LIMIT_UNITS, TORQUE_OVER_SPEED, Target
 from matching.uncertainty import budget
 from matching.uncertainty.budget import NAMES as DISTRIBUTIONS
 from modelling import model_file, system
@@ -136,7 +136,7 @@ def _case() -> Schema:
     response: dict[str, Schema] = {"band": {"type": "array", "items": VALUE, "minItems": 2, "maxItems": 2},
                 "compare": {"type": "array", "minItems": 1,
                             "items": table({"input": TEXT, "sensor": TEXT}, ("input", "sensor"))},
-                "objective": {"enum": list(OBJECTIVES)}, **dict.fromkeys(case_file.TOLERANCES, VALUE)}  # fmt: skip
+                **dict.fromkeys(case_file.TOLERANCES, VALUE)}  # fmt: skip
     dynamometer = dict.fromkeys(case_file.DYNAMOMETER_KEYS, TEXT) | {"torque_gain": VALUE}
     targets = {field.name: VALUE for field in dataclasses.fields(Target)} | {"mode": {"type": "integer", "minimum": 1}}
     keys = {

@@ -17,8 +17,9 @@ SI unless stated.
 CLASSES = {
     "Match": {
         "matching.match.result": [
-            "MatchResult", "TargetResult", "ParameterResult", "ResponseError", "AdapterTrade",
+            "MatchResult", "TargetResult", "ParameterResult", "AdapterTrade",
         ],
+        "matching.match.responses": ["ResponseError"],
         "matching.match.verify": ["Verification"],
         "matching.match.beds": ["BedsCheck"],
     },

@@ -1,4 +1,4 @@
-"""Why a controlled bed falls short: the diagnosis of the recordings that showed it."""
+"""Commissioning in rounds: match, run and verify, then record, diagnose and match again; and why a bed falls short."""
 
 from __future__ import annotations
 

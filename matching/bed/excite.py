@@ -16,15 +16,19 @@ from matching.match.loop import (
     bed_set,
     compared_sensors,
     disturbing,
+    drive,
     law_response,
     responses,
+    responses_of,
+    return_difference,
     shaft_torque,
     side_by_side,
-    transfer,
 )
-from modelling.controller.law import ControlLaw, Settings
+from modelling.bed.bed import ControlLaw
+from modelling.controller.law import Settings
 from modelling.display import Displayed
 from modelling.errors import InputError
+from modelling.linear.resolvent import transfer
 from modelling.recordings.read import csv_text
 from modelling.system import Sensor
 
@@ -61,36 +65,30 @@ class RecordedBed:
         """The bed at values of what is uncertain (:class:`matching.match.case.Uncertain`), SI."""
         return bed_of(self.case, values)
 
-    def rows(self, bed: Bed, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """C (y + 2s, x) and D (y + 2s, u) of sensors, shafts' torques (N·m) and twists (rad)."""
-        controller = list(self.case.loop.controller_sensors)
-        others = compared_sensors(self.case)
-        k, n = bed.commands.shape[1], len(bed.A)
-        C, D = np.zeros((len(self.sensors), n)), np.zeros((len(self.sensors), k + bed.torques.shape[1]))
-        for i, name in enumerate(self.sensors):
-            if name in controller:
-                C[i] = bed.readings[controller.index(name)]
-            else:
-                at = others.index(name)
-                C[i], D[i, k:] = bed.compared[at], bed.compared_torques[at]
-        torques, twists = self._of_shafts(bed, values, others)
-        nothing = np.zeros((2 * len(self.shafts), D.shape[1]))
-        return np.vstack([C, torques, twists]), np.vstack([D, nothing])
+    def mixing(self, values: Mapping[str, float]) -> np.ndarray:
+        """Sensors, then torques (N·m) and twists (rad) of the shafts, by what a bed reads and compares (y + 2s, r + c).
 
-    def _of_shafts(self, bed: Bed, values: Mapping[str, float], others: list[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Rows (s, x), (s, x) of the shafts' torques and twists: a twist is what stiffness leaves of the torque."""
+        A twist is what the stiffness leaves of the torque.
+        """
+        names = [*self.case.loop.controller_sensors, *compared_sensors(self.case)]
+        seen = dict(zip(names, np.eye(len(names)), strict=True))
         torques, twists = [], []
         for shaft in self.case.rig.shafts:
-            torque = bed.compared[others.index(shaft_torque(shaft.name))]
-            first, second = (bed.compared[others.index(_speed_of(end))] for end in shaft.between)
+            first, second = (seen[_speed_of(end)] for end in shaft.between)
             rate = first / (1.0 if shaft.ratio is None else shaft.ratio.value) - second
             stiffness, damping = (
                 values.get(f"rig.shafts.{shaft.name}.{key}", getattr(shaft, key).value)
                 for key in ("stiffness", "damping")
             )
-            torques.append(torque)
-            twists.append((torque - damping * rate) / stiffness)
-        return np.array(torques), np.array(twists)
+            torques.append(seen[shaft_torque(shaft.name)])
+            twists.append((torques[-1] - damping * rate) / stiffness)
+        return np.array([*(seen[name] for name in self.sensors), *torques, *twists])
+
+    def rows(self, bed: Bed, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """C (y + 2s, x) and D (y + 2s, u) of sensors, shafts' torques (N·m) and twists (rad)."""
+        mixing, (y, k) = self.mixing(values), (len(bed.readings), bed.commands.shape[1])
+        D = np.pad(mixing[:, y:] @ bed.compared_torques, ((0, 0), (k, 0)))
+        return mixing @ np.vstack([bed.readings, bed.compared]), D
 
     def response(self, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:
         """Responses (f, y, u) of the sensors to the inputs, dead time of the commands included.
@@ -163,45 +161,29 @@ def controlled_beds(
     torques: Sequence[str],
     frequencies: np.ndarray,
 ) -> ControlledBeds:
-    """Responses to torques (e), inputs of the rig or known to the law, at frequencies (f,), Hz, well below half the
-    sampling frequency: what a sampled reading folds back from above is left out.
+    """Responses to torques (e), inputs of the rig or known to the law, at frequencies (f,), Hz.
 
     Parameters
     ----------
     values : sequence of mappings (b)
         Values of what is uncertain, SI.
     """
-    acting = law_response(law, frequencies, bed.case.loop.controller_sensors)
-    s, step = 2j * np.pi * frequencies, law.sample_time
-    hold = (1 - np.exp(-s * step)) / (s * step)
-    commands, outputs, noise = [], [], []
-    read = [bed.sensors.index(name) for name in bed.case.loop.controller_sensors]
-    deviations = np.zeros((len(bed.sensors), len(read)))
-    deviations[read, range(len(read))] = bed.noise[read]
-    alone = np.diag(np.where(np.isin(range(len(bed.sensors)), read), 0.0, bed.noise))
-    for bed_values in values:
-        shifted = bed.at(bed_values)
-        C, D = bed.rows(shifted, bed_values)
-        k, count = shifted.commands.shape[1], len(C)
-        B, seen = np.hstack([shifted.commands, shifted.torques]), np.vstack([C, shifted.readings])
-        H = transfer(shifted.A, B, seen, np.pad(D, ((0, len(read)), (0, 0))), s)
-        H[:, :, :k] *= (hold * np.exp(-s * shifted.delay))[:, None, None]
-        direct = np.zeros((*H.shape[:2], len(torques)), complex)
-        asked = np.zeros((len(s), k, len(torques)), complex)
-        for i, name in enumerate(torques):
-            if name in bed.inputs:
-                direct[:, :, i] = H[:, :, bed.inputs.index(name)]
-            if name in law.known:
-                asked[:, :, i] = acting.of_known[:, :, law.known.index(name)]
-        asked += acting.of_readings @ direct[:, count:]
-        around = np.eye(k) - acting.of_readings @ H[:, count:, :k]
-        sent = np.linalg.solve(around, asked)
-        of_noise = np.linalg.solve(around, acting.of_readings * bed.noise[read])
-        moved = deviations + H[:, : len(bed.sensors), :k] @ of_noise
-        noise.append(np.concatenate([moved, np.broadcast_to(alone, (len(s), *alone.shape))], axis=2))
-        commands.append(sent)
-        outputs.append(direct[:, :count] + H[:, :count, :k] @ sent)
-    return ControlledBeds(np.stack(commands), np.stack(outputs), np.stack(noise))
+    names, y = bed.case.loop.controller_sensors, len(bed.sensors)
+    beds = responses_of(bed.case, [bed.at(of_bed) for of_bed in values], values, frequencies, vehicle=np.zeros(0))
+    acting, mixing = law_response(law, frequencies, names), np.stack([bed.mixing(of_bed) for of_bed in values])[:, None]
+    driven, around = drive(beds, acting, torques, law.known), return_difference(beds, acting)
+    commands, by_commands = (
+        np.linalg.solve(around, driven.commands),
+        np.concatenate([beds.held, beds.commanded], axis=2),
+    )
+    outputs = mixing @ (np.concatenate([driven.read, driven.answered], axis=2) + by_commands @ commands)
+    read = [bed.sensors.index(name) for name in names]
+    deviations = np.diag(bed.noise)[:, read]
+    alone = np.diag(np.where(np.isin(range(y), read), 0.0, bed.noise))
+    of_noise = np.linalg.solve(around, acting.of_readings * bed.noise[read])
+    moved = deviations + mixing[:, :, :y] @ by_commands @ of_noise
+    beside = np.broadcast_to(alone, (*moved.shape[:2], y, y))
+    return ControlledBeds(commands, outputs, np.concatenate([moved, beside], axis=3))
 
 
 # --- Fisher information of a recording about what is uncertain, and the spectrum that makes the most of it.

@@ -1,4 +1,4 @@
-"""Runs on a bed: the identification recording under a slow speed hold, and the proof of the controlled bed."""
+"""Beds to record on: as an FMU stepped in real order, by hand in a folder, and as a system to be diagnosed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from matching.bed.excite import ExcitationPlan
 from matching.bed.proof import Proof
 from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared, snapshots
 from matching.match.case import Case, Uncertain
-from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, ControlLaw, SupervisedController
+from modelling.bed.bed import ControlLaw
+from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, SupervisedController
 from modelling.effects.effect import shared_place
 from modelling.effects.sensors_and_actuators import (
     AllPass,

@@ -1,4 +1,4 @@
-"""The range of a recording, from the data and the motion of a fitted model over them."""
+"""Causes as extensions of a model, and what a fit tells before the next: torque balance, motion, recorded range."""
 
 from __future__ import annotations
 

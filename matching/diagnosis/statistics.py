@@ -1,11 +1,4 @@
-"""How well a fit predicts held-out data, given how well it knows its own variables.
-
-A free simulation carries on what a fit left uncertain: a speed that drifts because a drag is known to a tenth says
-nothing against the cause. So the held-out residual e is judged as what it is under the fit: normal with the covariance
-c·1 + J Σ Jᵀ, Σ that of the variables and c the variance of the noise (Laplace approximation of the predictive density,
-e.g. Bishop, Pattern Recognition and Machine Learning, 2006, section 4.5.2). A kind that contains another as a special
-case then predicts as well as that one, not better, where the data do not distinguish them.
-"""
+"""What residuals tell: whether they are noise, how well parameters are known, how well a fit predicts held-out data."""
 
 from __future__ import annotations
 
@@ -228,7 +221,13 @@ def _ranges(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     return width, (v - problem.lower < near) | (problem.upper - v < near)
 
 
-# --- Prediction
+# --- How well a fit predicts held-out data, given how well it knows its own variables.
+#
+# A free simulation carries on what a fit left uncertain: a speed that drifts because a drag is known to a tenth says
+# nothing against the cause. So the held-out residual e is judged as what it is under the fit: normal with the
+# covariance c·1 + J Σ Jᵀ, Σ that of the variables and c the variance of the noise (Laplace approximation of the
+# predictive density, e.g. Bishop, Pattern Recognition and Machine Learning, 2006, section 4.5.2). A kind that contains
+# another as a special case then predicts as well as that one, not better, where the data do not distinguish them.
 
 
 @dataclass(frozen=True)

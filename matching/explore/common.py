@@ -1,4 +1,4 @@
-"""Values tried out on a model before they are kept: modes and responses beside those of the file."""
+"""What every tab uses: commands as processes, live models, maps, fields that are edited, undo and saving."""
 
 from __future__ import annotations
 

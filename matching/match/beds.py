@@ -13,7 +13,6 @@ from matching.match.case import Box, Case, Requirements
 from matching.match.loop import (
     BedSet,
     FrequencyResponse,
-    Resolvent,
     SampledBeds,
     SampledController,
     bed_set,
@@ -22,12 +21,12 @@ from matching.match.loop import (
     damping_weights,
     errors,
     frequency_response,
-    resolvent,
     return_difference,
     sampled_beds,
     without_resting,
 )
 from modelling.bed.observer import NOISE
+from modelling.linear.resolvent import Resolvent, resolvent
 
 # --- What a controller does on a set of beds and what it asks of them: the figures that the search works with.
 

@@ -7,9 +7,8 @@ import dataclasses
 import numpy as np
 
 from matching.match.case import Case
-from matching.match.loop import of_observer
-from matching.match.responses import ComparedBed, ErrorFigures, error_figures, figures_of
-from matching.match.result import Curves, ResponseError
+from matching.match.loop import without_limits
+from matching.match.responses import ComparedBed, ResponseError, Responses, error_figures, figures_of
 from modelling.bed.controllers import ModelBased
 from modelling.bed.observer import FREE_COMMAND_WEIGHT, Observer, design, observer_model
 from modelling.bed.vehicle import cut
@@ -21,20 +20,13 @@ CURVE_POINTS = 400
 UNSAMPLED_REFINEMENT = 8  # samples in place of one, where sampling is to cost next to nothing
 
 
-def errors_with_bounds(tuned: Case, figures: ErrorFigures) -> ResponseError:
+def errors_with_bounds(tuned: Case, figures: ResponseError) -> ResponseError:
     """Response errors of a tuned case, with the lower bounds set by its dead time; these emulate the whole vehicle."""
     whole = emulating_the_whole(tuned)
-    return ResponseError(
-        band=figures.band,
-        before=figures.before,
-        after=figures.after,
-        after_same_functions=figures.after_same_functions,
-        unmeasured=figures.unmeasured,
-        bound=lower_bound(whole, 1),
-        bound_unsampled=lower_bound(whole, UNSAMPLED_REFINEMENT),
+    return dataclasses.replace(
+        figures, bound=lower_bound(whole, 1), bound_unsampled=lower_bound(whole, UNSAMPLED_REFINEMENT),
         unmeasured_bound=estimator_bound(whole),
-        functions=figures.functions,
-    )
+    )  # fmt: skip
 
 
 def emulating_the_whole(case: Case) -> Case:
@@ -78,15 +70,14 @@ def estimator_bound(case: Case) -> float | None:
     ideal = dataclasses.replace(case, loop=loop)
     try:
         controller = design(observer_model(case.rig, cut(case.emulated_vehicle, case.rig), loop), weights)
-        return figures_of(ComparedBed(ideal, controller=of_observer(controller))).unmeasured
+        return figures_of(ComparedBed(ideal, controller=without_limits(controller))).unmeasured
     except InputError:
         return None
 
 
-def curves_of(bed: ComparedBed) -> Curves:
+def curves_of(bed: ComparedBed) -> Responses:
     """Responses for drawing, from half the lower to three times the upper edge of the band."""
     case = bed.case
     top = min(3 * case.band[1], 0.45 / case.loop["sample_time"])
     f = np.geomspace(case.band[0] / 2, max(top, case.band[1]), CURVE_POINTS)
-    compared = bed.at(f)
-    return Curves(f, compared.vehicle, compared.rig, compared.matched, compared.unmeasured)
+    return bed.at(f)

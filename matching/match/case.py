@@ -163,8 +163,6 @@ def _fitting(key: str, known: Mapping[str, float]) -> list[str]:
 
 # --- Case
 
-OBJECTIVES = ("response_error",)  # what the search may go by
-
 
 @dataclass(frozen=True)
 class Compared:
@@ -228,7 +226,6 @@ class Case:
     moves: tuple[Move, ...]
     title: str = ""
     path: str = field(default="", compare=False)
-    objective: str = "response_error"
     uncertainty: Box = field(default_factory=Box)
     tolerance: float = 0.1  # largest response error to measured torques that is still called matched
     unmeasured_tolerance: float = 0.3  # the same to unmeasured torques
@@ -531,15 +528,16 @@ def _paired(plain: Modes, damped: Modes, inertia: Mapping[str, float]) -> dict[i
         for column, second in enumerate(swinging):
             far = abs(np.log(second.frequency / first.frequency))
             if first.symmetry == second.symmetry and far <= FARTHEST_DAMPED:
-                score[row, column] = LEAST_SCORE + _mac(first, second, inertia) * np.exp(-far)
+                score[row, column] = LEAST_SCORE + weighted_mac(first.shape, second.shape, inertia) * np.exp(-far)
     places = zip(*scipy.optimize.linear_sum_assignment(score, maximize=True), strict=True)
     return {elastic[row].number: swinging[column] for row, column in places if score[row, column] > 0}
 
 
-def _mac(first: Mode, second: Mode, inertia: Mapping[str, float]) -> float:
-    """Modal assurance criterion over the inertias, each weighted by its inertia."""
-    weight = np.sqrt(list(inertia.values()))
-    a, b = (weight * np.array([mode.shape[name] for name in inertia]) for mode in (first, second))
+def weighted_mac(first: Mapping[str, complex], second: Mapping[str, complex], inertia: Mapping[str, float]) -> float:
+    """Modal assurance criterion over what both shapes hold, each coordinate weighted by its inertia, kg·m² (else 1)."""
+    names = [name for name in first if name in second]
+    weight = np.sqrt([inertia.get(name, 1.0) for name in names])
+    a, b = (weight * np.array([shape[name] for name in names]) for shape in (first, second))
     return float(abs(np.vdot(a, b)) ** 2 / max(np.vdot(a, a).real * np.vdot(b, b).real, 1e-300))
 
 

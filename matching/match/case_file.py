@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from matching.match.case import (
-    OBJECTIVES,
     TORQUE_OVER_SPEED,
     Case,
     Compared,
@@ -75,7 +74,7 @@ def case_text(case: Case) -> str:
     data["targets"] = [vars(target) for target in case.targets]
     data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
     data["response"] |= {
-        "objective": case.objective, "tolerance": case.tolerance, "unmeasured_tolerance": case.unmeasured_tolerance,
+        "tolerance": case.tolerance, "unmeasured_tolerance": case.unmeasured_tolerance,
     }  # fmt: skip
     data["uncertainty"] = uncertainty_table(case.uncertainty, case.vehicle, case.rig, loop)
     data["manoeuvre"] = {
@@ -522,7 +521,6 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         moves,
         title(data, where),
         where,
-        _objective(data, where),
         read_uncertainty(data, vehicle, rig, loop, where),
         torque_curve=curve,
         simple_vehicle=simple,
@@ -576,7 +574,7 @@ def _simple_vehicle(
 
 
 def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
-    table = table_of(data, "response", where, {"band", "compare", "objective", *TOLERANCES})
+    table = table_of(data, "response", where, {"band", "compare", *TOLERANCES})
     band = table.get("band", [0.5, 30.0])
     if not isinstance(band, list) or len(band) != 2:
         raise InputError(f"{where}: response.band", "is no pair of frequencies", "write band = [0.5, 30] in Hz")
@@ -584,13 +582,6 @@ def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
     if not 0 < low < high:
         raise InputError(f"{where}: response.band", f"{low:g} … {high:g} Hz is empty", "0 < lower < upper is needed")
     return low, high
-
-
-def _objective(data: Mapping[str, Any], where: str) -> str:
-    name = table_of(data, "response", where).get("objective", OBJECTIVES[0])
-    if name not in OBJECTIVES:
-        raise unknown(str(name), list(OBJECTIVES), f"{where}: response.objective")
-    return name
 
 
 def _tolerance(data: Mapping[str, Any], key: str, start: float, where: str) -> float:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from matching.match.case import Case, of_system
-from matching.match.loop import BedHardware, NonlinearBeds, control_law, linear_bed, shaft_torque
+from matching.match.loop import control_law, linear_bed, shaft_torque
 from matching.match.verify import manoeuvre_torques
+from modelling.bed.bed import ControlLaw
+from modelling.bed.nonlinear import BedHardware, NonlinearBeds
 from modelling.bed.observer import NOISE
-from modelling.controller.law import ControlLaw
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind
 from modelling.errors import InputError

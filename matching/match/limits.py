@@ -10,7 +10,8 @@ import scipy
 
 from matching.match.case import TORQUE_OVER_SPEED, Case, ExceededLimit, Move, apply, rig_values, scaled
 from matching.match.problem import MatchProblem, differing_components, target_results
-from matching.match.result import ResponseError, TargetResult
+from matching.match.responses import ResponseError
+from matching.match.result import TargetResult
 from matching.match.search import SearchSettings, end_at, rounds, search_for, solve
 from matching.match.verify import Verification, Violation, verify
 from modelling.bed.controllers import ModelBased
@@ -85,7 +86,8 @@ class SolvedAgain:
         self, case: Case, moves: Sequence[Move], solution: Solution, most_rounds: int = 1
     ) -> dict[str, float] | None:
         """Values by name (SI) with which every target and limit of the changed case is met, or None."""
-        settings = replace(self.settings, drawn=8, pool=32, scenarios=0)
+        settings = self.settings
+        settings = replace(settings, drawn=min(8, settings.drawn), pool=min(32, settings.pool), scenarios=0)
         asked = replace(self.problem.demands, limits=case.limits)
         try:
             search = search_for(case, moves, self.problem.shares, asked, settings)

@@ -1,4 +1,4 @@
-"""The loop as it runs: rig with lags, delay line and sampled controller, of one bed or of many, and its motion."""
+"""The loop as it runs: rig with lags, delay line and sampled controller, of one bed or of many."""
 
 from __future__ import annotations
 
@@ -7,27 +7,21 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
-import scipy
-from scipy.linalg import block_diag, matrix_balance, schur
+from scipy.linalg import block_diag
 
 from matching.match.case import Case, of_system
-from modelling.bed.bed import DelayedBed, Dynamometer, Loop, ObserverController, delayed_bed
+from modelling.bed.bed import ControlLaw, DelayedBed, Dynamometer, delayed_bed
 from modelling.bed.vehicle import FeedForward, Interface, cut
-from modelling.controller.law import ControlLaw, law_of_feed_forward, law_of_feedback, law_of_observer
-from modelling.equations.casadi_code import Model, compiled
-from modelling.equations.lagrange import STICK_SPEED
-from modelling.equations.shaft_law import CONTACT_TIME
+from modelling.controller.law import law_of_feed_forward, law_of_feedback
+from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
 from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
-from modelling.linear.state_space import StateSpace, discretise, propagated, state_space
-from modelling.linear.steady_motion import operating_motion
+from modelling.linear.resolvent import Resolvent, resolvent, transfer
+from modelling.linear.state_space import StateSpace, state_space
 from modelling.modal.modes import images
 from modelling.resources import threads
-from modelling.simulation.compiled import external
-from modelling.simulation.stepping import STABLE_STEP, rates_at_rest, steps_per_second
 from modelling.system import Sensor, System
 
 # --- A linear system with what its states mean in inertias and shafts.
@@ -90,11 +84,6 @@ def body(system: System) -> Body:
         parts.springs,
         images(system, parts.masses),
     )
-
-
-def transfer(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """C·(sI − A)⁻¹·B + D at complex s (f,): (f, y, u)."""
-    return C @ resolvent(A).columns(np.asarray(s), B) + D
 
 
 # --- A case as linear models: rig, residual vehicle, and who measures and drives what.
@@ -279,7 +268,7 @@ def compared_sensors(case: Case) -> list[str]:
 def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
     """The bed with some values (:class:`matching.match.case.Uncertain`) other than the case's, SI."""
     of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
-    return assembled_bed(case, state_space(case.rig.with_values(of_rig) if of_rig else case.rig), values)
+    return assembled_bed(case, state_space(case.rig, of_rig), values)
 
 
 def assembled_bed(case: Case, rig: StateSpace, values: Mapping[str, float]) -> Bed:
@@ -319,8 +308,7 @@ def least_damping(A: np.ndarray, from_rad_s: float) -> float:
 
 def vehicle_response(case: Case, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:
     """Compared functions (f, h) of the vehicle whose shared components have the bed's values."""
-    drawn = of_system(values, case.vehicle)
-    space = state_space(case.vehicle.with_values(drawn) if drawn else case.vehicle)
+    space = state_space(case.vehicle, of_system(values, case.vehicle))
     H = transfer(space.A, space.B, space.C, space.D, 2j * np.pi * frequencies)
     rows = [space.outputs.index(pair.sensor) for pair in case.compared]
     return H[:, rows, [space.inputs.index(pair.input) for pair in case.compared]]
@@ -343,45 +331,6 @@ def eigenvalues(matrices: np.ndarray) -> np.ndarray:
         return values
     with ThreadPoolExecutor(parts) as pool:
         return np.concatenate(list(pool.map(np.linalg.eigvals, np.array_split(matrices, parts))))
-
-
-# --- (z·I − A)⁻¹ at many z from one Schur form of A: a back substitution a frequency in place of a factorisation.
-
-
-@dataclass(frozen=True)
-class Resolvent:
-    """A = V·T·V⁻¹ with T upper triangular, all (x, x) and complex; see :func:`resolvent`."""
-
-    T: np.ndarray
-    V: np.ndarray
-    inverse: np.ndarray
-
-    def columns(self, z: np.ndarray, B: np.ndarray) -> np.ndarray:
-        """(z·I − A)⁻¹·B, (f, x, u), for z (f,) and B (x, u) or (f, x, u)."""
-        x, u = B.shape[-2:]
-        turned = np.moveaxis(np.broadcast_to(self.inverse @ B, (len(z), x, u)), 0, 1)
-        columns = np.empty((x, len(z) * u), complex)
-        for i in reversed(range(x)):
-            above = turned[i] + (self.T[i, i + 1 :] @ columns[i + 1 :]).reshape(len(z), u)
-            columns[i] = (above / (z - self.T[i, i])[:, None]).ravel()
-        return np.moveaxis((self.V @ columns).reshape(x, len(z), u), 1, 0)
-
-    def rows(self, z: np.ndarray, C: np.ndarray) -> np.ndarray:
-        """C·(z·I − A)⁻¹, (f, k, x), for z (f,) and C (k, x)."""
-        k, x = C.shape
-        turned = C @ self.V
-        rows = np.empty((x, len(z) * k), complex)
-        for i in range(x):
-            before = turned[:, i] + (self.T[:i, i] @ rows[:i]).reshape(len(z), k)
-            rows[i] = (before / (z - self.T[i, i])[:, None]).ravel()
-        return np.moveaxis((self.inverse.T @ rows).reshape(x, len(z), k), 0, 2)
-
-
-def resolvent(A: np.ndarray) -> Resolvent:
-    """The Schur form of a matrix (x, x), balanced: states in N·m and rad/s are of very different size."""
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    T, Q = schur(balanced, output="complex")
-    return Resolvent(T, scale[:, None] * Q, Q.conj().T / scale)
 
 
 # --- Sampled controllers on beds: poles, damping, responses, all beds of a set at once; b beds, f frequencies.
@@ -581,9 +530,10 @@ def without_limits(law: ControlLaw) -> SampledController:
     D = np.hstack([law.K @ law.L + law.Dy, law.Dw])
     reached = _reached(A, B[:, :y])
     order = np.argsort(~reached, kind="stable")
+    assert law.delayed_commands is None or np.all(np.diff(order) > 0), "an observer's states stand in order"
     return SampledController(
         A[np.ix_(order, order)], B[order], C[:, order], D, int(reached.sum()), law.sensors, law.known,
-        law.dynamometers, law.sample_time,
+        law.dynamometers, law.sample_time, law.delayed_commands,
     )  # fmt: skip
 
 
@@ -606,27 +556,31 @@ def controller_on(bed: LinearBed, feed_forward: FeedForward | None = None) -> Sa
     """The same where the case's linear models, and maybe its feed-forward, are there already."""
     case, loop = bed.case, bed.case.loop
     k = len(loop.dynamometers)
-    names = tuple(dynamometer.name for dynamometer in loop.dynamometers)
-    sensors = loop.controller_sensors[: 2 * k]
     if loop.torqueless:
         count = len(loop.controller_sensors) + len(bed.simulated)
         return SampledController(
             np.zeros((0, 0)), np.zeros((0, count)), np.zeros((k, 0)), np.zeros((k, count)),
-            0, loop.controller_sensors, bed.simulated, names, loop["sample_time"],
+            0, loop.controller_sensors, bed.simulated, tuple(one.name for one in loop.dynamometers),
+            loop["sample_time"],
         )  # fmt: skip
-    reference = cut(case.emulated_vehicle, case.rig)
-    observer = loop.structure.observer(case.rig, case.residual_vehicle, loop)
-    if observer is not None:
-        return of_observer(observer, len(bed.residual_space.A))
-    feed_forward = feed_forward or loop.structure.feed_forward(case.rig, reference, loop)
-    if feed_forward is None:
+    if not (loop.structure.is_observer or loop.structure.has_feed_forward):
         return feedback_on(bed)
-    k, r, signs = len(names), len(bed.residual_space.A), np.concatenate([bed.torque_signs, np.ones(k)])
-    made = without_limits(law_of_feed_forward(feed_forward, bed.sampled_feedback, signs, sensors))
-    emulated, of_readings = _emulated(bed, len(made.A), made.reached)
-    model = made.reached + len(feed_forward.A) - k - r
-    emulated[:, model : model + r] = np.eye(r)
+    feed_forward = feed_forward or feed_forward_of(case)
+    made, r = without_limits(control_law(bed, feed_forward)), len(bed.residual_space.A)
+    if made.delayed_commands is not None:
+        emulated, of_readings = np.zeros((r, len(made.A))), np.zeros((r, len(made.sensors)))
+        end = made.delayed_commands.start
+    else:
+        assert feed_forward is not None, "the structure has one"
+        emulated, of_readings = _emulated(bed, len(made.A), made.reached)
+        end = made.reached + len(feed_forward.A) - k
+    emulated[:, end - r : end] = np.eye(r)
     return _reading_all(replace(made, emulated=(emulated, of_readings)), loop.controller_sensors)
+
+
+def feed_forward_of(case: Case) -> FeedForward | None:
+    """The model-based feed-forward of a case; None where its structure has none."""
+    return case.loop.structure.feed_forward(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
 
 
 def feedback_on(bed: LinearBed) -> SampledController:
@@ -663,19 +617,6 @@ def _emulated(bed: LinearBed, states: int, reached: int) -> tuple[np.ndarray, np
         of_states[:, :r] = np.linalg.inv(np.eye(r) - half * bed.residual_space.A)
         of_readings[:, :k] = of_states[:, :r] @ (half * bed.residual_space.B[:, :k] * bed.torque_signs)
     return of_states, of_readings
-
-
-def of_observer(observer: ObserverController, residual_states: int = 0) -> SampledController:
-    """An observer with state feedback as a sampled controller."""
-    space = observer.space
-    delayed = observer.delayed_commands
-    emulated = np.zeros((residual_states, len(space.A)))
-    emulated[:, delayed.start - residual_states : delayed.start] = np.eye(residual_states)
-    return SampledController(
-        space.A, space.B, space.C, space.D, observer.observed, observer.sensors, observer.known,
-        observer.dynamometers, observer.sample_time, delayed,
-        (emulated, np.zeros((residual_states, len(observer.sensors)))),
-    )  # fmt: skip
 
 
 def frequency_response(controller: SampledController, frequencies: np.ndarray) -> FrequencyResponse:
@@ -770,7 +711,7 @@ def return_difference(beds: BedSet, acting: FrequencyResponse) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Driven:
-    """What the i inputs of the compared functions do before any command reaches the bed.
+    """What i inputs do before any command reaches the bed.
 
     Attributes
     ----------
@@ -799,9 +740,9 @@ def compared_inputs(case: Case) -> list[str]:
     return list(dict.fromkeys(pair.input for pair in case.compared))
 
 
-def drive(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) -> Driven:
-    """What the compared functions' inputs do; ``measured`` and what acts inside the residual vehicle are known."""
-    rig_inputs, inputs = disturbing(beds.case), compared_inputs(beds.case)
+def drive(beds: BedSet, acting: FrequencyResponse, inputs: Sequence[str], measured: Sequence[str]) -> Driven:
+    """What inputs (i) do; ``measured`` and what acts inside the residual vehicle are known."""
+    rig_inputs = disturbing(beds.case)
     shape = beds.read.shape[:2]
     read = np.zeros((*shape, beds.read.shape[2], len(inputs)), complex)
     answered = np.zeros((*shape, beds.answered.shape[2], len(inputs)), complex)
@@ -823,7 +764,7 @@ def responses(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) 
 
     What acts inside the residual vehicle is always known.
     """
-    driven = drive(beds, acting, measured)
+    driven = drive(beds, acting, compared_inputs(beds.case), measured)
     answer = beds.commanded @ np.linalg.solve(return_difference(beds, acting), driven.commands) + driven.answered
     sensors, inputs = compared_columns(beds.case)
     return answer[:, :, sensors, inputs]
@@ -839,288 +780,17 @@ def errors(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) -> 
 # --- The sampled control law of a tuned case, of any structure, as it leaves the computer.
 
 
-def control_law(bed: LinearBed) -> ControlLaw:
-    """The law of a tuned case; its readings are those of the rig's sensors, signs as the rig has them."""
+def control_law(bed: LinearBed, feed_forward: FeedForward | None = None) -> ControlLaw:
+    """The law of a tuned case; its readings are those of the rig's sensors, signs as the rig has them.
+
+    ``feed_forward`` is the case's where it is there already.
+    """
     case, loop = bed.case, bed.case.loop
-    reference = cut(case.emulated_vehicle, case.rig)
-    k = len(loop.dynamometers)
-    sensors = (
-        *(dynamometer.torque_sensor for dynamometer in loop.dynamometers),
-        *(dynamometer.speed_sensor for dynamometer in loop.dynamometers),
-    )
-    signs = np.concatenate([bed.torque_signs, np.ones(k)])
     observer = loop.structure.observer(case.rig, case.residual_vehicle, loop)
     if observer is not None:
-        return law_of_observer(observer)
-    feed_forward = loop.structure.feed_forward(case.rig, reference, loop)
+        return observer
+    k, feed_forward = len(loop.dynamometers), feed_forward or feed_forward_of(case)
+    sensors, signs = loop.controller_sensors[: 2 * k], np.concatenate([bed.torque_signs, np.ones(k)])
     if feed_forward is not None:
         return law_of_feed_forward(feed_forward, bed.sampled_feedback, signs, sensors)
     return law_of_feedback(bed.sampled_feedback, signs, sensors, bed.simulated, loop["sample_time"])
-
-
-# --- A true delay line: commands issued at every sample, held, acting a dead time later.
-
-
-def arrivals(delay: float, step: float, pieces: int) -> np.ndarray:
-    """Which commands act when: weights (m, i) of the command issued i samples ago in the m-th piece of a sample.
-
-    A sample of length ``step`` (s) is cut into equal ``pieces``; where a new command arrives inside a piece, both
-    count by their share of it, so any ``delay`` (s) is met.
-    """
-    edges = (np.arange(pieces + 1) / pieces) - delay / step
-    weights = np.zeros((pieces, int(np.ceil(delay / step - 1e-12)) + 1))
-    for i in range(weights.shape[1]):
-        # the command of i samples ago is held over [−i, 1 − i) of its own time
-        inside = np.clip(edges, -i, 1 - i)
-        weights[:, i] = np.diff(inside) * pieces
-    return weights
-
-
-# --- Motion
-
-FINEST = 50e-6  # s: longest fine step
-
-
-class LinearMotion:
-    """Exact propagation from sample to sample: k held commands through a delay line, d torques that vary linearly.
-
-    Parameters
-    ----------
-    A, B : ndarray (x, x), (x, k + d)
-    count : int
-        k, the first columns of B.
-    step : float
-        s, one sample.
-    delay : float
-        s, of the line that carries commands.
-
-    Attributes
-    ----------
-    start, drift : ndarray (x,)
-        State at time 0, and its rate where nothing acts: zero.
-    whole : ndarray (x, x)
-        What a sample makes of the state.
-    drives : ndarray (2, x, d)
-        What the torques at its beginning and at its end do within a sample.
-    commands : list of (int, ndarray (x, k))
-        How many samples ago a command was issued and what it does within one sample.
-    """
-
-    def __init__(self, A: np.ndarray, B: np.ndarray, count: int, step: float, delay: float = 0.0):
-        pieces = int(np.ceil(step / FINEST - 1e-9))
-        fine, push = scipy.signal.cont2discrete((A, B, np.eye(len(A)), np.zeros(B.shape)), step / pieces)[:2]
-        self.start = self.drift = np.zeros(len(A))
-        self.whole = np.eye(len(A))
-        pushes = []
-        for _ in range(pieces):
-            pushes.append(self.whole @ push[:, :count])
-            self.whole = fine @ self.whole
-        torques = discretise(A, B[:, count:], step)
-        self.drives = np.stack([torques.held - torques.ramp, torques.ramp])
-        weights = arrivals(delay, step, pieces)
-        over = [sum(w * p for w, p in zip(column, reversed(pushes), strict=True)) for column in weights.T]
-        self.commands = [(i, part) for i, part in enumerate(over) if count and np.any(weights[:, i])]
-
-    def advance(self, x: np.ndarray, drives: np.ndarray, issued: np.ndarray, k: int) -> np.ndarray:
-        """The state (x,) a sample later, from the state x (x,) at sample ``k``.
-
-        Parameters
-        ----------
-        drives : ndarray (2, d)
-            Torques at this sample and at the next, N·m.
-        issued : ndarray (t, k)
-            Commands in N·m, of which those up to sample ``k`` inclusive count.
-        """
-        new = self.whole @ x + self.drives[0] @ drives[0] + self.drives[1] @ drives[1]
-        for i, push in self.commands:
-            if k >= i:
-                new += push @ issued[k - i]
-        return new
-
-    def free(self, drives: np.ndarray) -> np.ndarray:
-        """States (t, x) from the start under torques (t, d) in N·m alone, no command; the last torque stays."""
-        following = np.concatenate([drives[1:], drives[-1:]])
-        return propagated(self.whole, drives @ self.drives[0].T + following @ self.drives[1].T, self.start)
-
-
-def body_motion(linear_body: Body, step: float) -> LinearMotion:
-    """Motion of a vehicle, or of a rig without control, in steps of s."""
-    return LinearMotion(linear_body.space.A, linear_body.space.B, 0, step)
-
-
-# --- Many nonlinear systems of one structure, stepped side by side from sample to sample; b beds.
-
-FINE_STEP_S = 1.25e-4  # longest
-PROBED_STICK_SPEED = 1e-4  # rad/s, where dry friction is steeper than anything else: its steepness is read off there
-FLAT = 1e12  # rad/s, a stick speed at which friction is too flat to matter
-
-
-@dataclass(frozen=True)
-class BedHardware:
-    """What of a bed is no part of the rig's model: lags and delay (s), torque over command of each dynamometer (k,)."""
-
-    inverter_lag: float
-    torque_sensor_lag: float
-    delay: float
-    torque_gains: tuple[float, ...]
-
-
-class NonlinearBeds:
-    """Rigs with lags, or vehicles where there are no dynamometers.
-
-    States [model, air-gap torques as commanded (k), lagged flange torques (k)], absolute. Everything outside counts
-    from the operating point: commands, torques and readings.
-
-    Parameters
-    ----------
-    systems : sequence of System (b)
-        Of one structure.
-    loop : Loop
-    dynamometers : sequence of Dynamometer (k)
-    hardware : sequence of BedHardware (b)
-        Of vehicles only one value of each counts: none.
-    """
-
-    def __init__(
-        self, systems: Sequence[System], loop: Loop, dynamometers: Sequence[Dynamometer] = (),
-        hardware: Sequence[BedHardware] = (),
-    ):  # fmt: skip
-        self.model, step, k = compiled(systems[0]), loop["sample_time"], len(dynamometers)
-        p, points = _parameters(self.model, systems), [operating_motion(system) for system in systems]
-        rate = max(steps_per_second(self.model, _flat(self.model, row)[None]) for row in p)
-        if hardware:
-            rate = max(rate, *(0.5 / min(bed.inverter_lag, bed.torque_sensor_lag) for bed in hardware))
-        self.pieces = max(int(np.ceil(step * rate - 1e-9)), int(np.ceil(step / FINE_STEP_S - 1e-9)))
-        for row in p:
-            _refine_friction(self.model, row, self.pieces / step)
-        held = np.stack([point.inputs for point in points])
-        names = list(self.model.inputs)
-        driven = [dynamometer.torque_input for dynamometer in dynamometers]
-        self.drives = [name for name in names if name not in driven]
-        self._weights = [arrivals(bed.delay, step, self.pieces) for bed in hardware]
-        self._sensors = [dynamometer.torque_sensor for dynamometer in dynamometers]
-        of_bed = [[bed.inverter_lag, bed.torque_sensor_lag, *bed.torque_gains] for bed in hardware]
-        parameters = np.hstack([p, held, *([np.array(of_bed)] if k else [])])
-        count = len(systems)
-        sample, readings = self._functions(k, driven, step)
-        self._sample = _RepeatedCall(external(sample).map(count), parameters)
-        self._readings = _RepeatedCall(external(readings).map(count), parameters)
-        still = np.zeros((len(self.model.states) + 2 * k, count))
-        still[: len(self.model.states)] = np.stack([point.state for point in points], axis=1)
-        still[len(self.model.states) : len(self.model.states) + k] = held[:, [names.index(name) for name in driven]].T
-        flanges = [self.model.sensors.index(name) for name in self._sensors]
-        self._steady = self._readings(still, np.zeros((len(self.drives), count)))
-        still[len(self.model.states) + k :] = self._steady[flanges]
-        self.start = still
-        self._k, self._longest = k, max((weights.shape[1] for weights in self._weights), default=0)
-        self._issued = np.zeros((self._longest, k, count))  # newest first
-
-    def _functions(self, k: int, driven: Sequence[str], step: float) -> tuple[ca.Function, ca.Function]:
-        """(x, what acts in each fine step [commands (k); torques (d)], p) → x; (x, torques, p) → readings (y,)."""
-        model, n, d = self.model, len(self.model.states), len(self.drives)
-        x, act = ca.SX.sym("x", n + 2 * k), ca.SX.sym("act", k + d)
-        p, held = ca.SX.sym("p", len(model.parameters)), ca.SX.sym("held", len(model.inputs))
-        bed = ca.SX.sym("bed", 2 + k if k else 0)
-        u = ca.SX(held)
-        for i, name in enumerate(self.drives):
-            u[model.inputs.index(name)] += act[k + i]
-        commanded = ca.vertcat(*(held[model.inputs.index(name)] for name in driven)) if k else ca.SX(0, 1)
-        for j, name in enumerate(driven):
-            u[model.inputs.index(name)] += bed[2 + j] * (x[n + j] - commanded[j])
-        rates = [model.rates(x[:n], u, p)]
-        read = model.readings(x[:n], u, p, 0)
-        if k:
-            flange = ca.vertcat(*(read[model.sensors.index(name)] for name in self._sensors))
-            rates += [(commanded + act[:k] - x[n : n + k]) / bed[0], (flange - x[n + k :]) / bed[1]]
-        every, h = ca.vertcat(p, held, bed), step / self.pieces
-        slope = ca.Function("slope", [x, act, every], [ca.cse(ca.vertcat(*rates))])
-        k1 = slope(x, act, every)
-        k2 = slope(x + h / 2 * k1, act, every)
-        k3 = slope(x + h / 2 * k2, act, every)
-        k4 = slope(x + h * k3, act, every)
-        fine = ca.Function("fine", [x, act, every], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
-        now, acts, values = ca.MX.sym("x", x.shape), ca.MX.sym("act", k + d, self.pieces), ca.MX.sym("p", every.shape)
-        end = now
-        for piece in range(self.pieces):
-            end = fine(end, acts[:, piece], values)
-        torques = act[k:]
-        return (
-            ca.Function("sample", [now, acts, values], [end]),
-            ca.Function("readings", [x, torques, every], [read]),
-        )
-
-    def advance(self, x: np.ndarray, commands: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """States (x, b) a sample later, for commands (k, b) issued now and torques (d, b) that vary evenly.
-
-        ``before`` are the torques now, ``after`` those at the next sample.
-        """
-        middles = (np.arange(self.pieces) + 0.5) / self.pieces
-        torques = before.T[:, None] + (after - before).T[:, None] * middles[None, :, None]
-        act = torques
-        if self._k:
-            self._issued = np.concatenate([commands[None], self._issued[:-1]])
-            arrived = [
-                weights @ self._issued[: weights.shape[1], :, i] for i, weights in enumerate(self._weights)
-            ]  # fmt: skip
-            act = np.concatenate([np.stack(arrived), torques], axis=2)
-        return self._sample(x, act.reshape(-1, act.shape[2]).T)
-
-    def read(self, x: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """Readings of all the model's sensors (y, b), less those at the operating point; no sensor's lag."""
-        return self._readings(x, torques) - self._steady
-
-    def twists(self, states: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-        """Twists (t, s) of the springs of the first bed for its states (t, x), less those at the start, and names."""
-        parts, n = elements(self.model, self.model.p0[None]), len(self.model.states)
-        return (states - self.start[:, 0])[:, :n] @ parts.deflection_jacobian.T, parts.springs
-
-    def lagged(self, x: np.ndarray) -> np.ndarray:
-        """Flange torques (k, b) behind their lag, less those at the operating point."""
-        at = len(self.model.states) + self._k
-        return x[at:] - self.start[at:]
-
-
-class _RepeatedCall:
-    """A function (x, acting, p) → one matrix, called over and over with the same parameters (b, p), without copies."""
-
-    def __init__(self, function: ca.Function, parameters: np.ndarray):
-        shapes = [function.size_in(0), function.size_in(1), function.size_out(0)]
-        self._x, self._acting, self._found = (np.zeros(shape, order="F") for shape in shapes)
-        self._parameters = np.asfortranarray(parameters.T)
-        self._buffer, self._run = function.buffer()
-        for i, array in enumerate((self._x, self._acting, self._parameters)):
-            self._buffer.set_arg(i, memoryview(array.T))  # type: ignore[call-arg, arg-type]
-        self._buffer.set_res(0, memoryview(self._found.T))  # type: ignore[call-arg, arg-type]
-
-    def __call__(self, x: np.ndarray, acting: np.ndarray) -> np.ndarray:
-        """The function at matrices as CasADi has them: one column a bed, or a bed and fine step."""
-        self._x[...] = x
-        self._acting[...] = acting
-        self._run()
-        return self._found.copy()
-
-
-def _parameters(model: Model, systems: Sequence[System]) -> np.ndarray:
-    """Parameter sets (b, p)."""
-    rows = []
-    for system in systems:
-        values = {name: quantity.value for name, quantity in system.parameters.items() if name in model.parameters}
-        rows.append(model.vector(values))
-    return np.stack(rows)
-
-
-def _flat(model: Model, p: np.ndarray) -> np.ndarray:
-    flat = p.copy()
-    if STICK_SPEED in model.parameters:
-        flat[model.parameters.index(STICK_SPEED)] = FLAT
-    return flat
-
-
-def _refine_friction(model: Model, p: np.ndarray, steps: float) -> None:
-    """Dry friction as sharp as so many steps a second allow, and contact over one step; in place."""
-    if CONTACT_TIME in model.parameters:
-        p[model.parameters.index(CONTACT_TIME)] = 1 / steps
-    if STICK_SPEED in model.parameters:
-        at = model.parameters.index(STICK_SPEED)
-        p[at] = PROBED_STICK_SPEED
-        p[at] = rates_at_rest(model, p[None]).any * PROBED_STICK_SPEED / (STABLE_STEP * steps)

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from matching.match.case import weighted_mac
 from matching.match.loop import (
     Body,
     LinearBed,
@@ -77,8 +78,6 @@ def on_emulated_side(vehicle: System, parts: LinearBed) -> tuple[str, ...]:
 
 
 # --- Loop modes
-
-EMULATED = "residual_vehicle."
 
 
 @dataclass(frozen=True)
@@ -242,7 +241,7 @@ def _listed(
     vectors = np.vstack([states[: len(rig.space.A)], emulated])
     rows, start = [(rig, slice(0, len(rig.space.A)), "")], len(rig.space.A)
     for part in bed.residual if len(emulated) else ():
-        rows.append((part, slice(start, start + len(part.space.A)), EMULATED))
+        rows.append((part, slice(start, start + len(part.space.A)), PLACE))
         start += len(part.space.A)
     swinging = (eigenvalues.imag > 1e-9) & (np.abs(eigenvalues) < highest)
     chosen = np.flatnonzero(swinging | _rigid(bed, eigenvalues, vectors, rows))
@@ -327,7 +326,7 @@ def match_mode(
     for mode in modes:
         if mode.frequency <= 0 or vehicle_mode.frequency <= 0:
             continue
-        mac = _mac(vehicle_mode, mode, inertia or {})
+        mac = weighted_mac(vehicle_mode.shape, mode.shape, inertia or {})
         score = mac * float(np.exp(-abs(np.log(eigenvalue_of(mode) / eigenvalue_of(vehicle_mode)))))
         if mac >= 0.5 and (best is None or score > best[0]):
             best = score, mode, mac
@@ -350,13 +349,3 @@ def eigenvalue_of(mode: SwingingMotion) -> complex:
     """2π·f·(−ζ + j·√(1 − ζ²)), 1/s."""
     damping = float(np.clip(mode.damping_ratio, -1, 1))
     return 2 * np.pi * mode.frequency * complex(-damping, np.sqrt(1 - damping**2))
-
-
-def _mac(vehicle_mode: Mode, mode: LoopMode, inertia: Mapping[str, float]) -> float:
-    names = [name for name in vehicle_mode.shape if name in mode.shape]
-    weight = np.sqrt([inertia.get(name, 1.0) for name in names])
-    first = weight * np.array([vehicle_mode.shape[name] for name in names])
-    second = weight * np.array([mode.shape[name] for name in names])
-    return float(
-        abs(np.vdot(first, second)) ** 2 / max(np.vdot(first, first).real * np.vdot(second, second).real, 1e-300)
-    )

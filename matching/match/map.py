@@ -151,7 +151,7 @@ class Point:
         ``matched`` or ``limited``; ``impossible`` where no match could be tried, with the reason in ``limits`` and no
         errors.
     error, unmeasured, bound : float or None
-        As :class:`matching.match.result.ResponseError` has them: ``after``, ``unmeasured``, ``bound``.
+        As :class:`matching.match.responses.ResponseError` has them: ``after``, ``unmeasured``, ``bound``.
     limited_by : tuple of str
         What stands in the way, by name: ``stability``, ``targets``, or the limits of the case that are broken.
     objective, first : float or None

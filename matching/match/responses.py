@@ -1,14 +1,12 @@
-"""The compared transfer functions of vehicle, rig without control and matched rig."""
+"""The compared responses of vehicle, rig without control and matched rig, and how far they are apart."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy
-from scipy.linalg import eigvals
 from scipy.optimize import least_squares
 
 from matching.match.case import Case, Move
@@ -21,85 +19,12 @@ from matching.match.loop import (
     controller_on,
     frequency_response,
     linear_bed,
+    vehicle_response,
 )
 from matching.match.loop import responses as controlled
 from modelling.bed.vehicle import cut, parts_left_out, without_part
-from modelling.linear.state_space import StateSpace, state_space
+from modelling.linear.band import BandNodes, antiresonances, converged_nodes, resonances
 from modelling.system import System, mirror_image
-
-# --- Means over the frequency band on a logarithmic scale, by quadrature on panels that are halved until it converges.
-
-CONVERGED = 0.01  # relative: largest estimated error of a mean square, so half of it in its root
-FIRST_PANELS = 8  # of the band before any is halved, beside those that resonances begin
-MOST_HALVINGS = 400  # reached only where a response has a pole or zero on the frequency axis itself
-NARROWEST = 2e-3  # relative width of a first panel: resonances closer together begin one
-GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(7)  # of the Gauss-Kronrod pair 7, 15
-NEGLIGIBLE = 1e-12  # mean square, below which nothing has to converge: a response error of 1e-6
-
-
-@dataclass(frozen=True)
-class BandNodes:
-    """Frequencies (f,) in Hz and weights (f,), sum 1: Σ weight·value is the mean over the logarithm of frequency."""
-
-    frequencies: np.ndarray
-    weights: np.ndarray
-
-    def root_mean(self, squares: np.ndarray) -> np.ndarray:
-        """Root of the mean over the band of squares (f, …)."""
-        return np.sqrt(np.tensordot(self.weights, squares, 1))
-
-
-def converged_nodes(
-    band: tuple[float, float], squares: Callable[[np.ndarray], np.ndarray], breaks: Iterable[float] = ()
-) -> BandNodes:
-    """Nodes at which the mean of every column of ``squares`` has converged to :data:`CONVERGED`.
-
-    Parameters
-    ----------
-    band : tuple of float
-        Hz.
-    squares : callable
-        Frequencies (f,), Hz, → values (f, c), finite and not negative.
-    breaks : iterable of float
-        Hz, where values may change fast, such as resonances; those outside the band are left out.
-    """
-    low, high = np.log(band)
-    inner = np.linspace(low, high, FIRST_PANELS + 1)[1:-1]
-    marked = np.log([f for f in breaks if band[0] < f < band[1]])
-    points = np.unique(np.concatenate([inner, marked]))
-    points = points[np.diff(points, prepend=low) > NARROWEST]
-    panels = scipy.integrate.cubature(
-        lambda x: squares(np.exp(x[:, 0])), [low], [high], rule="gk15", rtol=CONVERGED,
-        atol=NEGLIGIBLE * (high - low), max_subdivisions=MOST_HALVINGS, points=[np.array([point]) for point in points],
-    ).regions  # fmt: skip
-    middle = np.array([(panel.a[0] + panel.b[0]) / 2 for panel in panels])
-    half = np.array([(panel.b[0] - panel.a[0]) / 2 for panel in panels])
-    order = np.argsort(middle)
-    nodes = middle[order, None] + half[order, None] * GAUSS_NODES
-    weights = half[order, None] * GAUSS_WEIGHTS / (high - low)
-    return BandNodes(np.exp(nodes.ravel()), weights.ravel())
-
-
-def resonances(space: StateSpace) -> np.ndarray:
-    """Natural frequencies (m,) of a system in Hz, without motions that do not swing."""
-    return _swinging(np.linalg.eigvals(space.A))
-
-
-def antiresonances(space: StateSpace, source: str, output: str) -> np.ndarray:
-    """Frequencies (m,) in Hz of the zeros of one transfer function: eigenvalues of the Rosenbrock pencil."""
-    n = len(space.A)
-    through = space.D[space.outputs.index(output), space.inputs.index(source)]
-    system = np.block([[space.A, space.input(source)[:, None]], [space.output(output)[None], np.array([[through]])]])
-    zeros = eigvals(system, np.diag([1.0] * n + [0.0]))
-    return _swinging(zeros[np.isfinite(zeros)])
-
-
-def _swinging(values: np.ndarray) -> np.ndarray:
-    """|s|/2π (m,) of the values with a positive imaginary part."""
-    return np.abs(values[values.imag > 1e-9]) / (2 * np.pi)
-
-
-# --- Responses
 
 
 @dataclass(frozen=True)
@@ -159,27 +84,18 @@ class ComparedBed:
     def at(self, frequencies: np.ndarray) -> Responses:
         """Responses at frequencies (f,), Hz, above 0 and below half the loop's sampling frequency."""
         f = np.asarray(frequencies, float)
-        rig = self.bed.free
-        free = self._picked(_response(rig, f), rig.space.outputs, rig.space.inputs)
         beds, acting = bed_set(self.case, [{}], f), frequency_response(self.controller, f)
         matched, unmeasured = (controlled(beds, acting, known)[0] for known in (self.case.loop.measured, ()))
-        return Responses(f, self.pairs, self.of_vehicle(f), free, matched, unmeasured)
+        return Responses(f, self.pairs, self.of(self.vehicle, f), self.of(self.bed.free, f), matched, unmeasured)
 
-    def of_vehicle(self, frequencies: np.ndarray) -> np.ndarray:
-        """Responses (f, h) of the vehicle."""
-        return self._picked(_response(self.vehicle, frequencies), self.vehicle.space.outputs, self.vehicle.space.inputs)
-
-    def _picked(self, values: np.ndarray, outputs: Sequence[str], inputs: Sequence[str]) -> np.ndarray:
-        """The compared functions (f, h) of responses (f, y, u); NaN where there is no such input."""
+    def of(self, system: Body, frequencies: np.ndarray) -> np.ndarray:
+        """The compared functions (f, h) of a system without control; NaN where there is no such input."""
+        values, space = system.response(2j * np.pi * frequencies), system.space
         picked = np.full((len(values), len(self.pairs)), np.nan, complex)
         for h, (source, sensor) in enumerate(self.pairs):
-            if source in inputs:
-                picked[:, h] = values[:, outputs.index(sensor), inputs.index(source)]
+            if source in space.inputs:
+                picked[:, h] = values[:, space.outputs.index(sensor), space.inputs.index(source)]
         return picked
-
-
-def _response(system: Body, frequencies: np.ndarray) -> np.ndarray:
-    return system.response(2j * np.pi * frequencies)
 
 
 # --- How far the compared responses of rig and vehicle are apart: the response error and its figures.
@@ -201,26 +117,30 @@ class FunctionError:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
-        return {
-            "input": self.input, "sensor": self.sensor, "before": self.before, "after": self.after,
-            "unmeasured": self.unmeasured,
-        }  # fmt: skip
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)
-class ErrorFigures:
+class ResponseError:
     """Response errors of a tuned bed, over the band and the compared functions together and by function.
 
     Attributes
     ----------
+    band : tuple of float
+        Hz.
     before : float or None
         The rig without control over the functions that have a path there; None where none has.
     after, unmeasured : float
         The matched rig, and the same with no torque of the rig measured, over all compared functions.
     after_same_functions : float or None
         The matched rig over the functions of ``before``.
-    nodes : BandNodes
-        Frequencies at which these means have converged to 1 %.
+    functions : tuple of FunctionError
+        Of every compared function.
+    bound, bound_unsampled : float
+        Lower bound that the dead time sets at the loop's sample time, and the same without sampling: their difference
+        is the cost of sampling (:func:`matching.match.bounds.lower_bound`). NaN where it was not worked out.
+    unmeasured_bound : float or None
+        What the optimal estimator leaves of unmeasured torques (:func:`matching.match.bounds.estimator_bound`).
     """
 
     band: tuple[float, float]
@@ -229,26 +149,27 @@ class ErrorFigures:
     after_same_functions: float | None
     unmeasured: float
     functions: tuple[FunctionError, ...]
-    nodes: BandNodes
+    bound: float = np.nan
+    bound_unsampled: float = np.nan
+    unmeasured_bound: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        keys = ("before", "after", "after_same_functions", "bound", "bound_unsampled", "unmeasured_bound")
+        return {
+            "band": list(self.band),
+            **{key: getattr(self, key) for key in keys},
+            "unmeasured_before": self.before,
+            "unmeasured_after": self.unmeasured,
+            "functions": [function.to_dict() for function in self.functions],
+        }
 
 
-@dataclass(frozen=True)
-class _Squares:
-    """|log(H/H_vehicle)|² (f, h) of :class:`Responses`; NaN where there is no path."""
-
-    before: np.ndarray
-    after: np.ndarray
-    unmeasured: np.ndarray
-
-    @classmethod
-    def of(cls, bed: ComparedBed, frequencies: np.ndarray) -> _Squares:
-        compared = bed.at(frequencies)
-        return cls(
-            *(
-                log_squares(controlled, compared.vehicle)
-                for controlled in (compared.rig, compared.matched, compared.unmeasured)
-            )
-        )
+def _squares(bed: ComparedBed, frequencies: np.ndarray) -> np.ndarray:
+    """|log(H/H_vehicle)|² (3, f, h) without control, matched, and matched with no torque of the rig measured."""
+    compared = bed.at(frequencies)
+    every = (compared.rig, compared.matched, compared.unmeasured)
+    return np.stack([log_squares(controlled, compared.vehicle) for controlled in every])
 
 
 def log_squares(rig: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
@@ -257,18 +178,15 @@ def log_squares(rig: np.ndarray, vehicle: np.ndarray) -> np.ndarray:
         return np.abs(np.log(rig / vehicle)) ** 2
 
 
-def error_figures(case: Case, bed: LinearBed | None = None) -> ErrorFigures:
+def error_figures(case: Case, bed: LinearBed | None = None) -> ResponseError:
     """Response errors over the band of a tuned case; arguments as for :class:`ComparedBed`."""
     return figures_of(ComparedBed(case, bed))
 
 
-def figures_of(bed: ComparedBed) -> ErrorFigures:
+def figures_of(bed: ComparedBed) -> ResponseError:
     """Response errors over the band of a bed's case."""
     nodes = nodes_of(bed)
-    squares = _Squares.of(bed, nodes.frequencies)
-    before, after, unmeasured = (
-        nodes.root_mean(values) for values in (squares.before, squares.after, squares.unmeasured)
-    )
+    before, after, unmeasured = (nodes.root_mean(squares) for squares in _squares(bed, nodes.frequencies))
     path = ~np.isnan(before)
     functions = tuple(
         FunctionError(
@@ -276,14 +194,13 @@ def figures_of(bed: ComparedBed) -> ErrorFigures:
         )
         for h, (source, sensor) in enumerate(bed.pairs)
     )  # fmt: skip
-    return ErrorFigures(
+    return ResponseError(
         band=bed.case.band,
         before=pooled(before[path]) if path.any() else None,
         after=pooled(after),
         after_same_functions=pooled(after[path]) if path.any() else None,
         unmeasured=pooled(unmeasured),
         functions=functions,
-        nodes=nodes,
     )
 
 
@@ -296,8 +213,7 @@ def nodes_of(bed: ComparedBed) -> BandNodes:
     """Nodes over the band of a bed's case at which the errors of every compared function have converged."""
 
     def squares(frequencies: np.ndarray) -> np.ndarray:
-        at_nodes = _Squares.of(bed, frequencies)
-        together = np.hstack([at_nodes.before, at_nodes.after, at_nodes.unmeasured])
+        together = np.hstack(list(_squares(bed, frequencies)))
         return together[:, ~np.isnan(together[0])]
 
     return converged_nodes(bed.case.band, squares, _breaks(bed))
@@ -421,12 +337,7 @@ def _fitted(
 
 def responses(system: System, case: Case, frequencies: np.ndarray) -> np.ndarray:
     """Compared functions (f, h) of a vehicle at frequencies (f,), Hz."""
-    space = state_space(system)
-    s = 2j * np.pi * frequencies
-    shape = (len(s), *space.B.shape)
-    states = np.linalg.solve(s[:, None, None] * np.eye(len(space.A)) - space.A, np.broadcast_to(space.B, shape))
-    rows = [space.outputs.index(pair.sensor) for pair in case.compared]
-    return (space.C @ states + space.D)[:, rows, [space.inputs.index(pair.input) for pair in case.compared]]
+    return vehicle_response(replace(case, vehicle=system), {}, frequencies)
 
 
 def error_of(system: System, case: Case, frequencies: np.ndarray, wanted: np.ndarray) -> float:

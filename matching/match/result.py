@@ -6,13 +6,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from matching.match.case import Case
 from matching.match.in_time import TruthInTime, truth_of
 from matching.match.loop import linear_bed
 from matching.match.loop_modes import LoopMode
-from matching.match.responses import FunctionError, SimpleVehicle
+from matching.match.responses import ResponseError, Responses, SimpleVehicle
 from matching.match.verify import MatchFidelity, Verification, match_fidelity
 from modelling.display import Displayed
 from modelling.linear.steady_motion import speeds_of, torques_of
@@ -92,41 +90,6 @@ class ParameterResult:
 
 
 @dataclass(frozen=True)
-class ResponseError:
-    """Root mean square over band and compared functions of abs(log(H_rig/H_vehicle)).
-
-    ``before`` is the rig without control over the functions that have a path there; ``after`` the matched rig over all
-    compared ones, ``after_same_functions`` over those of ``before``; ``unmeasured`` what the feedback alone does, to
-    unmeasured torques. ``bound`` is the lower bound that the dead time sets at the loop's sample time,
-    ``bound_unsampled`` the same without sampling (:func:`matching.match.bounds.lower_bound`): their
-    difference is the cost of sampling. ``unmeasured_bound`` is what the optimal estimator leaves of unmeasured torques
-    (:func:`matching.match.bounds.estimator_bound`). ``functions`` holds the errors of every compared
-    function.
-    """
-
-    band: tuple[float, float]
-    before: float | None
-    after: float
-    after_same_functions: float | None
-    unmeasured: float
-    bound: float
-    bound_unsampled: float
-    functions: tuple[FunctionError, ...]
-    unmeasured_bound: float | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """As ``result.json`` holds it."""
-        keys = ("before", "after", "after_same_functions", "bound", "bound_unsampled", "unmeasured_bound")
-        return {
-            "band": list(self.band),
-            **{key: getattr(self, key) for key in keys},
-            "unmeasured_before": self.before,
-            "unmeasured_after": self.unmeasured,
-            "functions": [function.to_dict() for function in self.functions],
-        }
-
-
-@dataclass(frozen=True)
 class AdapterTrade:
     """One adapter quantity, SI; errors are medians over fresh beds of delivered controllers.
 
@@ -194,17 +157,6 @@ class Contribution:
 
 
 @dataclass(frozen=True)
-class Curves:
-    """Responses for drawing: frequencies (f,) in Hz, compared functions (f, h); NaN where there is no path."""
-
-    frequencies: np.ndarray
-    vehicle: np.ndarray
-    rig: np.ndarray
-    matched: np.ndarray
-    unmeasured: np.ndarray
-
-
-@dataclass(frozen=True)
 class MatchResult(Displayed):
     """A match: what was asked, what was tuned, how well it does, and how that was checked.
 
@@ -246,7 +198,7 @@ class MatchResult(Displayed):
     targets: tuple[TargetResult, ...]
     parameters: tuple[ParameterResult, ...]
     response_error: ResponseError
-    curves: Curves = field(repr=False)
+    curves: Responses = field(repr=False)
     verification: Verification = field(repr=False)
     objective: float = float("nan")
     starts: tuple[float, ...] = ()

@@ -49,19 +49,20 @@ from matching.match.loop import (
     closed_matrices,
     closed_poles,
     compared_columns,
+    compared_inputs,
     controller_on,
     damping_ratios,
     damping_weights,
     drive,
     errors,
+    feed_forward_of,
     frequency_response,
     linear_bed,
-    of_observer,
     rates,
-    resolvent,
     responses_of,
     return_difference,
     side_by_side,
+    without_limits,
     without_resting,
 )
 from matching.match.loop_modes import eigenvalue_of, inside_unit_circle, neutral_motions
@@ -79,8 +80,8 @@ from modelling.bed.observer import (
     predicted,
     runs_ahead,
 )
-from modelling.bed.vehicle import FeedForward, cut
 from modelling.errors import InputError
+from modelling.linear.resolvent import resolvent
 
 # --- What the search works with.
 
@@ -247,11 +248,11 @@ class Controllers:
         if not case.loop.structure.is_observer:
             of_rig = tuple(value for name, value in values.items() if name.startswith(RIG))
             bed = self._kept("bed", of_bed, lambda: linear_bed(case))
-            feed_forward = self._kept("feed-forward", of_rig, lambda: self._feed_forward(case))
+            feed_forward = self._kept("feed-forward", of_rig, lambda: feed_forward_of(case))
             return controller_on(replace(bed, case=case), feed_forward)
         model, ahead, feedback, estimate = self._observer(case, of_bed)
         gains = predicted(model, feedback.F, feedback.of_torques)
-        return of_observer(assembled(model, ahead, gains, estimate.correction))
+        return without_limits(assembled(model, ahead, gains, estimate.correction))
 
     def weight_slopes(self, values: Mapping[str, float], names: Sequence[str]) -> list[np.ndarray]:
         """What a decade of each of some weights of an observer changes of the controller's matrices."""
@@ -265,13 +266,11 @@ class Controllers:
         by_gains = dict(zip(REGULATOR, slopes, strict=True))
         by_correction = dict(zip(of_filter, filter_slopes(model, estimate, loop, of_filter), strict=True))
 
-        def ended(name: str, side: float) -> np.ndarray:
-            made = assembled(
-                model, ahead, gains + side * by_gains.get(name, 0.0), correction + side * by_correction.get(name, 0.0)
-            )
-            return block(of_observer(made))
+        def ended(of_gains: np.ndarray | float, of_correction: np.ndarray | float) -> np.ndarray:
+            return block(without_limits(assembled(model, ahead, gains + of_gains, correction + of_correction)))
 
-        return [(ended(name, 1.0) - ended(name, -1.0)) / 2 for name in names]  # the matrices are linear in the gains
+        here = ended(0.0, 0.0)  # the matrices are linear in the gains
+        return [ended(by_gains.get(name, 0.0), by_correction.get(name, 0.0)) - here for name in names]
 
     def _observer(self, case: Case, of_bed: tuple[float, ...]) -> tuple[ObserverModel, Ahead, Feedback, Filter]:
         loop = case.loop.values
@@ -284,9 +283,6 @@ class Controllers:
     def _model(self, case: Case) -> tuple[ObserverModel, Ahead]:
         model = observer_model(case.rig, case.residual_vehicle, case.loop)
         return model, runs_ahead(model)
-
-    def _feed_forward(self, case: Case) -> FeedForward | None:
-        return case.loop.structure.feed_forward(case.rig, cut(case.emulated_vehicle, case.rig), case.loop)
 
     def _kept(self, kind: str, key: tuple[float, ...], design: Callable[[], Design]) -> Design:
         designs = self._designs.setdefault(kind, {})
@@ -647,7 +643,8 @@ class Search:
 
     def _weights(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
         step = self.case.loop["sample_time"]
-        return damping_weights(beds, poles, step, self._damping, self.required.rolled_off_from)
+        least = self._damping / (1 + self.settings.reserve)  # what a bed keeps of its own damping is drawn in as well
+        return damping_weights(beds, poles, step, least, self.required.rolled_off_from)
 
     def _beyond_stable(self, poles: np.ndarray) -> np.ndarray:
         """As a damping ratio (b,) that is small where a pole that does not swing leaves the unit circle."""
@@ -758,7 +755,7 @@ def error_pull(beds: BedSet, acting: FrequencyResponse, known: Sequence[str], sh
 
     With H the compared function, d|log(H/V)|² = 2·Re(conj(log(H/V))·dH/H).
     """
-    driven = drive(beds, acting, known)
+    driven = drive(beds, acting, compared_inputs(beds.case), known)
     difference = return_difference(beds, acting)
     commands = np.linalg.solve(difference, driven.commands)
     back = np.swapaxes(beds.commanded @ np.linalg.inv(difference), 2, 3)  # (b, f, k, c)

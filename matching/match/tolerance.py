@@ -22,15 +22,14 @@ from matching.match.beds import loop_frequencies, margins_of
 from matching.match.case import Case, apply, requirements
 from matching.match.case_file import case_files, movable
 from matching.match.loop import (
-    SampledBeds,
     SampledController,
     bed_of,
-    closed_matrices,
     closed_poles,
     controller_of,
     controller_on,
     frequency_response,
     linear_bed,
+    rates,
     responses,
     responses_of,
     side_by_side,
@@ -161,7 +160,6 @@ def _standard(x: np.ndarray) -> np.ndarray:
 
 AT_ONCE = 50  # draws
 HARDWARE = ("loop.dead_time", "loop.inverter_lag", "loop.torque_sensor_lag")  # of the loop; the rest is the controller
-FOLLOWED = 5  # steps of the inverse iteration with which a mode is followed to a draw: it converges cubically
 
 
 @dataclass(frozen=True)
@@ -227,54 +225,35 @@ class Prepared:
     def _of_beds(
         self, case: Case, controller: SampledController, values: Sequence[Mapping[str, float]]
     ) -> dict[str, np.ndarray]:  # fmt: skip
-        beds = [
-            bed_of(case, of_bed) for of_bed in ({}, *values)
-        ]  # the bed as planned first: modes are followed from it
-        sampled = side_by_side(beds)
-        stable = [inside_unit_circle(z, self.neutral) for z in closed_poles(sampled, controller)[1:]]
+        beds = [bed_of(case, of_bed) for of_bed in values]
+        poles = closed_poles(side_by_side(beds), controller)
         figures = {
-            "modulus_margin": margins_of(responses_of(case, beds[1:], values, self._grid), controller),
-            "stable": np.array(stable, float),
+            "modulus_margin": margins_of(responses_of(case, beds, values, self._grid), controller),
+            "stable": np.array([inside_unit_circle(z, self.neutral) for z in poles], float),
         }
-        of_band = responses_of(case, beds[1:], values, self.nodes.frequencies)
+        of_band = responses_of(case, beds, values, self.nodes.frequencies)
         acting = frequency_response(controller, self.nodes.frequencies)
         for name, known in (("response_error", case.loop.measured), ("response_error_unmeasured", ())):
             squares = log_squares(responses(of_band, acting, known), of_band.vehicle).mean(axis=2)
             figures[name] = np.sqrt(squares @ self.nodes.weights)
         for name, mode in self.modes.items():
-            s = self._followed(sampled, controller, mode)
+            s = np.full(len(beds), mode.eigenvalue)  # no bed moves what known torques alone excite
+            if mode.belongs_to == "feedback":
+                s = nearest(rates(poles, controller.sample_time), mode.eigenvalue)
             figures[f"{name}_frequency"], figures[f"{name}_damping_ratio"] = (
                 np.abs(s) / (2 * np.pi),
                 -s.real / np.abs(s),
             )
         return figures
 
-    def _followed(self, beds: SampledBeds, controller: SampledController, mode: LoopMode) -> np.ndarray:
-        """Eigenvalues (b, 1/s) of a mode on the beds but the first, on which it is known.
 
-        Inverse iteration with the quotient of left and right vectors (Ostrowski, Arch. Rational Mech. Anal. 3 (1959)
-        325), begun with the vectors of the bed as planned.
-        """
-        step = controller.sample_time
-        if mode.belongs_to == "feed_forward":
-            return np.full(len(beds.A) - 1, mode.eigenvalue)
-        matrices = closed_matrices(beds, controller).astype(complex)
-        size = np.eye(matrices.shape[1])
-        z = np.full(len(matrices), np.exp(mode.eigenvalue * step))
-        start = np.cos(np.arange(len(size)))[:, None].astype(complex)
-        known = matrices[:1] - z[0] * (1 + 1e-10) * size
-        v, w = (np.linalg.solve(part, start)[0] for part in (known, np.conj(np.swapaxes(known, 1, 2))))
-        rights, lefts = (np.repeat(part[None] / np.linalg.norm(part), len(z), axis=0) for part in (v, w))
-        for _ in range(FOLLOWED):
-            shifted = matrices - (z * (1 + 1e-12))[:, None, None] * size
-            rights = np.linalg.solve(shifted, rights)
-            lefts = np.linalg.solve(np.conj(np.swapaxes(shifted, 1, 2)), lefts)
-            rights, lefts = (part / np.linalg.norm(part, axis=1, keepdims=True) for part in (rights, lefts))
-            left = np.conj(np.swapaxes(lefts, 1, 2))
-            z = (left @ matrices @ rights / (left @ rights))[:, 0, 0]
-        turns = np.round((mode.eigenvalue - np.log(z) / step).imag * step / (2 * np.pi))
-        s: np.ndarray = (np.log(z) / step + 2j * np.pi * turns / step)[1:]
-        return s
+FAR = 1e9  # 1/s, in the place of poles that do not swing
+
+
+def nearest(s: np.ndarray, to: complex) -> np.ndarray:
+    """Of the poles of each bed (b, x), 1/s, the one nearest on a logarithmic scale to that of the bed as planned."""
+    far = np.abs(np.log(np.where(s.imag > 0, s, FAR) / to))
+    return s[np.arange(len(s)), far.argmin(axis=1)]
 
 
 def _of_feedback(modes: Sequence[LoopMode]) -> tuple[LoopMode, ...]:

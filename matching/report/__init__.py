@@ -1,4 +1,4 @@
-"""Figures, pages and texts of results; each room registers the views of its results in its ``view`` module."""
+"""Figures, pages and texts of results, each loaded when a result is first shown."""
 
 from importlib import import_module
 from typing import Any

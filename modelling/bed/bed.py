@@ -1,12 +1,10 @@
-"""The controlled test bed: residual vehicle, control loop with its structures, feed-forward, manoeuvres."""
+"""The controlled test bed: its loop, its structures, the observer as it runs, and the model it predicts with."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy
@@ -16,81 +14,55 @@ from modelling.bed.vehicle import FeedForward, Interface, ResidualVehicle
 from modelling.linear.state_space import StateSpace, state_space
 from modelling.system import Input, Sensor, Shaft, System
 
-# --- The control structure ``observer`` as it runs: estimate, command, prediction to the next sample.
+# --- The sampled control law in one form for every structure.
 
 
 @dataclass(frozen=True)
-class ObserverController:
-    """Observer with state feedback; x states, k commands, y sensors, w known torques.
+class ControlLaw:
+    """What a controller computes at every sample, in deviations from where it was switched on.
 
-    What the search tunes and the verification judges of this structure. What leaves the computer is a
-    :class:`modelling.controller.law.ControlLaw`: one form for all structures, with the limits.
+    The form of every controller on the bed: of feedback and feed-forward (:mod:`modelling.controller.law`), and of an
+    observer (:func:`modelling.bed.observer.design`).
 
-    At every sample the predicted state ξ is corrected by what the sensors read, the command follows, and the state is
-    predicted to the next sample with the command as it was sent: ξ̂ = ξ + L·(y − C·ξ), u = −F·ξ̂ − G·w,
-    ξ⁺ = A·ξ̂ + B·u + W·w. A command that was limited enters the prediction as limited, so nothing winds up.
+    xc = x + L·(y − E·x), u = K·xc + Dy·y + Dw·w, x⁺ = A·xc + By·y + Bw·w + Bs·sent, where ``sent`` is u after the
+    limits: a command that was cut is known to the law, so nothing winds up.
 
     Attributes
     ----------
-    A, B, W, C, L, F, G : ndarray
-        (x, x), (x, k), (x, w), (y, x), (x, y), (k, x), (k, w).
+    A, By, Bw, Bs : ndarray (x, x), (x, y), (x, w), (x, k)
+    K, Dy, Dw : ndarray (k, x), (k, y), (k, w)
+    L, E : ndarray (x, y), (y, x)
+        Correction by, and expectation of, the readings.
     sensors, known, dynamometers : tuple of str
-        Names of y, w and u: sensors of the rig; measured torques, those of the residual vehicle last.
+        Names of y (sensors of the rig), w (torques that are measured or demanded) and u (dynamometers).
     sample_time : float
-        s. A command is issued at the sample whose readings it uses; the dead time is in A.
-    observed : int
-        The first states, which the sensors correct and commands reach; the others run on known torques alone.
-    delayed_commands : slice
-        Where the commands on their way stand among the states, newest first.
+        s. A command is issued at the sample whose readings it uses.
+    delayed_commands : slice or None
+        Of an observer: where the commands on their way stand among the states that readings reach, newest first.
     """
 
     A: np.ndarray
-    B: np.ndarray
-    W: np.ndarray
-    C: np.ndarray
+    By: np.ndarray
+    Bw: np.ndarray
+    Bs: np.ndarray
+    K: np.ndarray
+    Dy: np.ndarray
+    Dw: np.ndarray
     L: np.ndarray
-    F: np.ndarray
-    G: np.ndarray
+    E: np.ndarray
     sensors: tuple[str, ...]
     known: tuple[str, ...]
     dynamometers: tuple[str, ...]
     sample_time: float
-    observed: int
-    delayed_commands: slice
+    delayed_commands: slice | None = None
 
-    @cached_property
-    def space(self) -> StateSpace:
-        """The same as x⁺ = A·x + B·[y, w], u = C·x + D·[y, w], commands not limited."""
-        keep = np.eye(len(self.A)) - self.L @ self.C
-        closed = self.A - self.B @ self.F
-        return StateSpace(
-            closed @ keep,
-            np.hstack([closed @ self.L, self.W - self.B @ self.G]),
-            -self.F @ keep,
-            np.hstack([-self.F @ self.L, -self.G]),
-            (*self.sensors, *self.known),
-            self.dynamometers,
-        )
-
-    @cached_property
-    def feedback(self) -> StateSpace:
-        """From sensors to commands alone: what decides on stability."""
-        o, y, whole = self.observed, len(self.sensors), self.space
-        return StateSpace(
-            whole.A[:o, :o], whole.B[:o, :y], whole.C[:, :o], whole.D[:, :y], self.sensors, self.dynamometers
-        )
-
-    def correct(self, state: np.ndarray, readings: np.ndarray) -> np.ndarray:
-        """The predicted state (x,) corrected by readings (y,)."""
-        return state + self.L @ (readings - self.C @ state)
-
-    def command(self, corrected: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """Commands (k,) for a corrected state (x,) and known torques (w,)."""
-        return -self.F @ corrected - self.G @ known
-
-    def predict(self, corrected: np.ndarray, sent: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """The state (x,) at the next sample after commands ``sent`` (k,)."""
-        return self.A @ corrected + self.B @ sent + self.W @ known
+    def step(
+        self, state: np.ndarray, readings: np.ndarray, known: np.ndarray, limits: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Commands (k,), N·m, within ±``limits`` (k,), and the state (x,) of the next sample."""
+        corrected = state + self.L @ (readings - self.E @ state)
+        sent = np.clip(self.K @ corrected + self.Dy @ readings + self.Dw @ known, -limits, limits)
+        return sent, self.A @ corrected + self.By @ readings + self.Bw @ known + self.Bs @ sent
 
 
 # --- The control loop as data, and what a control structure has to answer.
@@ -150,7 +122,7 @@ class ControlStructure(ABC):
     has_feed_forward : bool
         Whether :meth:`feed_forward` gives one.
     is_observer : bool
-        Whether :meth:`observer` gives the whole controller; there is no law in the Laplace domain then.
+        Whether :meth:`observer` gives the whole controller.
     further_starts : tuple of dict
         Values of all quantities where a search may begin beside those of the case.
     """
@@ -165,10 +137,6 @@ class ControlStructure(ABC):
     def gives_torque(self, values: Mapping[str, float]) -> bool:
         """Whether the dynamometers ever give torque at these values."""
 
-    def integrators(self, values: Mapping[str, float]) -> int:
-        """Poles at s = 0 that the feedback law of one dynamometer has at these values."""
-        return 0
-
     @abstractmethod
     def measured_inputs(self, measured: Sequence[str], simulated: Sequence[str]) -> tuple[str, ...]:
         """Torque inputs that the feed-forward takes as measured.
@@ -181,27 +149,8 @@ class ControlStructure(ABC):
             Inputs of the residual vehicle, whose torque the controller itself computes.
         """
 
-    def commands(
-        self, values: Mapping[str, Any], s: Any, reference: Sequence[Any], speeds: Sequence[Any], torques: Sequence[Any]
-    ) -> list[Any]:
-        """Feedback law in the Laplace domain: the torque command of each dynamometer (k), before the dead time.
-
-        Numbers may be NumPy arrays or CasADi expressions
-        (:class:`modelling.equations.casadi_code.Complex`), of any one shape.
-
-        Parameters
-        ----------
-        values : mapping
-            Of :attr:`quantities`, SI.
-        s : complex
-            rad/s.
-        reference, speeds, torques : sequence (k)
-            Reference speed, rotor speed (rad/s) and lagged flange torque in the direction that drives the rotor (N·m).
-        """
-        raise NotImplementedError(f"{self.name} runs from sample to sample only")
-
     def controller(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
-        """The same feedback law in continuous time, residual vehicle included.
+        """The feedback law in continuous time, residual vehicle included.
 
         Parameters
         ----------
@@ -241,7 +190,7 @@ class ControlStructure(ABC):
         """
         return None
 
-    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> ObserverController | None:
+    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> ControlLaw | None:
         """The whole controller where it is an observer with state feedback; None for feedback laws.
 
         Parameters

@@ -1,10 +1,9 @@
-"""Control structures, one a file; a new one is registered by its line here."""
+"""The control structures ``pi`` and ``model_based``, and all structures by name."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -107,25 +106,9 @@ class PI(ControlStructure):
         """Unless every gain is 0."""
         return any(values[name] for name in GAINS)
 
-    def integrators(self, values: Mapping[str, float]) -> int:
-        """The integral of the speed error."""
-        return int(values["integral_gain"] != 0)
-
     def measured_inputs(self, measured: Sequence[str], simulated: Sequence[str]) -> tuple[str, ...]:
         """None: feedback reacts to what a torque does, not to the torque."""
         return ()
-
-    def commands(
-        self, values: Mapping[str, Any], s: Any, reference: Sequence[Any], speeds: Sequence[Any], torques: Sequence[Any]
-    ) -> list[Any]:
-        """See :meth:`ControlStructure.commands`."""
-        lead = (1 + s * values["lead_time"]) / (1 + s * (values["lead_time"] / LEAD_POLE_OVER_ZERO))
-        error_gain = 1 / s * values["integral_gain"] + values["proportional_gain"]
-        reference_gain = error_gain + s * values["acceleration_feed_forward"]
-        return [
-            lead * (reference_gain * wanted - error_gain * speed - torque * values["torque_feed_forward"])
-            for wanted, speed, torque in zip(reference, speeds, torques, strict=True)
-        ]
 
     def controller(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
         """See :meth:`ControlStructure.controller`.

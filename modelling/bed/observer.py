@@ -10,11 +10,11 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from modelling.bed.bed import (
     BedModel,
+    ControlLaw,
     ControlStructure,
     DelayedBed,
     Loop,
     LoopQuantity,
-    ObserverController,
     bed_model,
     delayed_bed,
 )
@@ -318,7 +318,7 @@ NOW = 1.5
 STATE_WEIGHT = 1e-14  # on every state, so that the Riccati equation sees also what the speed error does not show
 
 
-def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | None = None) -> ObserverController:
+def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | None = None) -> ControlLaw:
     """The controller for a model and weights, see :data:`modelling.bed.observer.QUANTITIES`.
 
     A model runs ahead on the known torques alone, with commands that are nearly free; the observer estimates what bed
@@ -340,7 +340,7 @@ def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | No
     return assembled(model, ahead, F, filter_of(model, weights).correction)
 
 
-def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.ndarray) -> ObserverController:
+def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.ndarray) -> ControlLaw:
     """The controller of a model that runs ahead, a state feedback F (k, …) and a correction (n + e + v, y)."""
     A, B, W = _shifting(model)
     size, y, more = len(A), len(model.readings.rows), len(ahead.A)
@@ -351,10 +351,11 @@ def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.n
     whole[:size, size + m :] = (1 - NOW) * W
     difference = ahead.F.copy()
     difference[:, :m] -= F[:, :m]
-    return ObserverController(
-        whole, np.vstack([B, np.zeros((more, B.shape[1]))]), np.vstack([NOW * W, ahead.W]), C, L,
-        np.hstack([F[:, :size], difference]), ahead.G,
-        model.readings.sensors, model.known, model.dynamometers, model.sample_time, size, model.delayed_commands,
+    k = B.shape[1]
+    return ControlLaw(
+        whole, np.zeros((size + more, y)), np.vstack([NOW * W, ahead.W]), np.vstack([B, np.zeros((more, k))]),
+        -np.hstack([F[:, :size], difference]), np.zeros((k, y)), -ahead.G, L, C,
+        model.readings.sensors, model.known, model.dynamometers, model.sample_time, model.delayed_commands,
     )  # fmt: skip
 
 
@@ -638,6 +639,6 @@ class Observer(ControlStructure):
         """All that are measured, and what acts inside the residual vehicle."""
         return (*measured, *simulated)
 
-    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> ObserverController | None:
+    def observer(self, rig: System, residual: ResidualVehicle, loop: Loop) -> ControlLaw | None:
         """See :meth:`ControlStructure.observer`."""
         return design(observer_model(rig, residual, loop), loop.values)

@@ -1,4 +1,4 @@
-"""The largest torque of a dynamometer over its speed: constant up to the base speed, falling in field weakening."""
+"""What beds emulate: the residual vehicle cut out of the vehicle; feed-forward across the dead time; torque curves."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ from modelling.units import to_si
 # --- The model-based feed-forward: a model of rig and vehicle that commands the dynamometers ahead of the dead time.
 #
 # It runs in the controller on measured torques. :mod:`modelling.bed.controllers` makes it.
-
-SHORTEST_MEMORY = 1e-6  # of z: what decays faster from sample to sample has no pole in s worth a number
 
 
 @dataclass(frozen=True)
@@ -55,21 +53,6 @@ class FeedForward:
     measured: tuple[str, ...]
     outputs: tuple[str, ...]
 
-    @property
-    def poles(self) -> np.ndarray:
-        """Poles (x,) of the model's own loop, taken back to s, rad/s."""
-        z = np.linalg.eigvals(self.A - self.B @ self.F)
-        return np.log(z[np.abs(z) > SHORTEST_MEMORY]) / self.sample_time
-
-    def predict(self, state: np.ndarray, commands: Sequence[np.ndarray], measured: np.ndarray) -> np.ndarray:
-        """The state (x,) ``delay`` samples ahead, measured torques (w,) held.
-
-        ``commands`` (delay of (u,)) are those still on their way, oldest first.
-        """
-        for command in commands:
-            state = self.A @ state + self.B @ command + self.W @ measured
-        return state
-
     def gains(self) -> tuple[np.ndarray, np.ndarray]:
         """Gains of the command on what is known now: (u, x + delay·u) on [state; commands on their way], (u, w).
 
@@ -81,26 +64,6 @@ class FeedForward:
         pending = [power @ self.B for power in reversed(powers[:-1])]
         held = sum((power @ self.W for power in powers[:-1]), np.zeros_like(self.W))
         return -self.F @ np.hstack([powers[-1], *pending]), -self.F @ held - self.G
-
-    def command(self, state: np.ndarray, commands: Sequence[np.ndarray], measured: np.ndarray) -> np.ndarray:
-        """The command (u,) to issue; arguments as for :meth:`predict`."""
-        return -self.F @ self.predict(state, commands, measured) - self.G @ measured
-
-    def motion(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Commands as issued (f, u, w) and states (f, x, w) for measured torques of 1 N·m at frequencies (f,), Hz."""
-        closed, z = self.A - self.B @ self.F, np.exp(2j * np.pi * np.asarray(frequencies, float) * self.sample_time)
-        z = z[:, None, None]
-        power, missed = self.W, np.zeros((len(z), *self.W.shape), complex)
-        for j in range(self.delay - 1, -1, -1):  # the prediction holds the torques of its moment
-            missed += power * (z**j - 1)
-            power = self.A @ power
-        torques = (self.F @ missed - self.G) * z**-self.delay
-        states = np.linalg.solve(z * np.eye(len(closed)) - closed, self.W + self.B @ torques)
-        return (torques - self.F @ states) * z**self.delay, states
-
-    def response(self, frequencies: np.ndarray) -> np.ndarray:
-        """Response (f, y, w) of the rig at the samples, to measured torques that vary linearly between them."""
-        return self.C @ self.motion(frequencies)[1] + self.D
 
 
 # --- The residual vehicle model (RVM): what the vehicle has and the rig lacks, cut out of the vehicle, never retyped.

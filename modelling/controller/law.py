@@ -8,58 +8,12 @@ import numpy as np
 import scipy
 from scipy.linalg import solve_discrete_are
 
-from modelling.bed.bed import ObserverController
+from modelling.bed.bed import ControlLaw
 from modelling.bed.vehicle import FeedForward
 from modelling.errors import InputError
 from modelling.linear.state_space import StateSpace
 
 # --- Law
-
-
-@dataclass(frozen=True)
-class ControlLaw:
-    """What a controller computes at every sample, in deviations from where it was switched on.
-
-    The form in which a controller is exported and run on the bed, the same for feedback, feed-forward and observer
-    (:func:`law_of_feedback`, :func:`law_of_feed_forward`, :func:`law_of_observer`), each of which is tuned in a form of
-    its own.
-
-    xc = x + L·(y − E·x), u = K·xc + Dy·y + Dw·w, x⁺ = A·xc + By·y + Bw·w + Bs·sent, where ``sent`` is u after the
-    limits: a command that was cut is known to the law, so nothing winds up.
-
-    Attributes
-    ----------
-    A, By, Bw, Bs : ndarray (x, x), (x, y), (x, w), (x, k)
-    K, Dy, Dw : ndarray (k, x), (k, y), (k, w)
-    L, E : ndarray (x, y), (y, x)
-        Correction by, and expectation of, the readings.
-    sensors, known, dynamometers : tuple of str
-        Names of y (sensors of the rig), w (torques that are measured or demanded) and u (dynamometers).
-    sample_time : float
-        s.
-    """
-
-    A: np.ndarray
-    By: np.ndarray
-    Bw: np.ndarray
-    Bs: np.ndarray
-    K: np.ndarray
-    Dy: np.ndarray
-    Dw: np.ndarray
-    L: np.ndarray
-    E: np.ndarray
-    sensors: tuple[str, ...]
-    known: tuple[str, ...]
-    dynamometers: tuple[str, ...]
-    sample_time: float
-
-    def step(
-        self, state: np.ndarray, readings: np.ndarray, known: np.ndarray, limits: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Commands (k,), N·m, within ±``limits`` (k,), and the state (x,) of the next sample."""
-        corrected = state + self.L @ (readings - self.E @ state)
-        sent = np.clip(self.K @ corrected + self.Dy @ readings + self.Dw @ known, -limits, limits)
-        return sent, self.A @ corrected + self.By @ readings + self.Bw @ known + self.Bs @ sent
 
 
 def law_of_feedback(
@@ -156,16 +110,6 @@ def law_of_feed_forward(
     return ControlLaw(
         A, By, Bw, Bs, K, D, Kw, np.zeros((size, y)), E, sensors, feed_forward.measured, names,
         feed_forward.sample_time,
-    )  # fmt: skip
-
-
-def law_of_observer(controller: ObserverController) -> ControlLaw:
-    """The law of an observer with state feedback, which predicts with what was sent as it is."""
-    k, y, x = len(controller.dynamometers), len(controller.sensors), len(controller.A)
-    return ControlLaw(
-        controller.A, np.zeros((x, y)), controller.W, controller.B, -controller.F, np.zeros((k, y)), -controller.G,
-        controller.L, controller.C, controller.sensors, controller.known, controller.dynamometers,
-        controller.sample_time,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A stiffness, damping or drag that changes while the machine warms up."""
+"""Quantities and gains that change while the machine warms up."""
 
 from __future__ import annotations
 

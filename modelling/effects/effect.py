@@ -1,4 +1,4 @@
-"""A torque given point by point over a speed, an angle or a twist: what a diagnosis found and no law describes."""
+"""What a kind of effect states about itself, the motion it guesses from, and the torque table that no law describes."""
 
 from __future__ import annotations
 

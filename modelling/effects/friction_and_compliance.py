@@ -1,4 +1,4 @@
-"""Slip of a rolling tyre: its slope falls with the speed and with the torque, which is limited by friction."""
+"""Laws of shafts and of friction: free play, springs, dampers, slip, losses, dry friction, drag."""
 
 from __future__ import annotations
 

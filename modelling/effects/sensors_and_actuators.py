@@ -1,4 +1,4 @@
-"""A sensor with a constant error."""
+"""Faults of channels: gains, offsets, drifts, lags and delays of sensors and inputs, clocks of loggers."""
 
 from __future__ import annotations
 

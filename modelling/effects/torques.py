@@ -1,4 +1,4 @@
-"""A quantity that differs from what the model states."""
+"""Torques on an inertia, constant or over an angle; imposed motion; quantities that are not what the model states."""
 
 from __future__ import annotations
 

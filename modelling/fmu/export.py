@@ -1,4 +1,4 @@
-"""A block → the bytes of an FMU, the same for the same block, always."""
+"""Models and controllers as FMUs of FMI 2.0 and 3.0: the same bytes for the same content, always."""
 
 from __future__ import annotations
 

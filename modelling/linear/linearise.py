@@ -1,9 +1,10 @@
-"""A model linearised about a state."""
+"""A model linearised about a state, at rest or in steady motion."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -128,12 +129,10 @@ def deflated(linear: Linear, parts: Elements) -> Deflated:
         Of the same model at one parameter set and state.
     """
     A, n = linear.A, linear.model.n
-    held = parts.deflection_jacobian[:, :n]
-    held = held[np.abs(held).any(axis=1)]
-    free = null_space(unit_rows(held)) if len(held) else np.eye(n)
+    free, basis = _bases(parts.deflection_jacobian[:, :n].tobytes(), n)
     if float(np.linalg.norm(A[:, :n] @ free)) > 1e-9 * float(np.linalg.norm(A[:, :n])):
-        free = np.zeros((n, 0))  # something else holds an angle to ground
-    basis, r = null_space(free.T) if free.size else np.eye(n), free.shape[1]
+        free, basis = np.zeros((n, 0)), np.eye(n)  # something else holds an angle to ground
+    r = free.shape[1]
     lift = np.zeros((len(A), len(A) - r))
     lift[:n, : n - r] = basis
     lift[n : 2 * n, n - r : n], lift[n : 2 * n, n : 2 * n - r] = free, basis
@@ -144,6 +143,15 @@ def deflated(linear: Linear, parts: Elements) -> Deflated:
     speeds = inner[:, n - r : n]  # of the free angles: only drag slows them, what is smaller is rounding
     speeds[np.abs(speeds) < 1e-13 * np.linalg.norm(inner, axis=1)[:, None]] = 0.0
     return Deflated(inner, lift, free)
+
+
+@lru_cache(maxsize=64)  # the same for all values of a model whose ratios stay
+def _bases(twists: bytes, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal bases of free angles (n, r) and of all others (n, n − r), by the twists (s, n) of unit angles."""
+    held = np.frombuffer(twists).reshape(-1, n)
+    held = held[np.abs(held).any(axis=1)]
+    free = null_space(unit_rows(held)) if len(held) else np.eye(n)
+    return free, null_space(free.T) if free.size else np.eye(n)
 
 
 # --- Steady motion at a speed and torque, and the model linearised about it.

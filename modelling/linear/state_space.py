@@ -255,15 +255,21 @@ class StateSpace:
         return self.C[_index(name, self.outputs)]
 
 
-def state_space(system: System) -> StateSpace:
+def state_space(system: System, values: Mapping[str, float] | None = None) -> StateSpace:
     """Linearise a system about its operating point, or at rest, and leave out the rigid-body angles.
+
+    Parameters
+    ----------
+    values : mapping, optional
+        Parameters that differ from the system's, by name, SI.
 
     Raises
     ------
     InputError
-        If rigid gears lock the system, a sensor reads an angle that is left out, or an input or sensor is delayed.
+        If a name is unknown, rigid gears lock the system, a sensor reads an angle that is left out, or an input or
+        sensor is delayed.
     """
-    linear = linearise(system)
+    linear = linearise(system, values)
     if linear.input_delays.any() or linear.sensor_delays.any():
         raise InputError(
             "effects", "a dead time inside the model is not expected here", "state it in the loop of the case"

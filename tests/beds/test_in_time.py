@@ -29,8 +29,9 @@ from matching.match.in_time import (
     truth_of,
     vehicle_motions,
 )
-from matching.match.loop import _refine_friction, control_law, linear_bed
+from matching.match.loop import control_law, linear_bed
 from matching.match.match import match
+from modelling.bed.nonlinear import _refine_friction
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
 from modelling.simulation.stepping import STABLE_STEP

@@ -7,14 +7,14 @@ import pytest
 
 from matching.match.beds import Judge, check_beds, largest_error, worst_bed
 from matching.match.case import Box, Uncertain, requirements
-from matching.match.loop import bed_of, closed_poles, of_observer, sampled_beds
+from matching.match.loop import bed_of, closed_poles, sampled_beds, without_limits
 from modelling.bed.observer import design, observer_model
 
 
 @pytest.fixture(scope="module")
 def controller(small_case):
     model = observer_model(small_case.rig, small_case.residual_vehicle, small_case.loop)
-    return of_observer(design(model, small_case.loop.values))
+    return without_limits(design(model, small_case.loop.values))
 
 
 def judged(case, controller, values, damping_ratio=0.0, rolled_off_from=100.0):

@@ -23,7 +23,6 @@ from modelling.simulation.simulate import simulate
     ("kind", "at", "seed"),
     [
         ("parameter_drift", "shafts.link.stiffness", 3),
-        ("parameter_drift", "inertias.load.drag", 4),
         ("input_gain_drift", "inputs.motor_torque", 5),  # nearly a straight line: three times the recording
         ("sensor_gain_drift", "sensors.load_speed", 6),
     ],

@@ -39,23 +39,20 @@ def test_both_speeds_of_a_late_logger_are_one_cause(sensors: tuple[str, ...], ki
 
 
 @needs_compiler
-@pytest.mark.parametrize(("seed", "offset"), [(3, 0.02), (4, LATE)])
-def test_an_input_and_a_sensor_of_a_late_logger_are_one_cause(seed: int, offset: float, tmp_path: Path) -> None:
+def test_an_input_and_a_sensor_of_a_late_logger_are_one_cause(tmp_path: Path) -> None:
     """Each channel shows the delay in another way: the torque reads late, the brake acts before it is recorded.
 
     What acted in the last 0.465 s is not recorded, which leaves more than noise there.
     """
     both = "inputs.brake_torque+sensors.link_torque"
-    write_recording(
-        tmp_path, scene_of("two_mass", seed, 8.0, 250.0), [Hidden("clock_offset", both, {"offset": offset})]
-    )
+    write_recording(tmp_path, scene_of("two_mass", 4, 8.0, 250.0), [Hidden("clock_offset", both, {"offset": LATE})])
     system = load(tmp_path / "model.toml")
     found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
     assert [(cause.kind, cause.at) for cause in found.causes] == [("clock_offset", both)]
     assert found.causes[0].to_dict()["at"] == both.split("+")
     (parameter,) = found.causes[0].parameters.values()
-    assert parameter.value == pytest.approx(offset, abs=1e-4)
-    assert found.verdict == ("unexplained" if offset == LATE else "explained")
+    assert parameter.value == pytest.approx(LATE, abs=1e-4)
+    assert found.verdict == "unexplained"
     assert from_dict(tomllib.loads(dumps(found.extended))).effects == found.extended.effects
 
 

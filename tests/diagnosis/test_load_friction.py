@@ -39,7 +39,7 @@ def recorded(seconds: float, constant: float) -> Recording:
 @compiles
 @pytest.mark.parametrize("constant", [0.0, 0.4])
 def test_it_is_named_with_its_size(constant: float) -> None:
-    found = diagnose(from_dict(ARM), [recorded(10.0, constant)])
+    found = diagnose(from_dict(ARM), [recorded(5.0, constant)])
     named = {cause.kind: cause for cause in found.causes}
     assert set(named) == {"load_friction"} | ({"coulomb_friction"} if constant else set())
     own = named["load_friction"].parameters["coefficient"]

@@ -118,7 +118,7 @@ def test_torque_from_outside_is_not_explained(tmp_path: Path) -> None:
 
 def test_friction_and_free_play_at_once_are_both_named_with_their_sizes(tmp_path: Path) -> None:
     """A gap that begins too narrow would stay so, and a further spring would take its place."""
-    found, answer = diagnosed(tmp_path, "coulomb_friction", "backlash", seed=6, duration=6.0)
+    found, answer = diagnosed(tmp_path, "coulomb_friction", "backlash", seed=6, duration=3.0)
     assert found.verdict == "explained"
     causes = {(cause.kind, cause.at): cause for cause in found.causes}
     assert set(causes) == {(one["kind"], one["at"]) for one in answer["causes"]}

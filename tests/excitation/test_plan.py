@@ -22,7 +22,7 @@ from matching.bed.excite import (
 )
 from matching.cli import main
 from matching.export import exported_controller
-from matching.match.loop import frequency_response, law_response, of_observer
+from matching.match.loop import frequency_response, law_response, without_limits
 from modelling.bed.vehicle import cut
 
 FREE = SpeedHold(np.zeros(1), np.zeros(1))
@@ -60,7 +60,7 @@ def test_a_law_in_one_form_acts_as_the_observer_does(limited_case):
     case = limited_case
     frequencies = np.array([0.7, 3.0, 11.0, 60.0])
     observer = case.loop.structure.observer(case.rig, cut(case.vehicle, case.rig), case.loop)
-    wanted = frequency_response(of_observer(observer), frequencies)
+    wanted = frequency_response(without_limits(observer), frequencies)
     found = law_response(exported_controller(case).law, frequencies, case.loop.controller_sensors)
     np.testing.assert_allclose(found.of_readings, wanted.of_readings, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.of_known, wanted.of_known, rtol=1e-6, atol=1e-9)

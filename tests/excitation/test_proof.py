@@ -8,7 +8,7 @@ import pytest
 from matching.bed.excite import controlled_beds, recorded_bed
 from matching.bed.proof import PROOF, plan_proof
 from matching.export import exported_controller
-from matching.match.loop import of_observer
+from matching.match.loop import without_limits
 from matching.match.responses import ComparedBed
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
@@ -40,15 +40,15 @@ def proof(quiet_case):
 
 
 def test_responses_are_those_that_the_prediction_compares(limited_case, controlled):
-    """Against the sampled loop's own, which fold back what lies above half the sampling frequency."""
-    frequencies, bed, found = controlled
+    """Against the sampled loop's own; what the controller reads folds back what lies above half its frequency."""
+    (frequencies, bed, found), read = controlled, limited_case.loop.controller_sensors
     observer = limited_case.loop.structure.observer(
         limited_case.rig, cut(limited_case.vehicle, limited_case.rig), limited_case.loop
     )
-    wanted = ComparedBed(limited_case, controller=of_observer(observer)).at(frequencies)
+    wanted = ComparedBed(limited_case, controller=without_limits(observer)).at(frequencies)
     for h, (source, sensor) in enumerate(wanted.pairs):
         own = found.outputs[0][:, bed.sensors.index(sensor), ["motor_torque", "road"].index(source)]
-        np.testing.assert_allclose(own, wanted.matched[:, h], rtol=2e-3)
+        np.testing.assert_allclose(own, wanted.matched[:, h], rtol=2e-3 if sensor in read else 1e-9)
 
 
 def test_a_torque_balances_at_the_rotor(limited_case, controlled):
@@ -59,7 +59,9 @@ def test_a_torque_balances_at_the_rotor(limited_case, controlled):
     late = np.exp(-s * loop["dead_time"]) * np.sinc(frequencies * loop["sample_time"])  # the hold's half sample: in it
     acting = found.commands[0][:, 0] * (late / (1 + s * loop["inverter_lag"]))[:, None]
     flange = torque * (1 + s * loop["torque_sensor_lag"])[:, None]  # as it is, not as its sensor says
-    np.testing.assert_allclose((0.9 * s + 0.1)[:, None] * speed, flange + acting, rtol=1e-6, atol=1e-9)
+    left_over = (0.9 * s + 0.1)[:, None] * speed - flange - acting
+    # both are read at the samples: of the held command's images, 1 ms apart, so much folds back
+    assert (np.abs(left_over) < 2e-4 * np.abs(acting)).all()
 
 
 def test_it_shows_road_torques_where_the_vehicle_hardly_answers(limited_case, proof):

@@ -18,7 +18,6 @@ from matching.match.loop import linear_bed
 from matching.match.verify import matched_motion
 from modelling.bed.controllers import STRUCTURES
 from modelling.controller.c_source import c_sources, memory_bytes
-from modelling.controller.law import FAULTS
 from modelling.fmu.export import controller_fmu
 from modelling.linear.state_space import state_space
 from modelling.modal.modes import modes
@@ -142,53 +141,6 @@ def test_nothing_winds_up_behind_a_limit(controller):
     for n in range(2040):
         _, free = law.step(free, pushed if n < 2000 else rest, np.zeros(len(law.known)), np.full(k, np.inf))
     assert np.abs(state).max() <= np.abs(free).max()
-
-
-@pytest.mark.parametrize(
-    ("fault", "mode"),
-    [("not finite", ZERO), ("missing", ZERO), ("frozen", ZERO), ("overspeed", HOLD), ("torque gone", HOLD)],
-)
-def test_what_goes_wrong_ends_the_emulation_within_five_samples(controller, fault, mode):
-    settings = replace(controller.settings, life_samples=3)
-    own = replace(controller, settings=settings).running()
-    y, k = len(controller.law.sensors), len(controller.law.dynamometers)
-    known, hold, rng = np.zeros(len(controller.law.known)), np.full(k, 20.0), np.random.default_rng(0)
-
-    def readings(torque=400.0, speed=20.0):
-        values = 1e-3 * rng.normal(size=y)
-        values[list(controller.torque_readings)] += torque
-        values[list(controller.speed_readings)] += speed
-        return values
-
-    for life in range(30):
-        answer = own.step(readings(), known, HOLD if life < 10 else EMULATION, hold, life)
-    assert (answer.mode, answer.fault) == (EMULATION, 0)
-    last = readings()
-    own.step(last, known, EMULATION, hold, 30)
-    for n in range(5):
-        wrong = {
-            "not finite": np.where(np.arange(y) == 0, np.inf, last), "missing": readings(), "frozen": last,
-            "overspeed": readings(speed=200.0), "torque gone": readings(torque=0.0),
-        }[fault]  # fmt: skip
-        answer = own.step(wrong, known, EMULATION, hold, 30 if fault == "missing" else 31 + n)
-        if answer.fault:
-            break
-    assert (FAULTS[answer.fault], answer.mode) == (fault, mode)
-    for n in range(3):  # it stays until zero torque is asked for
-        later = own.step(readings(), known, EMULATION, hold, 40 + n)
-        assert (FAULTS[later.fault], later.mode) == (fault, mode)
-    assert own.step(readings(), known, ZERO, hold, 50).fault == 0
-
-
-def test_readings_far_from_the_model_end_the_emulation(case):
-    controller = exported_controller(with_structure(case, "model_based"))
-    own, hold = controller.running(), np.full(2, 20.0)
-    at = np.array([100.0, 100.0, 20.0, 20.0])
-    for n in range(3):
-        assert own.step(at + 1e-3 * n, np.zeros(3), EMULATION, hold).fault == 0
-    away = at + np.array([700.0, 0.0, 0.0, 0.0])  # limit 0.4 · 1500 N·m
-    faults = [FAULTS[own.step(away + 1e-3 * n, np.zeros(3), EMULATION, hold).fault] for n in range(2)]
-    assert faults == ["none", "unexpected"]
 
 
 class Bed:

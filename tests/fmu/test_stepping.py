@@ -132,14 +132,6 @@ def test_a_held_input_arrives_a_dead_time_later(export, delayed_model):
     assert speeds[41] == pytest.approx(50.0 / 0.1 * 3e-4, rel=1e-3)
 
 
-def test_an_overridden_parameter_matters(export, lashed_model):
-    time = np.arange(301) * 1e-3
-    inputs = torques(["motor_torque", "load_torque"], time)
-    plain = linearly(export(lashed_model), time, inputs)
-    other = linearly(export(lashed_model), time, inputs, OTHER)
-    assert np.abs(other["link_torque"] - plain["link_torque"]).max() > 0.01 * np.abs(plain["link_torque"]).max()
-
-
 def test_communication_steps_of_any_length(export, reference_case):
     """Steps that are no multiple of anything, each held input by held input, against rigmatch from state to state."""
     wanted = read_export_source(reference_case)

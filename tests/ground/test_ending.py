@@ -41,8 +41,8 @@ def ends(process, group: bool) -> tuple[int, str]:
 
 @pytest.mark.parametrize(
     ("step", "group"),
-    [("controller", True), ("controller", False), ("verification", True)],
-    ids=["search-Ctrl-C", "search-one process", "verification-Ctrl-C"],
+    [("controller", False), ("verification", True)],
+    ids=["search-one process", "verification-Ctrl-C"],
 )
 def test_a_match_ends(tmp_path, step, group):
     """While the search runs, and while fresh beds are judged."""

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import expm, null_space
 
 from matching.match.case import Case
-from modelling.controller.law import ControlLaw
+from modelling.bed.bed import ControlLaw
 from modelling.system import Effect, System
 
 # --- Steady motion of a chain at its operating point, from the torque balance of every inertia.

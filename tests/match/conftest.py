@@ -11,8 +11,10 @@ import pytest
 from matching.match.case_file import load_case
 from matching.match.in_time import TruthInTime
 from matching.match.match import match
+from matching.match.search import SearchSettings
 
 NOT_ASKED = TruthInTime(not_simulated="left out here, tested in tests/beds/test_in_time.py")
+LITTLE = SearchSettings(drawn=4, pool=8, rounds=1, steps=6, joint_rounds=1, scenarios=0, blind=0, starts=1, fresh=20)
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -56,13 +58,18 @@ def once(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def reference(once):
-    """The reference match; its script asserts the acceptance figures."""
-    return replace(once("reference", script("road_to_rig").main), simulated_in_time=NOT_ASKED)
+    """The reference, matched with little effort: `make test-long` runs the example as it is."""
+
+    def quick():
+        return match(load_case(EXAMPLES / "road_to_rig" / "case.toml"), settings=LITTLE)
+
+    return replace(once("reference", quick), simulated_in_time=NOT_ASKED)
 
 
 @pytest.fixture(scope="session")
 def adapters(once):
-    return once("adapters", script("adapter_only").main)
+    """Adapters alone, with little effort."""
+    return once("adapters", lambda: match(load_case(EXAMPLES / "adapter_only" / "case.toml"), settings=LITTLE))
 
 
 @pytest.fixture(scope="session")
@@ -72,6 +79,6 @@ def compact(once):
     def quick():
         case = load_case(EXAMPLES / "compact_bev" / "case.toml")
         planned = tuple(move for move in case.moves if not move.name.startswith("rig."))
-        return match(replace(case, moves=planned), starts=1)
+        return match(replace(case, moves=planned), settings=LITTLE)
 
     return replace(once("compact", quick), simulated_in_time=NOT_ASKED)

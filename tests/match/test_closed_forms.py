@@ -121,22 +121,6 @@ def test_examples_share_what_they_name_alike(name):
     assert differing_components(load_case(EXAMPLES / name / "case.toml")) == []
 
 
-@pytest.mark.parametrize("structure", [name for name, own in STRUCTURES.items() if not own.is_observer])
-def test_equations_and_state_space_of_a_structure_are_one_law(small, structure):
-    """Commands in s against the continuous controller, at complex frequencies."""
-    values = {"proportional_gain": 37.0, "integral_gain": 11.0, "torque_feed_forward": 0.4, "lead_time": 0.004}
-    loop = replace(small.loop, structure=STRUCTURES[structure]).with_values(values | {"acceleration_feed_forward": 0.7})
-    parts = linear_bed(replace(small, loop=loop))
-    residual = parts.residual_space
-    law = loop.structure.controller(loop, residual, parts.case.rig)
-    for s in (0.3 + 2j, 40j, -1 + 300j):
-        H = law.C @ np.linalg.solve(s * np.eye(len(law.A)) - law.A, law.B) + law.D
-        R = residual.C @ np.linalg.solve(s * np.eye(len(residual.A)) - residual.A, residual.B)
-        for column, (torque, speed) in enumerate([(1.0, 0.0), (0.0, 1.0)]):
-            (command,) = loop.structure.commands(loop.values, s, [R[0, 0] * torque], [speed], [torque])
-            assert command == pytest.approx(H[0, column], rel=1e-8)
-
-
 def test_only_pi_without_gains_is_torqueless(small):
     none = dict.fromkeys(
         ("proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward"), 0.0

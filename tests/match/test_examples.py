@@ -33,6 +33,7 @@ def test_compact_car(compact):
 
 
 @pytest.mark.long
-def test_compact_car_as_it_is():
-    """With its flanges free and all starts: the example asserts its own figures."""
-    script("compact_bev").main()
+@pytest.mark.parametrize("name", ["adapter_only", "compact_bev"])
+def test_an_example_as_it_is(name):
+    """With all starts and what may move free: it asserts its own figures."""
+    script(name).main()

@@ -1,8 +1,11 @@
 """A motor at each wheel: on the bed both sides stand apart, in the car one body joins them."""
 
+import tomllib
+from dataclasses import replace
+
 import numpy as np
 import pytest
-import tomli_w
+from reference.beds import twins
 
 from matching.match.case import demands
 from matching.match.case_file import load_case
@@ -15,92 +18,36 @@ from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.modal.modes import modes
 from modelling.model_file import from_dict
 
-STIFFNESS, RATIO, MOTOR, WHEEL, BODY = 6000.0, 9.0, 0.03, 1.1, 150.0  # N·m/rad, 1, kg·m²
-
-
-def half(side, outer):
-    """Inertias, shafts, inputs and sensors that both have on one side."""
-    return {
-        "inertias": {f"motor_{side}": {"J": MOTOR, "drag": 0.002}, f"{outer}_{side}": {"J": WHEEL}},
-        "shafts": {f"side_{side}": {
-            "between": [f"motor_{side}", f"{outer}_{side}"], "ratio": RATIO, "stiffness": STIFFNESS, "damping": 9,
-        }},
-        "inputs": {f"torque_{side}": {"on": f"motor_{side}"}},
-        "sensors": {
-            f"speed_{side}": {"measures": "speed", "of": f"motor_{side}"},
-            f"side_torque_{side}": {"measures": "torque", "of": f"side_{side}"},
-        },
-    }  # fmt: skip
-
-
-def joined(*models):
-    """Tables of models in one."""
-    whole = {}
-    for model in models:
-        for table, entries in model.items():
-            whole[table] = [*whole.get(table, []), *entries] if table == "effects" else whole.get(table, {}) | entries
-    return whole
-
-
-def vehicle():
-    tyres = {"shafts": {}, "effects": []}
-    for side in ("left", "right"):
-        tyres["shafts"][f"tyre_{side}"] = {"between": [f"wheel_{side}", "body"], "stiffness": 2e4, "damping": 30}
-        tyres["effects"].append({"kind": "slip", "at": f"shafts.tyre_{side}", "coefficient": 1500})
-    return joined(
-        half("left", "wheel"), half("right", "wheel"), {"inertias": {"body": {"J": BODY, "drag": 0.8}}}, tyres
-    )
-
-
-def rig(*sides):
-    models = []
-    for side in sides:
-        bed = {
-            "inertias": {f"rotor_{side}": {"J": 0.6, "drag": 0.02}},
-            "shafts": {f"flange_{side}": {
-                "between": [f"adapter_{side}", f"rotor_{side}"], "stiffness": 2e5, "damping": 15,
-            }},
-            "inputs": {f"dyno_{side}": {"on": f"rotor_{side}"}},
-            "sensors": {
-                f"flange_torque_{side}": {"measures": "torque", "of": f"flange_{side}"},
-                f"rotor_speed_{side}": {"measures": "speed", "of": f"rotor_{side}"},
-            },
-        }  # fmt: skip
-        models += [half(side, "adapter"), bed]
-    whole = joined(*models)
-    for side in sides:
-        whole["inertias"][f"adapter_{side}"] = {"J": 0.05}
-    return whole
+RATIO = 9.0
+GAINS = {"proportional_gain": 20.0, "integral_gain": 20.0}
 
 
 @pytest.fixture(scope="module")
-def case(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("motors")
-    sides = ("left", "right")
-    data = {
-        "vehicle": "vehicle.toml", "rig": "rig.toml",
-        "dynamometers": {side: {
-            "torque_input": f"dyno_{side}", "torque_sensor": f"flange_torque_{side}",
-            "speed_sensor": f"rotor_speed_{side}", "follows": f"side_{side}",
-        } for side in sides},
-        "loop": {
-            "structure": "model_based", "knows": ["torque_left", "torque_right"], "dead_time": 0.002,
-            "proportional_gain": 20, "integral_gain": 20,
-        },
-        "operating_point": {"vehicle_speed": "50 km/h", "rolling_radius": 0.3},
-        "targets": [{"mode": 2}],
-        "response": {"compare": [
-            {"input": f"torque_{one}", "sensor": f"speed_{other}"} for one in sides for other in sides
-        ]},
-        "manoeuvre": {"torque_left": {"kind": "tip_in", "amplitude": 60}},
-    }  # fmt: skip
-    for name, content in (("vehicle", vehicle()), ("rig", rig(*sides)), ("case", data)):
-        (folder / f"{name}.toml").write_text(tomli_w.dumps(content))
-    return load_case(folder / "case.toml")
+def folder(tmp_path_factory):
+    """Twin drives with a feed-forward."""
+    path = twins(tmp_path_factory.mktemp("motors"))
+    path.write_text(path.read_text().replace('"observer"', '"model_based"'))
+    return path.parent
 
 
-def test_two_chains_have_the_modes_of_one_twice(case):
-    one = [mode.frequency for mode in modes(from_dict(rig("left")))]
+@pytest.fixture(scope="module")
+def case(folder):
+    read = load_case(folder / "case.toml")
+    return replace(read, loop=read.loop.with_values(GAINS))
+
+
+@pytest.fixture
+def rig(folder):
+    """Tables of the rig."""
+    return tomllib.loads((folder / "rig.toml").read_text())
+
+
+def test_two_chains_have_the_modes_of_one_twice(case, rig):
+    left = {
+        table: {name: entry for name, entry in entries.items() if name.endswith("left")}
+        for table, entries in rig.items()
+    }
+    one = [mode.frequency for mode in modes(from_dict(left))]
     np.testing.assert_allclose([mode.frequency for mode in modes(case.rig)], np.repeat(one, 2), atol=1e-6)
 
 
@@ -131,15 +78,14 @@ def test_one_motor_moves_the_other_side_through_the_emulated_body(case):
     assert left.speed.max() > right.speed.max() > right.speed[0] * 1.01
 
 
-def test_what_nothing_drives_is_still_missing_a_shaft():
-    model = rig("left", "right")
-    del model["inputs"]["torque_right"], model["inputs"]["dyno_right"]
+def test_what_nothing_drives_is_still_missing_a_shaft(rig):
+    del rig["inputs"]["torque_right"], rig["inputs"]["dyno_right"]
     with pytest.raises(InputError, match="motor_right, adapter_right, rotor_right are not connected to 'motor_left'"):
-        from_dict(model)
+        from_dict(rig)
 
 
-def test_parts_that_stand_apart_are_drawn_one_below_the_other():
-    placed = layout(from_dict(rig("left", "right")))
+def test_parts_that_stand_apart_are_drawn_one_below_the_other(case):
+    placed = layout(case.rig)
     assert {name: placed.lane[name] for name in ("motor_left", "rotor_left", "motor_right", "rotor_right")} == {
         "motor_left": 0, "rotor_left": 0, "motor_right": 1, "rotor_right": 1,
     }  # fmt: skip

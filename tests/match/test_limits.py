@@ -7,16 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from match import drawn
+from match.conftest import LITTLE
 
 from matching.match import limits
 from matching.match.case import Target, demands
 from matching.match.case_file import load_case
 from matching.match.match import match
 from matching.match.problem import infeasible_limits
-from matching.match.search import SearchSettings
 from modelling.bed.controllers import STRUCTURES
 
-FEW = SearchSettings(drawn=8, pool=32, rounds=2, blind=16, fresh=40)  # what binds does not depend on more beds
+FEW = replace(LITTLE, drawn=3, steps=4, blind=8)  # what binds does not depend on more beds
 
 
 def with_loop(case, structure, **values):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from match import drawn
+from match.conftest import LITTLE
 
 from matching.match import map as maps
 from matching.match.case_file import load_case
@@ -151,13 +152,14 @@ def small(tmp_path_factory):
     return load_case(drawn.draw(2, tmp_path_factory.mktemp("drawn")))
 
 
-def test_a_match_starts_from_a_neighbours_solution_and_says_where_that_is_no_better(small):
+def test_a_match_starts_from_a_neighbours_solution_and_says_where_that_is_no_better(small, monkeypatch):
+    monkeypatch.setattr(maps, "OF_A_POINT", LITTLE)
     dead_time, here, beside = ("loop.dead_time", 2e-3), (FLANGE, 2e5), (FLANGE, 2.4e5)
     own = match_at(small, dead_time, here, 0, 1)
     near = (own.values,)
     assert own.first == own.objective
     assert improved_at(small, dead_time, here, Near(near, 0.5 * own.objective)) is None
-    found = match(held_at(held_at(small, *dead_time), *beside), begins=near, ordering=False)
+    found = match(held_at(held_at(small, *dead_time), *beside), begins=near, ordering=False, settings=LITTLE)
     assert found.objective < 1.05 * own.objective  # a flange a fifth stiffer changes little
     assert found.verification.stable
     assert np.isfinite(found.starts).all()

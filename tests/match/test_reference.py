@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from match import independent
+from match.conftest import script
 
-from matching.match.case_file import load_case
 from matching.match.loop import linear_bed
-from matching.match.match import match
 from matching.match.responses import error_figures
 
 
@@ -108,7 +107,7 @@ def test_poles_by_other_means(reference):
 
 
 @pytest.mark.long
-def test_another_seed_ends_at_the_same(reference):
-    again = match(load_case(reference.case.path), seed=5)
-    assert again.status == "matched"
-    assert again.objective == pytest.approx(reference.objective, rel=0.01)
+def test_the_example_as_it_is_ends_at_the_same_from_another_seed():
+    """The script asserts the acceptance figures."""
+    first, again = (script("road_to_rig").main(seed) for seed in (0, 5))
+    assert again.objective == pytest.approx(first.objective, rel=0.01)

@@ -10,13 +10,11 @@ from matching.match.case_file import load_case
 from matching.match.loop import body
 from matching.match.responses import (
     ComparedBed,
-    antiresonances,
-    converged_nodes,
     error_figures,
     log_squares,
     pooled,
-    resonances,
 )
+from modelling.linear.band import antiresonances, converged_nodes, resonances
 from modelling.model_file import from_dict
 
 BAND = (0.5, 30.0)

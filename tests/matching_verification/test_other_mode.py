@@ -8,7 +8,8 @@ from match import drawn
 from matching.match.case import apply
 from matching.match.case_file import load_case
 from matching.match.loop_modes import LoopMode
-from matching.match.verify import IdentifiedMode, Ringing, modes_of_targets, verify
+from matching.match.verify import IdentifiedMode, modes_of_targets, verify
+from modelling.modal.ringing import Ringing
 
 # 13 ms of dead time: the loop loses the mode at 8.4 Hz, and its wheel hop moves the sensors much as that mode does
 TUNED = {

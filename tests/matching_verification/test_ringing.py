@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from matching.match import verify as ringing
-from matching.match.verify import SwingingModes, neighbours, pencil, read_modes, thinned
+from matching.match.verify import SwingingModes, neighbours
+from modelling.modal import ringing
+from modelling.modal.ringing import pencil, read_modes, thinned
 
 STEP = 1e-3
 TIME = np.arange(4000) * STEP

@@ -36,8 +36,8 @@ def kinds_hidden(answer: dict) -> list[Hidden]:
     ],
 )
 def test_an_effect_is_worth_what_was_asked(system: str, kind: str, closed_loop: bool, size: float) -> None:
-    case = make_case(system, kind, size, seed=5, duration=2.5, closed_loop=closed_loop)
-    scene = set_scene(system, "normal", 5, 2.5, 1000.0, closed_loop, False)
+    case = make_case(system, kind, size, seed=5, duration=2.5, rate=500.0, closed_loop=closed_loop)
+    scene = set_scene(system, "normal", 5, 2.5, 500.0, closed_loop, False)
     assert measured_worth(scene, kinds_hidden(case.answer)) == pytest.approx(size, rel=0.1)
 
 
@@ -46,7 +46,7 @@ def test_every_kind_can_be_hidden_in_two_systems(kind: str) -> None:
     made = 0
     for system in SYSTEMS:
         try:
-            case = make_case(system, kind, "subtle", seed=2, duration=0.5)
+            case = make_case(system, kind, "subtle", seed=2, duration=0.5, rate=500.0)
         except OutOfReach:
             continue
         assert case.answer["kind"] == SPOKEN.get(kind, kind)

@@ -1,8 +1,10 @@
 """Cases to be matched: the reference in other structures and with other dead times, a small bed, twin drives."""
 
 import re
+import tomllib
 from pathlib import Path
 
+import small_bed
 import tomli_w
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -38,52 +40,21 @@ def sensor(measures: str, of: str) -> dict:
     return {"measures": measures, "of": of}
 
 
-def written(folder: Path, more: dict[str, str] | None = None, **tables: dict) -> Path:
-    for name, table in tables.items():
-        text = tomli_w.dumps(table) + (more or {}).get(name, "")
-        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
-    return folder / "case.toml"
-
-
 def small(folder: Path, structure: str = "observer", more: dict[str, str] | None = None) -> Path:
-    """One dynamometer: motor, side shaft, rotor; in the vehicle a wheel and a body behind the cut."""
-    motor = {"motor": {"J": 0.5, "drag": 0.01}}
-    sensors = {"motor_speed": sensor("speed", "motor"), "side_torque": sensor("torque", "side")}
-    vehicle = {
-        "inertias": motor | {"wheel": {"J": 1.0}, "body": {"J": 40.0, "drag": 0.5}},
-        "shafts": {"side": shaft("motor", "wheel", 4000, 2), "tyre": shaft("wheel", "body", 8000, 30)},
-        "inputs": {"motor_torque": {"on": "motor"}, "road": {"on": "body"}},
-        "sensors": sensors,
-    }
-    rig = {
-        "inertias": motor | {"adapter": {"J": 0.05}, "rotor": {"J": 0.9, "drag": 0.1}},
-        "shafts": {"side": shaft("motor", "adapter", 4000, 2), "flange": shaft("adapter", "rotor", 1e5, 10)},
-        "inputs": {"motor_torque": {"on": "motor"}, "dyno": {"on": "rotor"}},
-        "sensors": sensors | {"flange_torque": sensor("torque", "flange"), "rotor_speed": sensor("speed", "rotor")},
-    }
-    gains = {
-        "proportional_gain": (1, 300), "integral_gain": (1, 3000), "torque_feed_forward": (0, 1.5),
-        "acceleration_feed_forward": (0, 1.2), "lead_time": (0, 0.01),
-    }  # fmt: skip
-    knows = {"knows": ["motor_torque"]} | ({"measures": ["motor_speed"]} if structure == "observer" else {})
-    case = {
-        "vehicle": "vehicle.toml", "rig": "rig.toml",
-        "dynamometers": {"dyno": {
-            "torque_input": "dyno", "torque_sensor": "flange_torque", "speed_sensor": "rotor_speed", "follows": "side",
-        }},
-        "operating_point": {"motor_torque": 40},
-        "loop": {"structure": structure, "dead_time": 0.0023} | knows,
-        "targets": [{"mode": 2}],
-        "response": {"compare": [
-            {"input": "motor_torque", "sensor": "motor_speed"}, {"input": "motor_torque", "sensor": "side_torque"},
-            {"input": "road", "sensor": "side_torque"},
-        ]},
-        "manoeuvre": {"motor_torque": {"kind": "tip_in", "amplitude": 50, "duration": 2}},
-        "limits": {"dynamometer_torque": 1500},
-    }  # fmt: skip
+    """The small bed under load: one dynamometer, and in the vehicle a wheel and a body behind the cut."""
+    case = tomllib.loads(small_bed.CASE) | {"operating_point": {"motor_torque": 40}}
     if structure != "observer":
+        gains = {
+            "proportional_gain": (1, 300), "integral_gain": (1, 3000), "torque_feed_forward": (0, 1.5),
+            "acceleration_feed_forward": (0, 1.2), "lead_time": (0, 0.01),
+        }  # fmt: skip
         case["move"] = {f"loop.{name}": {"lower": low, "upper": top} for name, (low, top) in gains.items()}
-    return written(folder, more, vehicle=vehicle, rig=rig, case=case)
+        case["loop"] = {"structure": structure, "knows": ["motor_torque"], "dead_time": 0.0023}
+    path = small_bed.write(folder, tomli_w.dumps(case))
+    for name, text in (more or {}).items():
+        with (folder / f"{name}.toml").open("a", encoding="utf-8") as file:
+            file.write(text)
+    return path
 
 
 def twins(folder: Path) -> Path:
@@ -121,4 +92,6 @@ def twins(folder: Path) -> Path:
         ]},
         "manoeuvre": {"torque_left": {"kind": "tip_in", "amplitude": 60, "duration": 2}},
     }  # fmt: skip
-    return written(folder, vehicle=vehicle, rig=rig, case=case)
+    for name, table in (("vehicle", vehicle), ("rig", rig), ("case", case)):
+        (folder / f"{name}.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
+    return folder / "case.toml"

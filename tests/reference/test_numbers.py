@@ -118,8 +118,11 @@ RESULTS = {
     "wrong_inertia": lambda folder: diagnosed(folder, load=1.25),
     "fmu": exported,
 }
-# Each a match of the reference; one with feed-forward and one with an observer are matched in every run (tests/match).
-LONG = {"model_based", "observer_5_ms", "observer_8_ms", "pi", "two_lashes_at_rest"}
+# Each a match or a study; one with feed-forward (tests/match) and one with an observer are matched in every run.
+LONG = {
+    "map", "model_based", "observer_5_ms", "observer_8_ms", "pi", "tolerance", "twins", "two_lashes",
+    "two_lashes_at_rest",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("of", [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in RESULTS])

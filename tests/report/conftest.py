@@ -10,7 +10,7 @@ from matching.match.case_file import load_case
 from matching.match.in_time import truth_in_time
 from matching.match.loop import control_law, linear_bed
 from matching.match.responses import ComparedBed
-from matching.match.result import Curves, MatchResult, ParameterResult, ResponseError, TargetResult
+from matching.match.result import MatchResult, ParameterResult, TargetResult
 from matching.match.verify import manoeuvre_torques, verify
 from matching.report.acting import acting
 from matching.report.match import pictures
@@ -80,17 +80,8 @@ def hand_made(case):
         seen.modes,
         tuple(targets),
         tuple(parameters),
-        ResponseError(
-            errors.band,
-            errors.before,
-            errors.after,
-            errors.after_same_functions,
-            errors.unmeasured,
-            0.004,
-            0.003,
-            errors.functions,
-        ),
-        Curves(found.frequencies, found.vehicle, found.rig, found.matched, found.unmeasured),
+        replace(errors, bound=0.004, bound_unsampled=0.003),
+        found,
         seen,
         1.0,
         (1.0, 1.005),

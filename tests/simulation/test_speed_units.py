@@ -15,7 +15,7 @@ from modelling.simulation.simulate import check_speed_units, simulate
 from tests.simulation.drives import excitation, system_with
 
 MODEL = system_with()
-TIME, INPUTS = excitation(2.0)
+TIME, INPUTS = excitation(1.0)
 START = {"speed(motor)": 4.0, "speed(load)": 4.0}
 WRONG_MODEL = system_with("wrong_parameter")  # load 15 % heavier than the one that is recorded
 

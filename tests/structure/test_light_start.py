@@ -30,11 +30,8 @@ def test_names_for_completion(function, file):
     assert imported(f"from matching.commands import {function}\nassert len({function}({path!r})) > 10") == set()
 
 
-def test_reading_a_model_in_usual_units_does_not_wait_for_those_of_all_the_world():
-    assert imported(f"import rigmatch as rm\nrm.load({str(BEDS / 'rig.toml')!r})") <= {"numpy", "scipy", "sympy"}
-
-
-def test_slow_parts_of_scipy_wait_until_they_are_used():
-    """scipy.signal and scipy.stats take a second; nearly no command needs them to begin."""
-    slow = {"scipy.signal", "scipy.stats"}
-    imported(f"import sys, modelling.modal.modes, matching.match.match\nassert not {slow} & set(sys.modules)")
+def test_reading_a_model_waits_neither_for_all_units_of_the_world_nor_for_slow_parts_of_scipy():
+    """``scipy.signal`` and ``scipy.stats`` take a second; nearly no command needs them to begin."""
+    code = f"import rigmatch as rm\nrm.load({str(BEDS / 'rig.toml')!r})\nread = {HEAVY!r} & set(sys.modules)"
+    code += "\nassert read <= {'numpy', 'scipy', 'sympy'}\nimport modelling.modal.modes, matching.match.match"
+    imported(f"import sys\n{code}\nassert not {{'scipy.signal', 'scipy.stats'}} & set(sys.modules)")

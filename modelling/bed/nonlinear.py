@@ -1,0 +1,214 @@
+"""Nonlinear rigs with their lags and dead time, or vehicles, stepped side by side from sample to sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from modelling.bed.bed import Dynamometer, Loop
+from modelling.equations.casadi_code import Model, compiled
+from modelling.equations.lagrange import STICK_SPEED
+from modelling.equations.shaft_law import CONTACT_TIME
+from modelling.linear.elements import elements
+from modelling.linear.steady_motion import operating_motion
+from modelling.simulation.compiled import external
+from modelling.simulation.stepping import STABLE_STEP, rates_at_rest, steps_per_second
+from modelling.system import System
+
+# --- A true delay line: commands issued at every sample, held, acting a dead time later.
+
+
+def arrivals(delay: float, step: float, pieces: int) -> np.ndarray:
+    """Which commands act when: weights (m, i) of the command issued i samples ago in the m-th piece of a sample.
+
+    A sample of length ``step`` (s) is cut into equal ``pieces``; where a new command arrives inside a piece, both
+    count by their share of it, so any ``delay`` (s) is met.
+    """
+    edges = (np.arange(pieces + 1) / pieces) - delay / step
+    weights = np.zeros((pieces, int(np.ceil(delay / step - 1e-12)) + 1))
+    for i in range(weights.shape[1]):
+        # the command of i samples ago is held over [−i, 1 − i) of its own time
+        inside = np.clip(edges, -i, 1 - i)
+        weights[:, i] = np.diff(inside) * pieces
+    return weights
+
+
+# --- Many nonlinear systems of one structure, stepped side by side from sample to sample; b beds.
+
+FINE_STEP_S = 1.25e-4  # longest
+PROBED_STICK_SPEED = 1e-4  # rad/s, where dry friction is steeper than anything else: its steepness is read off there
+FLAT = 1e12  # rad/s, a stick speed at which friction is too flat to matter
+
+
+@dataclass(frozen=True)
+class BedHardware:
+    """What of a bed is no part of the rig's model: lags and delay (s), torque over command of each dynamometer (k,)."""
+
+    inverter_lag: float
+    torque_sensor_lag: float
+    delay: float
+    torque_gains: tuple[float, ...]
+
+
+class NonlinearBeds:
+    """Rigs with lags, or vehicles where there are no dynamometers.
+
+    States [model, air-gap torques as commanded (k), lagged flange torques (k)], absolute. Everything outside counts
+    from the operating point: commands, torques and readings.
+
+    Parameters
+    ----------
+    systems : sequence of System (b)
+        Of one structure.
+    loop : Loop
+    dynamometers : sequence of Dynamometer (k)
+    hardware : sequence of BedHardware (b)
+        Of vehicles only one value of each counts: none.
+    """
+
+    def __init__(
+        self, systems: Sequence[System], loop: Loop, dynamometers: Sequence[Dynamometer] = (),
+        hardware: Sequence[BedHardware] = (),
+    ):  # fmt: skip
+        self.model, step, k = compiled(systems[0]), loop["sample_time"], len(dynamometers)
+        p, points = _parameters(self.model, systems), [operating_motion(system) for system in systems]
+        rate = max(steps_per_second(self.model, _flat(self.model, row)[None]) for row in p)
+        if hardware:
+            rate = max(rate, *(0.5 / min(bed.inverter_lag, bed.torque_sensor_lag) for bed in hardware))
+        self.pieces = max(int(np.ceil(step * rate - 1e-9)), int(np.ceil(step / FINE_STEP_S - 1e-9)))
+        for row in p:
+            _refine_friction(self.model, row, self.pieces / step)
+        held = np.stack([point.inputs for point in points])
+        names = list(self.model.inputs)
+        driven = [dynamometer.torque_input for dynamometer in dynamometers]
+        self.drives = [name for name in names if name not in driven]
+        self._weights = [arrivals(bed.delay, step, self.pieces) for bed in hardware]
+        self._sensors = [dynamometer.torque_sensor for dynamometer in dynamometers]
+        of_bed = [[bed.inverter_lag, bed.torque_sensor_lag, *bed.torque_gains] for bed in hardware]
+        parameters = np.hstack([p, held, *([np.array(of_bed)] if k else [])])
+        count = len(systems)
+        sample, readings = self._functions(k, driven, step)
+        self._sample = _RepeatedCall(external(sample).map(count), parameters)
+        self._readings = _RepeatedCall(external(readings).map(count), parameters)
+        still = np.zeros((len(self.model.states) + 2 * k, count))
+        still[: len(self.model.states)] = np.stack([point.state for point in points], axis=1)
+        still[len(self.model.states) : len(self.model.states) + k] = held[:, [names.index(name) for name in driven]].T
+        flanges = [self.model.sensors.index(name) for name in self._sensors]
+        self._steady = self._readings(still, np.zeros((len(self.drives), count)))
+        still[len(self.model.states) + k :] = self._steady[flanges]
+        self.start = still
+        self._k, self._longest = k, max((weights.shape[1] for weights in self._weights), default=0)
+        self._issued = np.zeros((self._longest, k, count))  # newest first
+
+    def _functions(self, k: int, driven: Sequence[str], step: float) -> tuple[ca.Function, ca.Function]:
+        """(x, what acts in each fine step [commands (k); torques (d)], p) → x; (x, torques, p) → readings (y,)."""
+        model, n, d = self.model, len(self.model.states), len(self.drives)
+        x, act = ca.SX.sym("x", n + 2 * k), ca.SX.sym("act", k + d)
+        p, held = ca.SX.sym("p", len(model.parameters)), ca.SX.sym("held", len(model.inputs))
+        bed = ca.SX.sym("bed", 2 + k if k else 0)
+        u = ca.SX(held)
+        for i, name in enumerate(self.drives):
+            u[model.inputs.index(name)] += act[k + i]
+        commanded = ca.vertcat(*(held[model.inputs.index(name)] for name in driven)) if k else ca.SX(0, 1)
+        for j, name in enumerate(driven):
+            u[model.inputs.index(name)] += bed[2 + j] * (x[n + j] - commanded[j])
+        rates = [model.rates(x[:n], u, p)]
+        read = model.readings(x[:n], u, p, 0)
+        if k:
+            flange = ca.vertcat(*(read[model.sensors.index(name)] for name in self._sensors))
+            rates += [(commanded + act[:k] - x[n : n + k]) / bed[0], (flange - x[n + k :]) / bed[1]]
+        every, h = ca.vertcat(p, held, bed), step / self.pieces
+        slope = ca.Function("slope", [x, act, every], [ca.cse(ca.vertcat(*rates))])
+        k1 = slope(x, act, every)
+        k2 = slope(x + h / 2 * k1, act, every)
+        k3 = slope(x + h / 2 * k2, act, every)
+        k4 = slope(x + h * k3, act, every)
+        fine = ca.Function("fine", [x, act, every], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+        now, acts, values = ca.MX.sym("x", x.shape), ca.MX.sym("act", k + d, self.pieces), ca.MX.sym("p", every.shape)
+        end = now
+        for piece in range(self.pieces):
+            end = fine(end, acts[:, piece], values)
+        torques = act[k:]
+        return (
+            ca.Function("sample", [now, acts, values], [end]),
+            ca.Function("readings", [x, torques, every], [read]),
+        )
+
+    def advance(self, x: np.ndarray, commands: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """States (x, b) a sample later, for commands (k, b) issued now and torques (d, b) that vary evenly.
+
+        ``before`` are the torques now, ``after`` those at the next sample.
+        """
+        middles = (np.arange(self.pieces) + 0.5) / self.pieces
+        torques = before.T[:, None] + (after - before).T[:, None] * middles[None, :, None]
+        act = torques
+        if self._k:
+            self._issued = np.concatenate([commands[None], self._issued[:-1]])
+            arrived = [
+                weights @ self._issued[: weights.shape[1], :, i] for i, weights in enumerate(self._weights)
+            ]  # fmt: skip
+            act = np.concatenate([np.stack(arrived), torques], axis=2)
+        return self._sample(x, act.reshape(-1, act.shape[2]).T)
+
+    def read(self, x: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """Readings of all the model's sensors (y, b), less those at the operating point; no sensor's lag."""
+        return self._readings(x, torques) - self._steady
+
+    def twists(self, states: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+        """Twists (t, s) of the springs of the first bed for its states (t, x), less those at the start, and names."""
+        parts, n = elements(self.model, self.model.p0[None]), len(self.model.states)
+        return (states - self.start[:, 0])[:, :n] @ parts.deflection_jacobian.T, parts.springs
+
+    def lagged(self, x: np.ndarray) -> np.ndarray:
+        """Flange torques (k, b) behind their lag, less those at the operating point."""
+        at = len(self.model.states) + self._k
+        return x[at:] - self.start[at:]
+
+
+class _RepeatedCall:
+    """A function (x, acting, p) → one matrix, called over and over with the same parameters (b, p), without copies."""
+
+    def __init__(self, function: ca.Function, parameters: np.ndarray):
+        shapes = [function.size_in(0), function.size_in(1), function.size_out(0)]
+        self._x, self._acting, self._found = (np.zeros(shape, order="F") for shape in shapes)
+        self._parameters = np.asfortranarray(parameters.T)
+        self._buffer, self._run = function.buffer()
+        for i, array in enumerate((self._x, self._acting, self._parameters)):
+            self._buffer.set_arg(i, memoryview(array.T))  # type: ignore[call-arg, arg-type]
+        self._buffer.set_res(0, memoryview(self._found.T))  # type: ignore[call-arg, arg-type]
+
+    def __call__(self, x: np.ndarray, acting: np.ndarray) -> np.ndarray:
+        """The function at matrices as CasADi has them: one column a bed, or a bed and fine step."""
+        self._x[...] = x
+        self._acting[...] = acting
+        self._run()
+        return self._found.copy()
+
+
+def _parameters(model: Model, systems: Sequence[System]) -> np.ndarray:
+    """Parameter sets (b, p)."""
+    rows = []
+    for system in systems:
+        values = {name: quantity.value for name, quantity in system.parameters.items() if name in model.parameters}
+        rows.append(model.vector(values))
+    return np.stack(rows)
+
+
+def _flat(model: Model, p: np.ndarray) -> np.ndarray:
+    flat = p.copy()
+    if STICK_SPEED in model.parameters:
+        flat[model.parameters.index(STICK_SPEED)] = FLAT
+    return flat
+
+
+def _refine_friction(model: Model, p: np.ndarray, steps: float) -> None:
+    """Dry friction as sharp as so many steps a second allow, and contact over one step; in place."""
+    if CONTACT_TIME in model.parameters:
+        p[model.parameters.index(CONTACT_TIME)] = 1 / steps
+    if STICK_SPEED in model.parameters:
+        at = model.parameters.index(STICK_SPEED)
+        p[at] = PROBED_STICK_SPEED
+        p[at] = rates_at_rest(model, p[None]).any * PROBED_STICK_SPEED / (STABLE_STEP * steps)
