@@ -780,7 +780,7 @@ def report(
                  [Table(rest), [*map(shape, result.get("discrepancy", [])), *_kept(result)], Show("discrepancy")]
                  if rest or result.get("discrepancy") else [], told=bool(rest)),
             Fold("Fidelity as a residual vehicle model",
-                 _fidelity(result["fidelity"]) if result["fidelity"] else []),
+                 _fidelity(result["fidelity"]) if result["fidelity"] else [], told=True),
             Fold("Candidates", _candidates(result["candidates"])),
             Fold("Fitted quantities of the model",
                  [Table(quantities)] if quantities else ["Only the start states were fitted."]),
