@@ -42,7 +42,8 @@ from matching.worker_pool import LocalProcesses
 if __name__ == "__main__":
     with LocalProcesses(1) as pool:
         assert pool.submit(abs, -3).result(timeout=100) == 3
-    sys.exit(main(["modes", "model.toml", "--out", "shadowed"]) or main(["show", "run.parquet", "--model", "model.toml"]))
+    code = main(["modes", "model.toml", "--out", "shadowed"])
+    sys.exit(code or main(["show", "run.parquet", "--model", "model.toml"]))
 """
 
 
