@@ -45,7 +45,7 @@ def curve_data(curves: Sequence[FunctionCurves]) -> str:
     columns = {"frequency [Hz]": frequencies}
     for curve in curves:
         name, per = f"{curve.sensor} / {curve.input}", f"{unit(curve.unit)} per N·m"
-        own = {}
+        own: dict[str, np.ndarray] = {}
         for who in ("vehicle", "predicted", "measured"):
             values = getattr(curve, who)
             own |= {f"{name}, {who}, modulus [{per}]": np.abs(values),
