@@ -69,7 +69,7 @@ def test_both_inputs_at_once_beside_lightly_damped_modes():
 def test_variances_and_shared_noise_are_those_that_repeated_recordings_show():
     """Half of the noise is shared between the outputs."""
     values, stated, shared = [], [], []
-    for seed in range(40):
+    for seed in range(24):
         first, second = (row[0].within(0.7, 30.0) for row in responses(seed, noise=1.0, own=1.0))
         values.append([first.values, second.values])
         stated.append([first.variances, second.variances])

@@ -15,7 +15,7 @@ from matching.match.loop_modes import neutral_motions
 from matching.match.order import Delivered, Fresh, contributions, is_better
 from matching.match.problem import problem_of
 from matching.match.responses import error_figures
-from matching.match.search import Found, Search, SearchSettings, end_at, keeps_all, search_for, solve
+from matching.match.search import Found, Search, SearchSettings, end_at, search_for, solve
 from modelling.bed.controllers import STRUCTURES
 from modelling.linear.resolvent import resolvent
 
@@ -169,8 +169,3 @@ def test_better_is_what_gains_more_than_its_scatter():
     unstable = np.where(np.arange(400) == 7, np.inf, 0.5 * planned)
     assert not is_better(delivered(unstable), delivered(planned))
     assert is_better(delivered(planned), delivered(unstable))
-
-
-def test_an_observer_keeps_everything_at_its_start_values():
-    search = search_in("observer")
-    assert keeps_all(search, end_at(search, begun(search))) or search.judged(begun(search)).least.min() > -1

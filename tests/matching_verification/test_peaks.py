@@ -52,6 +52,6 @@ def test_what_is_furthest_off_stands_first():
     ]  # fmt: skip
     assert found[2].where == "mode at 8.44 Hz"
     assert broken(0.0, modulus_margin=0.5, shafts__flange__torque=1e-6)[0].limit == "modulus_margin"
-    assert found[1].to_dict() == {
+    assert vars(found[1]) == {
         "limit": "dynamometer_speed", "where": "dynamometers.left.speed", "value": 200.0, "allowed": 100.0,
     }  # fmt: skip

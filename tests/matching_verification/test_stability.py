@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.match.loop import SampledController, feedback_on, linear_bed
+from matching.match.loop import feedback_on, linear_bed
 from matching.match.loop_modes import ClosedLoop, inside_unit_circle, neutral_motions
 from modelling.linear.state_space import discretise
 
@@ -66,10 +66,3 @@ def test_a_vehicle_without_drag_coasts(reference, rig, gain, stable):
     bed = without_drag(replace(reference, loop=reference.loop.with_values({"proportional_gain": gain})), rig)
     assert neutral_motions(bed) == 2
     assert inside_unit_circle(_closed(bed).poles, 2) == stable
-
-
-def test_a_controller_without_states_has_no_feedback_poles():
-    still = SampledController(
-        np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.zeros((1, 2)), 0, ("a", "b"), (), ("d",), 1e-3
-    )
-    assert len(still.own_matrix) == 0

@@ -118,9 +118,9 @@ RESULTS = {
     "wrong_inertia": lambda folder: diagnosed(folder, load=1.25),
     "fmu": exported,
 }
-# Each a match or a study; one with feed-forward (tests/match) and one with an observer are matched in every run.
+# Each a match or a study; one with feed-forward (tests/match) and one with an observer, two_lashes, run every time.
 LONG = {
-    "map", "model_based", "observer_5_ms", "observer_8_ms", "pi", "tolerance", "twins", "two_lashes",
+    "map", "model_based", "observer", "observer_5_ms", "observer_8_ms", "pi", "tolerance", "twins",
     "two_lashes_at_rest",
 }  # fmt: skip
 
