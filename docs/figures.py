@@ -70,7 +70,7 @@ def explorer(tab: str) -> bytes:
         taken = page.screenshot()
         browser.close()
     page_of.stop()
-    return base64.b64decode(with_palette(base64.b64encode(taken).decode()))
+    return base64.b64decode(with_palette(base64.b64encode(taken).decode(), 256))
 
 
 def run_notebook(path: Path) -> None:
@@ -93,11 +93,11 @@ def run_notebook(path: Path) -> None:
     nbformat.write(done, path)
 
 
-def with_palette(picture: str) -> str:
+def with_palette(picture: str, colours: int = COLOURS) -> str:
     """A PNG in base64 with a palette of the colours it uses most, instead of four bytes a pixel."""
     small = io.BytesIO()
     with Image.open(io.BytesIO(base64.b64decode(picture))) as opened:
-        opened.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(small, "png", optimize=True)
+        opened.convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(small, "png", optimize=True)
     return base64.b64encode(small.getvalue()).decode("ascii")
 
 

@@ -978,9 +978,10 @@ def map(  # noqa: A001
     >>> axes = "loop.dead_time=0.001:0.005:3", "rig.shafts.adapter_left.stiffness=2e4:1e5:3"
     >>> rm.map("examples/road_to_rig/case.toml", *axes).plot().savefig("map.svg")  # doctest: +SKIP
     """
-    from matching.match.map import map_case
+    from matching.match.map import axis, map_case
 
     case = case_of(case)
+    x, y = (axis(case, end, f"--{name}") if isinstance(end, str) else end for name, end in (("x", x), ("y", y)))
     computing()
     return map_case(
         case, x, y, executor, seed=seed, starts=starts, workers=workers, record=path_of(record), progress=progress

@@ -128,7 +128,7 @@ def called(function: Callable[..., Any], arguments: argparse.Namespace, **more: 
         elif name in given and name not in more:
             value = given[name]
             if "Mapping" in str(parameter.annotation) and value is not None:
-                value = pairs(value, f"--{name}")
+                value = pairs(value, f"--{OPTIONS.get(name, name)}")
             more[name] = value
     if positional:  # what stands before them has to come by position, too
         first = [name for name in inspect.signature(function).parameters if name in more][:1]

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from matching import api
-from matching.arguments import called, completed, pairs
+from matching.arguments import called, completed
 from matching.dry_run import computing, is_dry
 from matching.saved import SavedResult
 from modelling import display
@@ -387,21 +387,6 @@ def study_arguments(parser: argparse.ArgumentParser) -> None:
     completed(parser, "added", lambda given: [f"{name}=" for name in quantities_of_case(given.case)])
 
 
-def run_map(arguments: Arguments) -> dict[str, Any]:
-    """Draw the map; an axis that is wrong is named by its option."""
-    from matching.match.map import axis
-
-    case = api.load_case(arguments.case)
-    axes = {name: axis(case, getattr(arguments, name), f"--{name}") for name in ("x", "y")}
-    return written(called_with_progress(arguments, **axes), arguments)
-
-
-def run_tolerance(arguments: Arguments) -> dict[str, Any]:
-    """Study the tolerances; the option is called otherwise than the parameter."""
-    added = pairs(arguments.added or [], "--tolerance")
-    return written(called_with_progress(arguments, added=added), arguments)
-
-
 # --- Go onto the bed
 
 
@@ -702,11 +687,11 @@ COMMANDS: dict[str, Command] = {
     "simulate": Command(UNDERSTAND, api.simulate, run_simulate, summary=simulate_summary),
     "match": Command(MATCH, api.match, summary=told("result.json"), page="report.html"),
     "map": Command(
-        MATCH, api.map, run_map, summary=told("map.json"), page="report.html", required=("x", "y"), hidden=("record",),
+        MATCH, api.map, summary=told("map.json"), page="report.html", required=("x", "y"), hidden=("record",),
         further=study_arguments,
     ),
     "tolerance": Command(
-        MATCH, api.tolerance, run_tolerance, summary=told("tolerance.json"), page="report.html",
+        MATCH, api.tolerance, summary=told("tolerance.json"), page="report.html",
         hidden=("record",), further=study_arguments,
     ),
     "diagnose": Command(LACKS, api.diagnose, summary=told("diagnosis.json"), page="report.html"),

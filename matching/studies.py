@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from pathlib import Path
 from typing import Any
@@ -115,44 +115,22 @@ def run(
     keys = [json.dumps(chunk, sort_keys=True) for chunk in chunks]
     kept = [] if record is None else rows(record, KINDS)
     results = {row["chunk"]: row["result"] for row in kept if row["study"] == token}
-    to_do = [(key, chunk) for key, chunk in zip(keys, chunks, strict=True) if key not in results]
+    to_do = {key: chunk for key, chunk in zip(keys, chunks, strict=True) if key not in results}
     done = len(keys) - len(to_do)
     if progress and done:
         progress(done, len(keys))
-    chunks_to_do = [chunk for _, chunk in to_do]
-    for place, result in finished(work, prepare, shared, chunks_to_do, executor, content=content, record=record):
-        key = to_do[place][0]
-        results[key] = result
-        if record is not None:
-            append(record, {"study": token, "chunk": key, "result": result})
-        done += 1
-        if progress:
-            progress(done, len(keys))
-    return [results[key] for key in keys]
-
-
-def finished(
-    work: Callable[[Any, Any], Any],
-    prepare: Callable[[Any], Any],
-    shared: Any,
-    chunks: Sequence[Any],
-    executor: Executor,
-    *,
-    content: str,
-    record: Path | None = None,
-) -> Iterator[tuple[int, Any]]:
-    """Place and result of every chunk, as they come; parameters and errors as for :func:`run`.
-
-    Chunks are whatever pickles; ``record`` is only named in the error. When the iterator is closed, chunks that have
-    not begun are dropped.
-    """
-    token = _token(content)
     waiting = {}
     try:
-        for place, chunk in enumerate(chunks):
-            waiting[executor.submit(_one, work, prepare, token, shared, chunk)] = place
+        for key, chunk in to_do.items():
+            waiting[executor.submit(_one, work, prepare, token, shared, chunk)] = key
         for future in as_completed(waiting):
-            yield waiting[future], future.result()
+            key = waiting[future]
+            results[key] = future.result()
+            if record is not None:
+                append(record, {"study": token, "chunk": key, "result": results[key]})
+            done += 1
+            if progress:
+                progress(done, len(keys))
     except (BrokenExecutor, CancelledError):
         wrong = "a worker process was killed, perhaps because memory ran out, or the cluster is gone"
         go_on = "the same command goes on from there" if record is not None and record.exists() else "run it again"
@@ -160,6 +138,7 @@ def finished(
     finally:
         for future in waiting:
             future.cancel()
+    return [results[key] for key in keys]
 
 
 def _token(content: str) -> str:

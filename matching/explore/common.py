@@ -31,6 +31,7 @@ from matching.explore.files import Document, ModelDocument, Workspace
 from matching.progress import PROGRESS_ALWAYS
 from matching.report.common import LIMIT, NOISE, RIG, VEHICLE, decimated
 from matching.report.drivetrain import Sketch, case_drawings, drawing, sketch
+from matching.report.page import table as page_table
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
 from modelling.escape import file_name, html
@@ -370,20 +371,10 @@ class Message(pn.pane.HTML):
         self.object = f'<p role="status"{kind}>{html(text)}</p>'
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str) -> str:
-    """A table as HTML; every text is escaped; cells that begin with a digit or a sign are set to the right."""
-    cells = "".join(f'<th scope="col">{html(each)}</th>' for each in head)
-    body = "".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows)
-    label = html(caption)
-    return (
-        f'<div class="scrolls" tabindex="0" role="region" aria-label="{label}"><table><caption>{label}</caption>'
-        f"<thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>"
-    )
-
-
-def _cell(text: str) -> str:
-    number = text[:1].isdigit() or (text[:1] in "+-−×" and text[1:2] != "")
-    return f'<td class="n">{html(text)}</td>' if number else f"<td>{html(text)}</td>"
+def table(rows: Sequence[Mapping[str, str]], caption: str) -> str:
+    """Rows that share their keys as a table (HTML) that scrolls where it is wider than the page."""
+    scrolls = f'class="scrolls" tabindex="0" role="region" aria-label="{html(caption)}"'
+    return f"<div {scrolls}>{page_table(rows, caption)}</div>"
 
 
 def report_frame(title: str, *, address: str = "", page: str = "") -> str:

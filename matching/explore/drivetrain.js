@@ -17,7 +17,8 @@ const swing = (x, y, half, real, imaginary, parent) => {
     return (y - half * (real * Math.cos(turn) - imaginary * Math.sin(turn))).toFixed(2)
   })
   const size = Math.hypot(real, imaginary)
-  const words = Math.abs(imaginary) > 1e-9 ? size.toFixed(2) : (real < 0 ? '−' : '+') + size.toFixed(2)
+  const phased = Math.abs(imaginary) > 1e-9 || size < 0.005  // of an amplitude that is none, no sign
+  const words = (phased ? '' : real < 0 ? '−' : '+') + size.toFixed(2)
   made('line', { x1: x, x2: x, y1: y - half, y2: y + half, stroke: '#D55E00', 'stroke-opacity': 0.6 }, parent)
   const dot = made('circle', { cx: x, cy: y, r: 3.8, fill: '#D55E00', stroke: '#fff' }, parent)
   made('animate', { attributeName: 'cy', dur: '2s', repeatCount: 'indefinite', values: heights.join(';') }, dot)

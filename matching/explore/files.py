@@ -57,11 +57,6 @@ class Document:
         return _toolkit().parse(self.text).unwrap()
 
     @property
-    def saved_content(self) -> dict[str, Any]:
-        """What the file held when it was opened or last saved."""
-        return _toolkit().parse(self._texts[0]).unwrap()
-
-    @property
     def changed(self) -> bool:
         """Whether something is not saved."""
         return self.text != self._texts[0]
@@ -300,11 +295,6 @@ class Workspace:
     sketches: dict[str, Any] = field(default_factory=dict, repr=False)
     leave: Callable[[], None] = field(default=lambda: None, repr=False)
     home: Path = field(default_factory=Path.cwd)
-
-    @property
-    def unsaved(self) -> list[Path]:
-        """Files with changes that are not saved."""
-        return [each.path for each in self.documents if each.changed]
 
     @property
     def documents(self) -> list[Document]:

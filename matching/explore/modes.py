@@ -204,9 +204,6 @@ class DrivetrainTab:
 # --- Modes
 
 STEPS = 200  # of a slider
-HEAD = ("mode", "frequency [Hz]", "in the file [Hz]", "symmetry", "largest shares of energy")
-
-DAMPED_HEAD = ("mode", "frequency [Hz]", "damping ratio", "largest shares of energy")
 
 
 class ModesTab:
@@ -277,17 +274,18 @@ class ModesTab:
         """Draw what is tried."""
         before, now = self.trial.before.modes, self.trial.now.modes
         rows = [
-            (str(mode.number), hertz(mode.frequency), hertz(float(before.frequencies[mode.number - 1])),
-             "" if mode.symmetry == "none" else mode.symmetry, largest_shares(mode))
+            {"mode": str(mode.number), "frequency [Hz]": hertz(mode.frequency),
+             "in the file [Hz]": hertz(float(before.frequencies[mode.number - 1])),
+             "symmetry": "" if mode.symmetry == "none" else mode.symmetry,
+             "largest shares of energy": largest_shares(mode)}
             for mode in now
         ]  # fmt: skip
         damped = [
-            (str(mode.number), hertz(mode.frequency), number(mode.damping_ratio, 3), largest_shares(mode))
+            {"mode": str(mode.number), "frequency [Hz]": hertz(mode.frequency),
+             "damping ratio": number(mode.damping_ratio, 3), "largest shares of energy": largest_shares(mode)}
             for mode in self.trial.now.damped
-        ]
-        self.table.object = table(HEAD, rows, "Modes without damping") + table(
-            DAMPED_HEAD, damped, "Modes with damping"
-        )
+        ]  # fmt: skip
+        self.table.object = table(rows, "Modes without damping") + table(damped, "Modes with damping")
         self._show_mode()
         self._show_responses()
 

@@ -370,10 +370,6 @@ class OpenLash:
     largest_swing: float
     vehicle_swing: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """As ``result.json`` holds it."""
-        return dict(vars(self))
-
 
 def lash_runs(
     case: Case, torques: Mapping[str, np.ndarray], known: tuple[str, ...], seed: int, count: int = DRAWN
@@ -449,10 +445,6 @@ class Standstill:
 
     command: float
     flange: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """As ``result.json`` holds it."""
-        return dict(vars(self))
 
 
 def standstill(
@@ -553,8 +545,8 @@ class TruthInTime:
         """As ``result.json`` holds it."""
         return {
             "duration": self.seconds, "sensors": list(self.sensors), "rows": [row.to_dict() for row in self.rows],
-            "open_lash": None if self.lash is None else self.lash.to_dict(),
-            "encoders_at_standstill": None if self.standstill is None else self.standstill.to_dict(),
+            "open_lash": None if self.lash is None else dict(vars(self.lash)),
+            "encoders_at_standstill": None if self.standstill is None else dict(vars(self.standstill)),
             "not_simulated": self.not_simulated,
         }  # fmt: skip
 

@@ -36,7 +36,7 @@ from matching.match.problem import (
 from matching.match.responses import ComparedBed, SimpleVehicle, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult
 from matching.match.robustness import not_kept, noted
-from matching.match.search import CONTROLLER, SearchSettings, search_for, solve
+from matching.match.search import CONTROLLER, RESIDUAL, SearchSettings, search_for, solve
 from matching.match.verify import verify
 from matching.worker_pool import SideProcesses
 from modelling.modal.modes import damped_modes
@@ -45,7 +45,6 @@ SHORT = SearchSettings(
     drawn=8, pool=16, rounds=1, steps=5, most_steps=20, joint_rounds=1, scenarios=0, blind=16, fresh=40
 )
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
-RESIDUAL = "residual_vehicle."
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
 
 

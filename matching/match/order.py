@@ -6,7 +6,7 @@ ordered only where the error of the delivered controller over fresh beds is bett
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -233,7 +233,7 @@ def _trade(
             except InputError:
                 break
             curve[place] = near
-    good = [place for place in _around(places, at) if place in curve and not is_better(settled, curve[place])]
+    good = [place for place in places if place in curve and not is_better(settled, curve[place])]
     as_planned = curve.get(planned[number])
     move = variable.move
     return AdapterTrade(
@@ -246,7 +246,3 @@ def _trade(
             (variable.value(place), one.error) for place, one in sorted(curve.items()) if np.isfinite(one.error)
         ),
     )  # fmt: skip
-
-
-def _around(places: Sequence[float], at: int) -> list[float]:
-    return [*places[:at][::-1], *places[at:]]

@@ -115,10 +115,6 @@ class FunctionError:
     after: float
     unmeasured: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """As ``result.json`` holds it."""
-        return dict(vars(self))
-
 
 @dataclass(frozen=True)
 class ResponseError:
@@ -161,7 +157,7 @@ class ResponseError:
             **{key: getattr(self, key) for key in keys},
             "unmeasured_before": self.before,
             "unmeasured_after": self.unmeasured,
-            "functions": [function.to_dict() for function in self.functions],
+            "functions": [dict(vars(function)) for function in self.functions],
         }
 
 

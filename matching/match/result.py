@@ -74,18 +74,8 @@ class ParameterResult:
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
         keys = (
-            "name",
-            "start",
-            "tuned",
-            "unit",
-            "lower",
-            "upper",
-            "weight",
-            "share",
-            "fixed",
-            "at_bound",
-            "change_cost",
-        )
+            "name", "start", "tuned", "unit", "lower", "upper", "weight", "share", "fixed", "at_bound", "change_cost",
+        )  # fmt: skip
         return {key: getattr(self, key) for key in keys}
 
 

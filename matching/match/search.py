@@ -643,8 +643,7 @@ class Search:
 
     def _weights(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
         step = self.case.loop["sample_time"]
-        least = self._damping / (1 + self.settings.reserve)  # what a bed keeps of its own damping is drawn in as well
-        return damping_weights(beds, poles, step, least, self.required.rolled_off_from)
+        return damping_weights(beds, poles, step, self._damping, self.required.rolled_off_from)
 
     def _beyond_stable(self, poles: np.ndarray) -> np.ndarray:
         """As a damping ratio (b,) that is small where a pole that does not swing leaves the unit circle."""

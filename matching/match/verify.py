@@ -400,10 +400,6 @@ class Violation:
     value: float
     allowed: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return dict(vars(self))
-
 
 def peaks_of(parts: LinearBed, traces: Traces) -> dict[str, float]:
     """Largest magnitudes of the matched rig's dynamometer and shaft traces, operating point included, by name.
@@ -650,10 +646,6 @@ class Deviation:
     modulus_margin: float
     response_error: float
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return dict(vars(self))
-
 
 def simulate_deviations(case: Case, controller: SampledController, required: Requirements) -> tuple[Deviation, ...]:
     """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first."""
@@ -793,8 +785,8 @@ class Verification:
             ],
             "identified": [mode.to_dict() for mode in self.identified],
             "peaks": dict(self.peaks),
-            "violations": [violation.to_dict() for violation in self.violations],
-            "robustness": [deviation.to_dict() for deviation in self.robustness],
+            "violations": [dict(vars(violation)) for violation in self.violations],
+            "robustness": [dict(vars(deviation)) for deviation in self.robustness],
             "notes": list(self.notes),
         }  # fmt: skip
 

@@ -42,30 +42,19 @@ def curve_data(curves: Sequence[FunctionCurves]) -> str:
     Functions may have frequencies of their own: the table has all of them, and no value where a function has none.
     """
     frequencies = np.unique(np.concatenate([curve.frequencies for curve in curves])) if curves else np.empty(0)
-    head, columns = ["frequency [Hz]"], [frequencies]
+    columns = {"frequency [Hz]": frequencies}
     for curve in curves:
-        row = np.searchsorted(frequencies, curve.frequencies)
-        per = f"{unit(curve.unit)} per N·m"
+        name, per = f"{curve.sensor} / {curve.input}", f"{unit(curve.unit)} per N·m"
+        own: dict[str, np.ndarray] = {}
         for who in ("vehicle", "predicted", "measured"):
-            values, name = getattr(curve, who), f"{curve.sensor} / {curve.input}, {who}"
-            head += [f"{name}, modulus [{per}]", f"{name}, phase [deg]"]
-            columns += [
-                _placed(np.abs(values), row, frequencies),
-                _placed(np.degrees(np.angle(values)), row, frequencies),
-            ]
-        head.append(f"{curve.sensor} / {curve.input}, expanded uncertainty (k = {COVERAGE_FACTOR:g}) [{per}]")
-        columns.append(_placed(COVERAGE_FACTOR * curve.uncertainty, row, frequencies))
-    return csv_table(head, ([_finite(value) for value in row] for row in zip(*columns, strict=True)))
-
-
-def _placed(values: np.ndarray, row: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    placed = np.full(len(frequencies), np.nan)
-    placed[row] = values
-    return placed
-
-
-def _finite(value: Any) -> Any:
-    return value if np.isfinite(value) else None
+            values = getattr(curve, who)
+            own |= {f"{name}, {who}, modulus [{per}]": np.abs(values),
+                    f"{name}, {who}, phase [deg]": np.degrees(np.angle(values))}  # fmt: skip
+        own[f"{name}, expanded uncertainty (k = {COVERAGE_FACTOR:g}) [{per}]"] = COVERAGE_FACTOR * curve.uncertainty
+        for head, values in own.items():
+            columns[head] = np.full(len(frequencies), np.nan)
+            columns[head][np.searchsorted(frequencies, curve.frequencies)] = values
+    return csv_table(list(columns), zip(*columns.values(), strict=True))
 
 
 # --- Figure of a bed's verification: measured responses with their uncertainty over vehicle and prediction.

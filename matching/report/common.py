@@ -36,7 +36,7 @@ DIGITS = 7  # of every number
 
 
 def csv_table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Rows below a head; numbers with seven digits, nothing where there is no value.
+    """Rows below a head; numbers with seven digits, nothing where there is no value (None, NaN).
 
     The head is without commas: not every reader (``numpy.genfromtxt``) knows quotation marks.
     """
@@ -50,7 +50,7 @@ def csv_table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 def _cell(value: Any) -> str:
     if value is None or isinstance(value, str):
         return value or ""
-    return f"{value:.{DIGITS}g}"
+    return "" if math.isnan(value) else f"{value:.{DIGITS}g}"
 
 
 # --- Long curves by fewer points, for figures: more than the eye can tell apart only make files large.

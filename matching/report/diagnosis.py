@@ -107,7 +107,7 @@ def styled_residuals(before: np.ndarray, after: np.ndarray) -> tuple[tuple[np.nd
 
 def label(sensor: Sensor) -> str:
     """Name and unit of a sensor's reading."""
-    return f"{sensor.name}\nin {unit(sensor.unit)}"
+    return f"{spaced(sensor.name)}\nin {unit(sensor.unit)}"
 
 
 def line(axes: Any, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
@@ -196,16 +196,16 @@ def balance_figure(plot_data: PlotData) -> Figure:
     with styled():
         fig = figure(11, max(3.0, 1.2 + 0.24 * len(names)))
         bars, first, second = fig.subplots(1, 3, width_ratios=[1.1, 1, 1])
-        bars.barh(names, [size[name] for name in names], color=RIG, height=0.6)
+        bars.barh([*map(spaced, names)], [size[name] for name in names], color=RIG, height=0.6)
         bars.set_xlabel("Unexplained torque (rms) in N·m")
         bars.grid(axis="y", visible=False)
         _over(first, motion.speed[inertia][inner], inertias[inertia])
-        first.set(xlabel=f"Speed of {inertia} in rad/s", ylabel=f"Unexplained on {inertia} in N·m")
+        first.set(xlabel=f"Speed of {spaced(inertia)} in rad/s", ylabel=f"Unexplained on {spaced(inertia)} in N·m")
         if shaft is None:
             second.set_axis_off()
         else:
             _over(second, motion.twist[shaft][inner], shafts[shaft])
-            second.set(xlabel=f"Twist of {shaft} in rad", ylabel=f"Unexplained in {shaft} in N·m")
+            second.set(xlabel=f"Twist of {spaced(shaft)} in rad", ylabel=f"Unexplained in {spaced(shaft)} in N·m")
     return fig
 
 
@@ -276,7 +276,7 @@ def discrepancy_figure(curves: Sequence[DiscrepancyCurve]) -> Figure:
             band = COVERAGE_FACTOR * curve.standard_uncertainty
             axes.fill_between(curve.grid, curve.torque - band, curve.torque + band, color=RIG, alpha=0.25, lw=0)
             axes.plot(curve.grid, curve.torque, color=RIG)
-            table, name = curve.at.split(".")
+            table, name = map(spaced, curve.at.split("."))
             where = f"{curve.over.capitalize()} of {name}" if curve.over != "time" else "Time"
             side = "on" if table == "inertias" else "in"
             unit = UNITS[curve.over].replace("*", "·")
@@ -324,7 +324,7 @@ def errors_figure(errors: Mapping[str, SensorErrors]) -> Figure:
             axes.xaxis.set_minor_locator(LogLocator(subs=(2, 3, 5)))
             axes.xaxis.set_minor_formatter(StrMethodFormatter("{x:g}"))
         axes.set_xlim(0.5, 2.2 * largest)
-        axes.set_yticks(range(len(names)), names)
+        axes.set_yticks(range(len(names)), [*map(spaced, names)])
         axes.grid(axis="y", visible=False)
         axes.set_xlabel("Root mean square error on held-out data, in times the noise")
         legend(fig, axes)
@@ -386,7 +386,7 @@ def time_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figure:
                 line(axes, *with_gaps(time, plot_data.before.segments, scaled), pale)
                 line(axes, *with_gaps(time, plot_data.before.segments, _running_mean(scaled)), look)
             noise_band([axes])
-            axes.set_ylabel(f"{view.sensor.name}\nin times the noise")
+            axes.set_ylabel(f"{spaced(view.sensor.name)}\nin times the noise")
         rows[-1].set_xlabel("Time in s")
         legend(fig, rows[0])
     return fig
@@ -408,7 +408,7 @@ def where_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figure:
                 else:
                     axes.locator_params(axis="x", nbins=5)
             noise_band(row[: len(motion)])
-            row[0].set_ylabel(f"{view.sensor.name}\nin times the noise")
+            row[0].set_ylabel(f"{spaced(view.sensor.name)}\nin times the noise")
             for axes in row[len(motion) :]:
                 axes.set_axis_off()
         legend(fig, grid[0, 0])
@@ -431,15 +431,18 @@ def spectrum_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figu
                     line(right, *_orders(scaled, angle), look | SMOOTH[look["label"]])
             noise_line(left)
             left.set(
-                xscale="log", yscale="log", xlabel="Frequency in Hz", ylabel=f"{view.sensor.name}\nin times the noise"
+                xscale="log",
+                yscale="log",
+                xlabel="Frequency in Hz",
+                ylabel=f"{spaced(view.sensor.name)}\nin times the noise",
             )
             if not revolves:
-                words = f"{view.inertia} makes less than {LEAST_REVOLUTIONS} revolutions"
+                words = f"{spaced(view.inertia)} makes less than {LEAST_REVOLUTIONS} revolutions"
                 right.text(0.5, 0.5, words, transform=right.transAxes, ha="center", color=LIMIT)
                 right.set_axis_off()
                 continue
             noise_line(right)
-            right.set(xlim=(0, HIGHEST_ORDER), xlabel=f"Order, per revolution of {view.inertia}")
+            right.set(xlim=(0, HIGHEST_ORDER), xlabel=f"Order, per revolution of {spaced(view.inertia)}")
             right.set_xticks(range(HIGHEST_ORDER + 1))
         legend(fig, grid[0, 0])
     return fig
@@ -463,14 +466,14 @@ def _in_noise_of(plot_data: PlotData, view: SensorView) -> Iterator[tuple[np.nda
 
 def _motion(plot_data: PlotData, view: SensorView) -> dict[str, np.ndarray]:
     motion = plot_data.before
-    over = {f"Speed of {view.inertia} in rad/s": motion.speed[view.inertia]}
+    over = {f"Speed of {spaced(view.inertia)} in rad/s": motion.speed[view.inertia]}
     if view.shaft is not None:
-        over[f"Torque of {view.shaft} in N·m"] = motion.torque[view.shaft]
+        over[f"Torque of {spaced(view.shaft)} in N·m"] = motion.torque[view.shaft]
     angle = motion.angle[view.inertia]
     if np.ptp(angle) > 2 * np.pi:
-        over[f"Angle of {view.inertia} within a revolution in °"] = np.degrees(angle) % 360
+        over[f"Angle of {spaced(view.inertia)} within a revolution in °"] = np.degrees(angle) % 360
     else:
-        over[f"Angle of {view.inertia} in rad"] = angle
+        over[f"Angle of {spaced(view.inertia)} in rad"] = angle
     return over
 
 

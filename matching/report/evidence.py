@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,63 +29,33 @@ HATCHES = {"dynamics": "", "model": "///", "measurement": "..."}
 MARKS = {"system_dynamics": ("o", common.RIG), "residual_vehicle_model": ("s", common.VEHICLE)}
 
 
-@dataclass(frozen=True)
-class _Point:
-    """A signal on the curve: its delay in s, never negative, and R_τ."""
-
-    domain: str
-    signal: str
-    delay: float
-    fidelity: float
-
-
 def delay_curve(xil: XilFidelity) -> Figure:
     """R_τ over the delay for f_max (Fig. 6) with the case's signals on it."""
     f_max = xil.fidelity.f_max
-    points = [
-        _Point(domain, signal.name, abs(signal.delay.nearest), signal.delay_fidelity)
+    points = {  # delays (s, never negative) with R_τ and name, by domain
+        domain: sorted((abs(signal.delay.nearest), signal.delay_fidelity, signal.name)
+                       for signal in members if signal.delay.nearest is not None)
         for domain, members in xil.fidelity.signals.items()
-        for signal in members
-        if signal.delay.nearest is not None
-    ]
+    }  # fmt: skip
     half_delay = 1 / (6 * f_max)  # s, where R_τ is ½ (Eq. 20)
-    longest = max([4 * half_delay, *(1.15 * point.delay for point in points)])
+    longest = max([4 * half_delay, *(1.15 * delay for members in points.values() for delay, *_ in members)])
     delays = np.linspace(0, longest, 400)
     with common.styled():
         fig = common.figure(6.0, 3.6)
         axes = fig.add_subplot()
         axes.plot(1000 * delays, delay_fidelity(delays, f_max), color="black")
-        axes.plot(
-            [1000 * half_delay, 1000 * half_delay, 0],
-            [0, 0.5, 0.5],
-            color=common.LIMIT,
-            linestyle="--",
-            lw=1,
-            label=f"½ at 1/(6·f_max) = {1000 * half_delay:.2f} ms",
-        )
-        for domain, (mark, colour) in MARKS.items():
-            members = [point for point in points if point.domain == domain]
-            if members:
-                axes.plot(
-                    [1000 * point.delay for point in members],
-                    [point.fidelity for point in members],
-                    mark,
-                    color=colour,
-                    clip_on=False,
-                    zorder=3,
-                    label=spaced(domain),
-                )
-            for place, point in enumerate(sorted(members, key=lambda member: member.delay)):
-                axes.annotate(
-                    point.signal,
-                    (1000 * point.delay, point.fidelity),
-                    (6, 5 if place % 2 else -12),  # points; above and below in turn, so that names do not overlap
-                    textcoords="offset points",
-                    fontsize=8,
-                )
-        axes.set_xlabel("delay τ in ms")
-        axes.set_ylabel("R_τ")
-        axes.set_ylim(0, 1.08)
+        axes.plot([1000 * half_delay, 1000 * half_delay, 0], [0, 0.5, 0.5], color=common.LIMIT, linestyle="--", lw=1,
+                  label=f"½ at 1/(6·f_max) = {1000 * half_delay:.2f} ms")  # fmt: skip
+        for domain, members in points.items():
+            if not members:
+                continue
+            mark, colour = MARKS[domain]
+            axes.plot([1000 * delay for delay, *_ in members], [value for _, value, _ in members], mark, color=colour,
+                      clip_on=False, zorder=3, label=spaced(domain))  # fmt: skip
+            for place, (delay, value, name) in enumerate(members):
+                shift = (6, 5 if place % 2 else -12)  # points; above and below in turn, so that names do not overlap
+                axes.annotate(name, (1000 * delay, value), shift, textcoords="offset points", fontsize=8)
+        axes.set(xlabel="delay τ in ms", ylabel="R_τ", ylim=(0, 1.08))
         axes.set_xlim(left=0)
         axes.set_title(f"Fidelity of a delay, f_max = {f_max:g} Hz (Eqs. 19, 20)", fontsize=9)
         axes.legend(loc="upper right")
@@ -136,20 +105,15 @@ def bands_figure(xil: XilFidelity) -> Figure:
             for number, band in enumerate(rows):
                 high = band.high if math.isfinite(band.high) else 1.15 * last
                 height = 100 * (1 - band.nrmse)
-                for share, floor, hatch in (
-                    (band.amplitude_share, 0.0, ""),
-                    (band.phase_share, band.amplitude_share, "///"),
-                ):
+                place_of = (band.low + high) / 2, 0.94 * (high - band.low)
+                for kind, share, floor in (
+                    ("amplitude", band.amplitude_share, 0.0), ("phase", band.phase_share, band.amplitude_share),
+                ):  # fmt: skip
                     axes.bar(
-                        (band.low + high) / 2,
-                        height * share,
-                        0.94 * (high - band.low),
-                        bottom=height * floor,
-                        hatch=hatch,
-                        edgecolor="white",
-                        color=MARKS[domain][1],
-                        label=("phase" if hatch else "amplitude") if number == 0 and place == 0 else None,
-                    )
+                        place_of[0], height * share, place_of[1], bottom=height * floor, edgecolor="white",
+                        hatch="///" if kind == "phase" else "", color=MARKS[domain][1],
+                        label=kind if number == 0 and place == 0 else None,
+                    )  # fmt: skip
             axes.axvspan(last, 1.18 * last, color=common.BAND, zorder=0)
             axes.set_xlim(0, 1.18 * last)
             axes.set_ylabel("deviation in % of range")

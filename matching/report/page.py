@@ -292,7 +292,7 @@ def aligned(rows: Sequence[Mapping[str, Any]], title: str = "") -> str:
 def table(rows: Sequence[Mapping[str, Any]], title: str = "") -> str:
     """HTML of rows that share their keys."""
     return environment().from_string(
-        "{% from 'parts.html' import rows_of %}{% if title %}<p><b>{{ title }}</b></p>{% endif %}{{ rows_of(table) }}"
+        "{% from 'parts.html' import rows_of %}{{ rows_of(table, title) }}"
     ).render(table=Table(rows), title=title)  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from matching.bed.proof import plan_proof
 from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording
 from matching.cli import main
 from matching.export import exported_controller, tuned_case
+from modelling.bed.observer import NOISE
 from modelling.errors import InputError
 
 pytestmark = [compiles, pytest.mark.skipif(not (find_spec("fmpy") and compiler()), reason="needs FMPy, a C compiler")]
@@ -40,9 +41,13 @@ dynamometer_speed = 120
 
 
 def match_of(folder, limits):
-    """The directory of a match of the small bed, nothing of it tuned."""
+    """The directory of a match of the small bed, nothing of it tuned; its sensors state the noise that is usual."""
     folder.mkdir()
     write(folder, CASE[: CASE.index("[response]")] + limits)
+    rig = (folder / "rig.toml").read_text()
+    for kind, noise in NOISE.items():
+        rig = rig.replace(f'measures = "{kind}"', f'measures = "{kind}"\nuncertainty = {noise}')
+    (folder / "rig.toml").write_text(rig)
     (folder / "result.json").write_text(json.dumps({"status": "matched", "parameters": []}))
     return folder
 

@@ -182,6 +182,6 @@ def test_files_are_told_apart(tmp_path):
     assert found.recordings == [tmp_path / "log.csv"]
     assert found.budget.content == tomllib.loads(budget.read_text())
     assert found.fidelity.path == fidelity
-    assert not found.unsaved
+    assert not any(document.changed for document in found.documents)
     with pytest.raises(InputError, match="second budget"):
         opened([budget, budget], tmp_path / "out")

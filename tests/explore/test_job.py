@@ -10,10 +10,14 @@ MODEL = str(ROOT / "matching" / "starter" / "vehicle.toml")
 CASE = str(ROOT / "matching" / "starter" / "case.toml")
 
 
-def test_a_command_answers_with_its_result():
+def test_a_command_answers_with_its_result_and_runs_nothing_of_the_folder_it_is_begun_in(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("json", "numpy", "casadi", "matching"):
+        (tmp_path / f"{name}.py").write_text("open('executed', 'w')\n")
     ended = Job(["modes", MODEL, "--check"]).wait(60)
     assert ended.code == 0
     assert ended.result["checked"][MODEL].startswith("a model: 5 inertias")
+    assert not (tmp_path / "executed").exists()
 
 
 def test_wrong_input_is_one_line(tmp_path):

@@ -32,7 +32,6 @@ SHADOWS = (
     "asammdf",
     "pyarrow",
     "concurrent",
-    "panel",
     "matching",
     "ctypes",
 )
@@ -41,12 +40,10 @@ import sys
 from matching.cli import main
 from matching.worker_pool import LocalProcesses
 if __name__ == "__main__":
-    from matching.explore.common import Job
-    job = Job(["modes", "model.toml", "--out", "job"], done=lambda _: None)
     with LocalProcesses(1) as pool:
         assert pool.submit(abs, -3).result(timeout=100) == 3
-    job._reader.join(timeout=100)
-    sys.exit(main(["simulate", "model.toml", "run.parquet", "--out", sys.argv[1]]))
+    code = main(["modes", "model.toml", "--out", "shadowed"])
+    sys.exit(code or main(["show", "run.parquet", "--model", "model.toml"]))
 """
 
 
@@ -63,16 +60,15 @@ def test_modules_and_settings_of_the_working_folder_do_not_count(tmp_path):
     parquet.write_table(pyarrow.table(columns), folder / "run.parquet")
 
     with contextlib.chdir(folder):
-        assert main(["simulate", "model.toml", "run.parquet", "--out", "plain"]) == 0
+        assert main(["modes", "model.toml", "--out", "plain"]) == 0
     for name in SHADOWS:
         (folder / f"{name}.py").write_text("open('executed', 'a').write(__name__)\n")
     (folder / "matplotlibrc").write_text("lines.linewidth: 9\naxes.facecolor: red\nfont.size: 30\naxes.grid: True\n")
     done = subprocess.run(
-            [sys.executable, "-P", str(outside), "shadowed"], cwd=folder, capture_output=True, text=True, timeout=250,
+            [sys.executable, "-P", str(outside)], cwd=folder, capture_output=True, text=True, timeout=250,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}, check=False,
         )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    plain, shadowed = ((folder / out / "simulated.svg").read_text() for out in ("plain", "shadowed"))
+    plain, shadowed = ((folder / out / "modes.svg").read_text() for out in ("plain", "shadowed"))
     assert shadowed == plain
-    assert list((folder / "job").iterdir())
     assert not (folder / "executed").exists()

@@ -5,15 +5,13 @@ import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pytest
 from match import drawn
 from match.conftest import LITTLE
 
 from matching.match import map as maps
 from matching.match.case_file import load_case
-from matching.match.map import AGREEMENT, Near, Point, held_at, improved, improved_at, map_case, match_at
-from matching.match.match import match
+from matching.match.map import AGREEMENT, Near, Point, improved, improved_at, map_case, match_at
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 STIFFNESS = "rig.shafts.flange_left.stiffness"
@@ -159,9 +157,6 @@ def test_a_match_starts_from_a_neighbours_solution_and_says_where_that_is_no_bet
     near = (own.values,)
     assert own.first == own.objective
     assert improved_at(small, dead_time, here, Near(near, 0.5 * own.objective)) is None
-    found = match(held_at(held_at(small, *dead_time), *beside), begins=near, ordering=False, settings=LITTLE)
+    found = improved_at(small, dead_time, beside, Near(near, 1.1 * own.objective))
     assert found.objective < 1.05 * own.objective  # a flange a fifth stiffer changes little
-    assert found.verification.stable
-    assert np.isfinite(found.starts).all()
-    as_point = improved_at(small, dead_time, beside, Near(near, 1.1 * found.objective))
-    assert as_point.objective == pytest.approx(found.objective, rel=0.03)  # a point is searched with less effort
+    assert found.stable
