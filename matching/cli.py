@@ -224,8 +224,9 @@ def _answer(command: Command, arguments: argparse.Namespace) -> str:
             sys.stdout.reconfigure(encoding="utf-8")  # as JSON demands
         return text
     result = command.run(arguments)
-    text = terminal(command.summary(result)) if command.summary else ""
-    return f"{text.rstrip()}\nreport: {Path(arguments.out) / command.page}" if command.page else text
+    text = terminal(command.summary(result))
+    page = next((name for name in result.get("files", ()) if name.endswith(".html")), "")
+    return f"{text.rstrip()}\nreport: {Path(arguments.out) / page}" if page else text
 
 
 @contextmanager

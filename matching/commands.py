@@ -93,16 +93,13 @@ def made_of(arguments: Arguments, copies: Mapping[str, Any] | None = None) -> An
     return with_recordings(made, ((path, (copies or {}).get(path, path)) for path in paths))
 
 
-def told(file: str) -> Callable[[dict[str, Any]], str]:
-    """What a terminal is told of the content of a result's file."""
+def told(content: dict[str, Any]) -> str:
+    """What a terminal is told of a result, by the view of its file; nothing of a result without a file."""
+    from matching.report import RESULTS, view_of
+    from matching.report.page import in_terminal
 
-    def words(content: dict[str, Any]) -> str:
-        from matching.report import view_of
-        from matching.report.page import in_terminal
-
-        return in_terminal(view_of(file).report(content))
-
-    return words
+    file = next((name for name in content.get("files", ()) if name in RESULTS), "")
+    return in_terminal(view_of(file).report(content)) if file else ""
 
 
 # --- Begin, and look
@@ -565,10 +562,8 @@ class Command:
         Of :mod:`matching.api`: its parameters are the command's arguments, its docstring is the help.
     run : callable
         Does it and writes files; returns the result object.
-    summary : callable, optional
+    summary : callable
         The result for a reader at a terminal.
-    page : str
-        The report in the folder of ``--out``.
     out : str, optional
         Default of ``--out``; empty: it has to be given; None: there is none, or the function has it.
     required, hidden : tuple of str
@@ -580,8 +575,7 @@ class Command:
     group: str
     function: Callable[..., Any]
     run: Callable[[Arguments], dict[str, Any]] = run_function
-    summary: Callable[[dict[str, Any]], str] | None = None
-    page: str = ""
+    summary: Callable[[dict[str, Any]], str] = told
     out: str | None = ""
     required: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
@@ -681,40 +675,23 @@ COMMANDS: dict[str, Command] = {
     "show": Command(BEGIN, api.show, run_show, summary=show_summary, further=show_arguments, **HERE),
     "explore": Command(BEGIN, api.explore, run_explore, hidden=("browser",), further=explore_arguments, **NO_OUT),
     "modes": Command(
-        UNDERSTAND, api.modes, run_modes, summary=modes_summary, hidden=("values",),
-        further=modes_arguments, **NO_OUT,
+        UNDERSTAND, api.modes, run_modes, summary=modes_summary, hidden=("values",), further=modes_arguments, **NO_OUT
     ),
     "simulate": Command(UNDERSTAND, api.simulate, run_simulate, summary=simulate_summary),
-    "match": Command(MATCH, api.match, summary=told("result.json"), page="report.html"),
-    "map": Command(
-        MATCH, api.map, summary=told("map.json"), page="report.html", required=("x", "y"), hidden=("record",),
-        further=study_arguments,
-    ),
-    "tolerance": Command(
-        MATCH, api.tolerance, summary=told("tolerance.json"), page="report.html",
-        hidden=("record",), further=study_arguments,
-    ),
-    "diagnose": Command(LACKS, api.diagnose, summary=told("diagnosis.json"), page="report.html"),
-    "uncertainty": Command(
-        TRUST, api.uncertainty, summary=told("uncertainty.json"), page="uncertainty.html",
-        **HERE,
-    ),
-    "fidelity": Command(TRUST, api.fidelity, summary=told("fidelity.json"), page="fidelity.html", **HERE),
+    "match": Command(MATCH, api.match),
+    "map": Command(MATCH, api.map, required=("x", "y"), hidden=("record",), further=study_arguments),
+    "tolerance": Command(MATCH, api.tolerance, hidden=("record",), further=study_arguments),
+    "diagnose": Command(LACKS, api.diagnose),
+    "uncertainty": Command(TRUST, api.uncertainty, **HERE),
+    "fidelity": Command(TRUST, api.fidelity, **HERE),
     "export": Command(
         BED, api.export, run_export, summary=export_summary, hidden=("fmu",), further=export_arguments, **NO_OUT
     ),
-    "excite": Command(
-        BED, api.excite, summary=lambda plan: told("proof.json" if "period" in plan else "excite.json")(plan),
-    ),
-    "identify": Command(BED, api.identify, summary=told("identification.json")),
-    "verify": Command(
-        BED, api.verify, run_verify, summary=told("verification.json"), page="report.html", further=verify_arguments
-    ),
-    "commission": Command(
-        BED, api.commission, run_commission, summary=told("commission.json"),
-        page="report.html", required=("bed", "out"), **NO_OUT,
-    ),
-}  # fmt: skip
+    "excite": Command(BED, api.excite),
+    "identify": Command(BED, api.identify),
+    "verify": Command(BED, api.verify, run_verify, further=verify_arguments),
+    "commission": Command(BED, api.commission, run_commission, required=("bed", "out"), **NO_OUT),
+}
 
 
 def calls(command: str) -> list[str]:
@@ -725,6 +702,4 @@ def calls(command: str) -> list[str]:
 @display.text.register
 def saved_text(saved: SavedResult) -> str:
     """A result that was read again, as its command prints it."""
-    summary = COMMANDS[saved.command].summary
-    assert summary is not None
-    return summary(saved.content)
+    return COMMANDS[saved.command].summary(saved.content)

@@ -7,16 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from matching.report import RESULTS
 from modelling import display
 from modelling.display import Displayed
 from modelling.errors import InputError
-
-COMMANDS_OF = {  # by the name of a result's file: the command that writes it
-    "result.json": "match", "map.json": "map", "tolerance.json": "tolerance", "diagnosis.json": "diagnose",
-    "modes.json": "modes", "uncertainty.json": "uncertainty", "fidelity.json": "fidelity", "excite.json": "excite",
-    "proof.json": "excite", "identification.json": "identify", "verification.json": "verify",
-    "commission.json": "commission",
-}  # fmt: skip
 
 
 class Entries(dict[str, Any]):
@@ -68,10 +62,10 @@ class SavedResult(Displayed):
 
 def load_result(path: Path) -> SavedResult:
     """See :func:`matching.api.load_result`."""
-    found = [path] if path.is_file() else [path / name for name in COMMANDS_OF if (path / name).is_file()]
+    found = [path] if path.is_file() else [path / name for name in RESULTS if (path / name).is_file()]
     if len(found) > 1:
         raise InputError(str(path), f"holds {len(found)} results", f"name one of {', '.join(map(str, found))}")
-    if not found or found[0].name not in COMMANDS_OF:
+    if not found or found[0].name not in RESULTS:
         raise InputError(str(path), "is no result of rigmatch", "give a folder with result.json, map.json or the like")
     try:
         content = json.loads(found[0].read_text(encoding="utf-8"), object_hook=Entries)
@@ -79,7 +73,7 @@ def load_result(path: Path) -> SavedResult:
         raise InputError(str(found[0]), f"is not JSON: {fault}", "save the result again") from None
     if not isinstance(content, Entries):
         raise InputError(str(found[0]), "is no table", "save the result again")
-    return SavedResult(found[0], COMMANDS_OF[found[0].name], content)
+    return SavedResult(found[0], RESULTS[found[0].name][0], content)
 
 
 @display.html.register

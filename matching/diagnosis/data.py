@@ -380,6 +380,15 @@ class Weighting:
         out[:, 1:] -= np.where(follows[1:], self.memory * np.where(measured[:-1], errors[:, :-1], 0.0), 0.0)
         return out * np.where(follows, 1.0, np.sqrt(1 - self.memory**2)) / self.scale
 
+    def weigh_transposed(self, weighted: np.ndarray, measured: np.ndarray) -> np.ndarray:
+        """The adjoint of :meth:`weigh` on one signal (t, y): the gradient by the errors of half its sum of squares."""
+        follows = np.zeros_like(measured)
+        follows[1:] = measured[1:] & measured[:-1]
+        scaled = np.where(measured, weighted, 0.0) / self.scale
+        out = scaled * np.where(follows, 1.0, np.sqrt(1 - self.memory**2))
+        out[:-1] -= np.where(follows[1:], self.memory * scaled[1:], 0.0)
+        return out
+
 
 def weighting_of(errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> Weighting:
     """Memory and scale of what a model leaves of the sensors.

@@ -261,67 +261,59 @@ def diagnose(
     """
     settings = settings or DiagnosisSettings()
     with limited(time_limit) as limit:
-        found = _diagnosed(system, recordings, holdout, progress, keep_rest, pictured, settings)
+        judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
+        stated, system = system, with_clocks(system, [*recordings, *judging])
+        whole, train, judge, notes = _data(system, recordings, judging)
+        remembered = RememberedHoldout(judge)
+        progress("base model")
+        compile_models([system])
+        base_fit = solve(*base_problem(system, train))
+        smooth = _smooth_between_samples(system, base_fit)
+        if smooth is None:
+            identified = identify_causes(system, base_fit, remembered, settings, progress)
+            smooth = (
+                _smooth_between_samples(system, identified.state.best.fit) if identified.state.best.causes else None
+            )
+        if smooth is not None:
+            progress("inputs that are smooth between samples")
+            whole, train = (_with_smooth_inputs(system, data) for data in (whole, train))
+            if isinstance(judge, RestOfRecordings):
+                judge = RestOfRecordings(whole, judge.counts)
+            else:
+                judge = OtherRecordings(_with_smooth_inputs(system, judge.data))
+            remembered = RememberedHoldout(judge)
+            identified = identify_causes(system, solve(*base_problem(system, train)), remembered, settings, progress)
+            notes.append("inputs are taken as smooth between samples, not as straight lines: the model fits better so")
+        state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
+        base, final = state.base, replace(state.best, fit=fits[0])
+        state.best = final
+        judge, restarted = _predictable(final, judge, remembered)
+        notes += restarted + closed_loop_notes(final, recordings) + scatter_notes(final)
+        residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
+        before, after = (rms_by_sensor(parts) for parts in residuals)
+        verdict, rest = _verdict(final, judge, after), remaining_errors(final)
+        if verdict == "unexplained" and not final.causes and at_noise(final):
+            notes.append(
+                "the fitted data are reproduced to their noise, held-out data are not: something happens in those"
+            )
+        unseen = UnseenData(judge, settings)
+        held_out = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
+        curves = discrepancy_curves(final) if rest else []
+        errors = errors_by_sensor(system, base, final, before, after)
+        pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, held_out)))
+        values = _estimates(final, fits)
+        judged = _judged_causes(identified, final, None if verdict == "explained" else unseen)
+        kept = kept_table(final, curves, unseen) if keep_rest else None
+        found = Diagnosis(
+            verdict, named_causes(system, final, values, judged),
+            {name: value for name, value in values.items() if name in system.uncertain}, system.units,
+            errors, pooled_errors(whole, before, after), fidelity(system, held_out), refitted_candidates(judged),
+            identified.fitted, rest, curves, recording_to_tell_rivals(final, judged), notes,
+            _extended(stated, final, kept), plot_data, kept,
+        )  # fmt: skip
     if time_limit is not None and limit.ended_at:
         found.notes.append(f"cut short after {time_limit:g} s: the best answer so far")
     return found
-
-
-def _diagnosed(
-    system: System,
-    recordings: Sequence[Recording],
-    holdout: Recording | Sequence[Recording] | None,
-    progress: Progress,
-    keep_rest: bool,
-    pictured: Callable[[Pictured], None],
-    settings: DiagnosisSettings,
-) -> Diagnosis:
-    judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
-    stated, system = system, with_clocks(system, [*recordings, *judging])
-    whole, train, judge, notes = _data(system, recordings, judging)
-    remembered = RememberedHoldout(judge)
-    progress("base model")
-    compile_models([system])
-    base_fit = solve(*base_problem(system, train))
-    smooth = _smooth_between_samples(system, base_fit)
-    if smooth is None:
-        identified = identify_causes(system, base_fit, remembered, settings, progress)
-        smooth = _smooth_between_samples(system, identified.state.best.fit) if identified.state.best.causes else None
-    if smooth is not None:
-        progress("inputs that are smooth between samples")
-        whole, train = (_with_smooth_inputs(system, data) for data in (whole, train))
-        if isinstance(judge, RestOfRecordings):
-            judge = RestOfRecordings(whole, judge.counts)
-        else:
-            judge = OtherRecordings(_with_smooth_inputs(system, judge.data))
-        remembered = RememberedHoldout(judge)
-        identified = identify_causes(system, solve(*base_problem(system, train)), remembered, settings, progress)
-        notes.append("inputs are taken as smooth between samples, not as straight lines: the model fits better so")
-    state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
-    base, final = state.base, replace(state.best, fit=fits[0])
-    state.best = final
-    judge, restarted = _predictable(final, judge, remembered)
-    notes += restarted + closed_loop_notes(final, recordings) + scatter_notes(final)
-    residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
-    before, after = (rms_by_sensor(parts) for parts in residuals)
-    verdict, rest = _verdict(final, judge, after), remaining_errors(final)
-    if verdict == "unexplained" and not final.causes and at_noise(final):
-        notes.append("the fitted data are reproduced to their noise, held-out data are not: something happens in those")
-    unseen = UnseenData(judge, settings)
-    held_out = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
-    curves = discrepancy_curves(final) if rest else []
-    errors = errors_by_sensor(system, base, final, before, after)
-    pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, held_out)))
-    values = _estimates(final, fits)
-    judged = _judged_causes(identified, final, None if verdict == "explained" else unseen)
-    kept = kept_table(final, curves, unseen) if keep_rest else None
-    return Diagnosis(
-        verdict, named_causes(system, final, values, judged),
-        {name: value for name, value in values.items() if name in system.uncertain}, system.units,
-        errors, pooled_errors(whole, before, after), fidelity(system, held_out), refitted_candidates(judged),
-        identified.fitted, rest, curves, recording_to_tell_rivals(final, judged), notes,
-        _extended(stated, final, kept), plot_data, kept,
-    )  # fmt: skip
 
 
 def _by_segment(judge: Holdout, models: Sequence[Hypothesis], residuals: Sequence[list]) -> Iterator[ModelResiduals]:

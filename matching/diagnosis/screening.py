@@ -233,6 +233,24 @@ class TorqueResponse:
             out[part] = fft.irfft(total, length)[:, :size].T
         return out
 
+    def correlation(self, weights: np.ndarray) -> dict[str, np.ndarray]:
+        """By inertia (t,): Σ weights·readings for a torque of 1 N·m at each sample; the adjoint of ``readings``.
+
+        Parameters
+        ----------
+        weights : ndarray (t, y)
+        """
+        out = {}
+        for name in self._pulses:
+            values = np.zeros(len(weights))
+            for part in self.parts:
+                size = part.stop - part.start
+                length = fft.next_fast_len(2 * size, real=True)
+                spectrum = np.conj(self._spectrum(name, size)) * fft.rfft(weights[part].T, length)
+                values[part] = fft.irfft(spectrum.sum(axis=0), length)[:size]
+            out[name] = values
+        return out
+
     def _spectrum(self, name: str, size: int) -> np.ndarray:
         """Spectrum (y, f) of the readings after a pulse on an inertia, for as many samples."""
         if (name, size) not in self._spectra:
@@ -327,7 +345,8 @@ class Screening:
         torques = [float(np.std(torque)) for torque in (*motion.torque.values(), *motion.input.values())]
         self.balance = torque_balance(fit, without_effects(self.system), dict(motion.value), max(torques, default=1.0))
         lacking = {part.name: self.balance.inertias[:, i] for i, part in enumerate(self.system.inertias)}
-        self.motion = replace(simulated_motion(fit, self.balance), torque_lacking=lacking)
+        gradient = self.response.correlation(self._gradient_by_readings() / self.noise)
+        self.motion = replace(simulated_motion(fit, self.balance), torque_gradient=gradient, torque_lacking=lacking)
 
     def motion_as_measured(self) -> np.ndarray:
         """States (t, x) of the fit's model as the measurement has them, segments one after another."""
@@ -395,6 +414,14 @@ class Screening:
             self.fit.problem.counted(errors[part][None], i)[0].ravel() for i, part in enumerate(self.response.parts)
         ]
         return np.concatenate(parts)
+
+    def _gradient_by_readings(self) -> np.ndarray:
+        """(t, y) −½·∂χ²/∂reading, in times the noise."""
+        weighted = self.residual.reshape(-1, len(self.noise))
+        weighting = self.fit.problem.weighting
+        if weighting is None:
+            return weighted
+        return np.concatenate([weighting.weigh_transposed(weighted[p], self.mask[p]) for p in self.response.parts])
 
     def candidates(
         self, system: System | None = None, left_out: Collection[tuple[str, str]] = ()

@@ -242,7 +242,7 @@ def _profile(fit: Fit, i: int, factor: float) -> list[Fit]:
             break
         try:
             last = solve(fit.problem, v, last.jacobian, FitOptions(held=(i,)))
-        except (FloatingPointError, np.linalg.LinAlgError):
+        except FIT_ERRORS:
             break
         lowest = min(lowest, last.cost)
         if last.cost > lowest + 2 * EQUIVALENT:

@@ -36,7 +36,7 @@ from matching.diagnosis.search import (
     SearchState,
     with_sharpest_friction,
 )
-from matching.diagnosis.selection import Hypothesis, at_noise
+from matching.diagnosis.selection import FIT_ERRORS, Hypothesis, at_noise
 from matching.diagnosis.statistics import Estimate, Prediction, effective_share, estimates, prediction
 from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_words
@@ -59,7 +59,7 @@ def final_fit(hypothesis: Hypothesis) -> Hypothesis:
     try:
         fit = fit_extended(model, hypothesis.fit, FitOptions(ITERATIONS), 2 * STEPS_PER_RADIAN)
         fit = polished(with_sharper_friction(fit, FINAL_STEPS))
-    except (FloatingPointError, np.linalg.LinAlgError):
+    except FIT_ERRORS:
         return hypothesis
     finer = with_sharpest_friction(replace(hypothesis, fit=fit))
     return finer if finer.fit.cost < (1 + WORSE_SHARE) * hypothesis.fit.cost + WORSE else hypothesis
@@ -197,7 +197,7 @@ def _predicted(hypothesis: Hypothesis, holdout: Holdout, factor: float) -> Predi
     """What a hypothesis predicts of held-out data; None where it does not simulate."""
     try:
         return prediction(hypothesis.fit, holdout.simulate(hypothesis.fit), factor)
-    except (FloatingPointError, np.linalg.LinAlgError):
+    except FIT_ERRORS:
         return None
 
 
@@ -218,8 +218,6 @@ def residual_inflation(parts: list[np.ndarray]) -> float:
 
 
 # --- Every candidate that was fitted alone, with its misfit and why it was not taken.
-
-FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError)
 
 
 def fitted_candidates(state: SearchState, holdout: Holdout) -> list[FittedCandidate]:

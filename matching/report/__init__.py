@@ -25,16 +25,18 @@ VIEWS = {
     "modelling.system.System": "matching.report.drivetrain",
     "modelling.simulation.stepping.Simulation": "matching.report.motions",
 }
-MODULES = {  # of views, by the name of a result's file
-    "result.json": "match", "map.json": "studies", "tolerance.json": "studies", "diagnosis.json": "diagnosis",
-    "uncertainty.json": "evidence", "fidelity.json": "evidence", "excite.json": "bed", "proof.json": "bed",
-    "identification.json": "bed", "verification.json": "bed", "commission.json": "bed",
+RESULTS = {  # by the name of a result's file: the command that writes it, and the module with its view
+    "result.json": ("match", "match"), "map.json": ("map", "studies"), "tolerance.json": ("tolerance", "studies"),
+    "diagnosis.json": ("diagnose", "diagnosis"), "modes.json": ("modes", "modes"),
+    "uncertainty.json": ("uncertainty", "evidence"), "fidelity.json": ("fidelity", "evidence"),
+    "excite.json": ("excite", "bed"), "proof.json": ("excite", "bed"), "identification.json": ("identify", "bed"),
+    "verification.json": ("verify", "bed"), "commission.json": ("commission", "bed"),
 }  # fmt: skip
 
 
 def view_of(file: str) -> Any:
     """The view of the results in a file (:class:`matching.report.page.View`)."""
-    import_module(f"matching.report.{MODULES[file]}")
+    import_module(f"matching.report.{RESULTS[file][1]}")
     from matching.report.page import VIEWS_OF_FILES
 
     return VIEWS_OF_FILES[file]

@@ -43,6 +43,8 @@ class FittedMotion:
         Every quantity by its full name.
     ends : dict of str to (str, str)
         The inertias that a shaft joins.
+    torque_gradient : dict of str to ndarray (t,)
+        By inertia: −∂χ²/∂torque, how much a torque at that time would lower the misfit.
     torque_lacking : dict of str to ndarray (t,)
         By inertia: the torque that the measurement asks for beside those of the model.
     gear_torque : dict of str to ndarray (t,)
@@ -68,6 +70,7 @@ class FittedMotion:
     noise: Mapping[str, float]
     value: Mapping[str, float]
     ends: Mapping[str, tuple[str, str]]
+    torque_gradient: Mapping[str, np.ndarray] = field(default_factory=dict)
     torque_lacking: Mapping[str, np.ndarray] = field(default_factory=dict)
     gear_torque: Mapping[str, np.ndarray] = field(default_factory=dict)
     gear_ends: Mapping[str, tuple[str, str]] = field(default_factory=dict)

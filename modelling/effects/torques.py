@@ -62,6 +62,7 @@ class ConstantTorque(Kind):
 # --- Torque that varies with the angle (cogging, torque ripple, universal joint).
 
 MOST_ORDERS = 4  # that are tried from one spectrum
+FEW_TURNS = 4 * np.pi  # rad; over less a spectrum is too coarse
 LOWEST_ORDER = 0.4  # per turn, that is searched for: a period of several turns is that of another shaft
 HIGHEST_ORDER = 24.0  # the same: above those of cogging and joints
 
@@ -81,16 +82,16 @@ class TorqueRipple(Kind):
         assembly.add_torque(name, p["amplitude"] * sin(p["order"] * motion.angle + p["phase"]), motion)
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        angle, lacking = motion.angle[at.split(".")[1]], motion.torque_lacking[at.split(".")[1]]
-        for order, chosen_from in outstanding_orders(angle, lacking):
-            yield _guess(at, angle, order, chosen_from)
+        name = at.split(".")[1]
+        for order, chosen_from in _orders(motion, name, name):
+            yield _guess(at, motion.angle[name], order, chosen_from)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
         """Orders near the best one, half a line apart: a reversing motion gives the true one many side lobes."""
         angle = motion.angle[at.split(".")[1]]
         span = float(np.ptp(angle))
         if span > 4 * np.pi:
-            for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.004)):
+            for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.002)):
                 yield _guess(at, angle, float(order))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
@@ -118,6 +119,18 @@ def wave_parameters(order: float, a: np.ndarray) -> dict[str, float]:
     return {"order": order, "amplitude": float(np.hypot(*a)), "phase": float(np.arctan2(a[1], a[0]))}
 
 
+def _orders(motion: FittedMotion, name: str, over: str) -> Iterator[tuple[float, float]]:
+    """Orders over the angle of an inertia that stand out of the torque on another.
+
+    Of its gradient: a matched filter finds what is near the noise. Of the torque that is lacking: through a resonance
+    the readings answer most where an order meets it, and that hides the order.
+    """
+    angle = motion.angle[over]
+    yield from outstanding_orders(angle, motion.torque_gradient[name])
+    if np.ptp(angle) >= FEW_TURNS:  # below, all orders are offered anyway
+        yield from outstanding_orders(angle, motion.torque_lacking[name])
+
+
 def outstanding_orders(angle: np.ndarray, torque: np.ndarray) -> Iterator[tuple[float, float]]:
     """Orders at which a torque over an angle stands out of its spectrum, and from how many each was chosen."""
     span = float(np.ptp(angle))
@@ -125,7 +138,7 @@ def outstanding_orders(angle: np.ndarray, torque: np.ndarray) -> Iterator[tuple[
         return
     # an order that turns further than half a period a sample cannot be seen; some samples are slower than the mean
     highest = min(HIGHEST_ORDER, 4 * np.pi * len(angle) / span)
-    if span < 4 * np.pi:  # too coarse a spectrum: all orders, half a spectral line apart
+    if span < FEW_TURNS:  # too coarse a spectrum: all orders, half a spectral line apart
         yield from ((float(order), 1.0) for order in np.arange(np.pi / span, highest, np.pi / span))
         return
     # torque summed over bins of angle, then one FFT over angle; ten bins a period of the highest order
@@ -191,7 +204,7 @@ class GearedRipple(Kind):
         ratio, lag = _parting(angle, motion.angle[first])
         if lag < RIGID * np.ptp(angle) or (HIGHEST_ORDER * lag < LEAST_LAG and ratio >= 1):
             return
-        for order, chosen_from in outstanding_orders(angle, motion.torque_lacking[first]):
+        for order, chosen_from in _orders(motion, first, second):
             if order * lag > LEAST_LAG or order * ratio < LOWEST_ORDER:
                 yield _geared_guess(members(at)[0], angle, order, (1,), chosen_from)
 
@@ -202,7 +215,7 @@ class GearedRipple(Kind):
         yield _geared_guess(first, angle, best["order"], tuple(SUFFIXES))
         span = float(np.ptp(angle))
         if span > 4 * np.pi:
-            for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.004)):
+            for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.002)):
                 yield _geared_guess(first, angle, float(order), (1,))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:

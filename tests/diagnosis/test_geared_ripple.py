@@ -1,18 +1,23 @@
 """A ripple tied to the angle of another inertia, in a recording that the truth plant makes of a soft drive."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from plant.case import make_case
 from plant.engine import Chain, simulate
 from plant.marks import needs_compiler
 
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.fit import base_problem, solve
-from matching.diagnosis.screening import Screening
+from matching.diagnosis.screening import ScreenedCandidate, Screening
 from matching.report.diagnosis import content, summary
 from modelling.errors import InputError
-from modelling.model_file import from_dict
+from modelling.model_file import from_dict, load
+from modelling.recordings.read import read_recording
 from modelling.recordings.recording import Recording
+from modelling.system import System
 
 J, STIFFNESS, DAMPING, DRAG, NOISE = (0.1, 0.3), 2.0, 0.05, 0.05, 0.01
 ORDER, AMPLITUDE, PHASE = 5.0, 0.4, 0.7
@@ -61,6 +66,13 @@ def test_ripple_over_the_angle_of_the_load_is_named_with_both_places() -> None:
     assert effect.places == ("inertias.motor", "inertias.load")
 
 
+def best_ripple(system: System, recording: Recording) -> ScreenedCandidate:
+    """The ripple that would take most of what a base fit leaves."""
+    data, _ = prepare_data(system, [recording])
+    candidates = Screening(solve(*base_problem(system, data))).candidates()
+    return max((one for one in candidates if one.kind == "torque_ripple"), key=lambda one: one.reduction)
+
+
 @needs_compiler
 def test_an_order_is_found_though_the_readings_answer_most_where_its_frequency_meets_a_mode() -> None:
     order, stiffness, chain = 8.4, 300.0, Chain(2, 1, 1)  # its mode: 10 Hz, met at 1.2 turns/s
@@ -74,10 +86,20 @@ def test_an_order_is_found_though_the_readings_answer_most_where_its_frequency_m
     noise = NOISE * np.random.default_rng(3).standard_normal((2, len(time)))
     readings = {"motor_speed": motion.speed[:, 0] + noise[0], "load_angle": motion.angle[:, 1] + noise[1]}
     system = from_dict(MODEL | {"shafts": {"link": MODEL["shafts"]["link"] | {"stiffness": stiffness}}})
-    data, _ = prepare_data(system, [Recording(time, {"torque": torque} | readings)])
-    candidates = Screening(solve(*base_problem(system, data))).candidates()
-    best = max((one for one in candidates if one.kind == "torque_ripple"), key=lambda one: one.reduction)
+    best = best_ripple(system, Recording(time, {"torque": torque} | readings))
     assert best.parameters["order"] == pytest.approx(order, abs=0.02)
+
+
+@needs_compiler
+@pytest.mark.parametrize("seed", [5, 10], ids=["torque that is lacking", "matched filter"])
+def test_an_order_is_found_near_the_noise(seed: int, tmp_path: Path) -> None:
+    """1.5 times the noise in the worst sensor: the order stands out of one of the two spectra only."""
+    case = make_case("test_bed", [("torque_ripple", "inertias.motor")], 1.5, "normal", seed, 3.0, 500.0, moving=True)
+    case.write(tmp_path)
+    system = load(tmp_path / "model.toml")
+    best = best_ripple(system, read_recording(tmp_path / "recording.csv", system))
+    assert best.at == "inertias.motor"
+    assert best.parameters["order"] == pytest.approx(case.answer["parameters"]["order"], abs=0.05)
 
 
 @pytest.mark.parametrize("at", ["inertias.motor", ["inertias.motor", "inertias.motor"], ["inertias.motor"] * 3])

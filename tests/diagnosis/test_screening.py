@@ -73,6 +73,12 @@ def test_response_is_that_of_the_simulation(drive, screen) -> None:
     assert np.allclose(found, with_push - without, atol=1e-6 * np.abs(found).max())
 
 
+def test_pull_is_the_adjoint_of_the_response(screen) -> None:
+    push = np.random.default_rng(1).standard_normal(3000)
+    direct = float(np.sum(screen.response.readings({"load": push}) / screen.noise * screen.residual.reshape(-1, 3)))
+    assert float(push @ screen.motion.torque_gradient["load"]) == pytest.approx(direct, rel=1e-9)
+
+
 SMALL = {
     "hardening": ("shafts.link", {"cubic": 1e-3 * 300}),
     "quadratic_drag": ("inertias.motor", {"coefficient": 1e-6}),

@@ -41,6 +41,15 @@ def test_missing_readings_do_not_count_and_break_the_memory() -> None:
     np.testing.assert_allclose(weighting.weigh(errors[None], measured)[0, :, 0], expected)
 
 
+def test_adjoint_belongs_to_the_weighting() -> None:
+    rng = np.random.default_rng(4)
+    weighting = Weighting(np.array([0.6, 0.0]), np.array([2.0, 3.0]))
+    measured = rng.random((40, 2)) > 0.2
+    errors, weights = rng.standard_normal((2, 40, 2))
+    forward = np.sum(weights * weighting.weigh(errors[None], measured)[0] * measured)
+    assert forward == pytest.approx(np.sum(errors * weighting.weigh_transposed(weights, measured) * measured))
+
+
 def test_power_left_of_a_known_process() -> None:
     """Power scale² of the innovation and scale²/(1 − memory²) of the error; their geometric mean."""
     rng, memory, scale = np.random.default_rng(8), 0.95, 4.0
