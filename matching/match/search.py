@@ -1334,18 +1334,18 @@ def solve(
     and from the case's own gains where no end keeps every requirement. No answer is worse than the case as given.
     With ``begins``, values by name (SI), it begins at these instead.
     """
-    settings, of_observer_ = search.settings, search.case.loop.tunes_observer
+    settings, of_observer = search.settings, search.case.loop.tunes_observer
     given = end_at(search, search.begin())
     of_controller = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     everything = np.ones(len(search.variables), bool)
-    search.free = of_controller if of_observer_ else everything
+    search.free = of_controller if of_observer else everything
     ends, gains = _from_starts(search, [search.begin(values) for values in begins])
     tell("controller")
-    if of_observer_ and settings.scenarios and ends[0].judged.cost <= 1:
+    if of_observer and settings.scenarios and ends[0].judged.cost <= 1:
         ends[0] = with_opened(search, ends[0])  # beyond their tolerance the errors limit the match anyway
     left = settings.most_steps - sum(end.steps for end in ends)
-    alone = best = _with_scenarios(search, ends[0], left, 1 if of_observer_ else settings.joint_rounds)
-    if of_observer_ and not of_controller.all():
+    alone = best = _with_scenarios(search, ends[0], left, 1 if of_observer else settings.joint_rounds)
+    if of_observer and not of_controller.all():
         search.free = everything
         best = rounds(search, end_at(search, alone.x), settings.joint_rounds, settings.most_steps // 2)
         best = _with_scenarios(search, best, settings.steps)
@@ -1394,15 +1394,15 @@ def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int
 def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEnd], SearchEnd | None]:
     """Where the starts ended, the best one first, and the best end of a feedback law's gains alone."""
     settings, starts, ends = search.settings, given or _starts(search), []
-    of_observer_ = search.case.loop.tunes_observer
+    of_observer = search.case.loop.tunes_observer
     most_rounds, most_steps, gains = settings.rounds, settings.most_steps // 4, None
-    if not of_observer_:
+    if not of_observer:
         (starts, gains), most_rounds = _with_gains(search, starts), settings.joint_rounds
-    begins = _ranked([_anew(search, start) for start in starts]) if of_observer_ else [_anew(search, x) for x in starts]
+    begins = _ranked([_anew(search, start) for start in starts]) if of_observer else [_anew(search, x) for x in starts]
     search.active = (0,)
     for begin in begins[: settings.starts]:
         ends.append(rounds(search, end_at(search, begin.x), most_rounds, most_steps))
-        if of_observer_ and keeps_all(search, ends[-1]):
+        if of_observer and keeps_all(search, ends[-1]):
             break
     if settings.blind and all(misses(search, end) for end in ends):
         ends.append(rounds(search, end_at(search, _spread(search, 1)[0]), most_rounds, most_steps))
