@@ -172,7 +172,7 @@ def _search_and_rate(
     rated = []
     for index in range(len(state.best.causes)):
         progress("rivals")
-        rated.append(rate_rivals(state, index, holdout))
+        rated.append(rate_rivals(state, index, unseen))
     return IdentifiedCauses(state, rated, fitted_candidates(state, holdout))
 
 

@@ -344,13 +344,14 @@ class UnseenData:
         return bool(np.mean(gain <= 0) < self.settings.chance)
 
     def keeps(self, child: Hypothesis, parent: Hypothesis, by_sensor: bool = True) -> bool:
-        """Whether a hypothesis to which nothing will be added is accepted over another, and neither the error of all
-        sensors in units of their ranges rises beyond chance and more than slightly, nor, ``by_sensor``, that of any.
-        Before the end the right cause may let an angle drift away, beside another that is still missing."""
+        """Whether a hypothesis to which nothing will be added is accepted over another, the error of all sensors in
+        units of their ranges falls, and, ``by_sensor``, that of none rises beyond chance and more than slightly. Before
+        the end the right cause may let an angle drift away, beside another that is still missing."""
         gain, rises = self._drawn(child, parent)
         chance, slight = self.settings.chance, self.settings.slight_rise
         worse = (np.mean(rises <= 0, axis=0) < chance) & (rises.mean(axis=0) > slight)
-        return bool(np.mean(gain <= 0) < chance and not (worse if by_sensor else worse[-1:]).any())
+        lower = self.pooled(child) < self.pooled(parent)
+        return bool(np.mean(gain <= 0) < chance and lower and not (by_sensor and worse[:-1].any()))
 
     def _drawn(self, child: Hypothesis, parent: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
         """Gains and rises in draws of the blocks; certain ones where only one of both simulates the data."""

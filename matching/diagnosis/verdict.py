@@ -36,7 +36,7 @@ from matching.diagnosis.search import (
     SearchState,
     with_sharpest_friction,
 )
-from matching.diagnosis.selection import FIT_ERRORS, Hypothesis, at_noise
+from matching.diagnosis.selection import FIT_ERRORS, Hypothesis, UnseenData, at_noise
 from matching.diagnosis.statistics import Estimate, Prediction, effective_share, estimates, prediction
 from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_words
@@ -96,10 +96,11 @@ class RatedCause:
     hypothesis: Hypothesis
 
 
-def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedCause]:
+def rate_rivals(state: SearchState, index: int, unseen: UnseenData) -> list[RatedCause]:
     """A cause of the best hypothesis and its rivals with their shares of the evidence, largest first.
 
-    Rivals near a best fit at the noise are refitted as finely as it. A rival with more evidence replaces a cause.
+    Rivals near a best fit at the noise are refitted as finely as it. A rival with more evidence replaces a cause where
+    it is possible and meets unseen data better than the base model.
     """
     best, cause = state.best, state.best.causes[index]
     others = [_weighted_as(best, rival) for rival in _rivals(state, index)]
@@ -110,7 +111,7 @@ def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedC
     names = [(cause.kind, cause.at)] + [
         (hypothesis.causes[-1].kind, hypothesis.causes[-1].at) for hypothesis in hypotheses[1:]
     ]
-    shares = evidence_shares(_scores(hypotheses, holdout, inflation)) if near else np.ones(1)
+    shares = evidence_shares(_scores(hypotheses, unseen.holdout, inflation)) if near else np.ones(1)
     rated = [
         RatedCause(*name, float(p), hypothesis) for name, p, hypothesis in zip(names, shares, hypotheses, strict=True)
     ]
@@ -118,15 +119,16 @@ def rate_rivals(state: SearchState, index: int, holdout: Holdout) -> list[RatedC
         RatedCause(rival.causes[-1].kind, rival.causes[-1].at, 0.0, rival) for rival in others if rival not in near
     ]
     rated.sort(key=lambda rating: -rating.share)
-    leading = next(rating.hypothesis for rating in rated if rating.hypothesis is best or _meant(rating.hypothesis))
+    leading = next(
+        rating.hypothesis
+        for rating in rated
+        if rating.hypothesis is best
+        or (not rating.hypothesis.model.not_taken(rating.hypothesis.fit)
+            and unseen.keeps(rating.hypothesis, state.base, by_sensor=False))
+    )  # fmt: skip
     if leading is not best:
         state.best = _in_place(leading, index)
     return rated
-
-
-def _meant(rival: Hypothesis) -> bool:
-    """Whether a rival may replace a cause: its values are possible and within the recorded range."""
-    return not rival.model.not_taken(rival.fit)
 
 
 def _rivals(state: SearchState, index: int) -> list[Hypothesis]:
