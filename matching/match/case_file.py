@@ -574,7 +574,9 @@ def _simple_vehicle(
 
 
 def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
-    table = table_of(data, "response", where, {"band", "compare", *TOLERANCES})
+    table = table_of(data, "response", where, {"band", "compare", "objective", *TOLERANCES})
+    if table.get("objective", "response_error") != "response_error":  # as older versions wrote it
+        raise InputError(f"{where}: response.objective", "is not response_error", "leave it out: there is no other")
     band = table.get("band", [0.5, 30.0])
     if not isinstance(band, list) or len(band) != 2:
         raise InputError(f"{where}: response.band", "is no pair of frequencies", "write band = [0.5, 30] in Hz")

@@ -42,6 +42,7 @@ BAD = {
     "rig is the vehicle": (("rig",), REFERENCE["vehicle"], "nothing is left to emulate"),
     "rig of another car": (("rig",), (EXAMPLES / "compact_bev" / "rig.toml").as_posix(), "case.toml"),
     "unknown table": (("limit",), {"modulus_margin": 0.5}, "limits"),
+    "another objective": (("response", "objective"), "amplitude", "response.objective: is not response_error"),
     "no dynamometers": (("dynamometers",), None, "the case has none"),
     "one dynamometer short": (("dynamometers", "left"), None, "0 of them follow the cut at 'side_left'"),
     "two follow one cut": (("dynamometers", "left", "follows"), "side_right", "follow the cut"),
@@ -107,6 +108,12 @@ BAD = {
     "torque over speed no table": (("limits", "dynamometer_torque_over_speed"), 300, "is no list of pairs"),
     "title a number": (("title",), 3, "title"),
 }  # fmt: skip
+
+
+def test_the_objective_of_older_cases_is_read(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(changed(("response", "objective"), "response_error"))
+    assert load_case(path).compared
 
 
 @pytest.mark.parametrize("name", BAD)
