@@ -12,7 +12,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from matching.dry_run import case_words, computing, counted, model_words, was_read
+from matching.dry_run import case_words, computing, model_words, was_read
+from modelling.display import counted
 from modelling.errors import InputError
 
 if TYPE_CHECKING:
@@ -527,7 +528,9 @@ def uncertainty(
         raise InputError("draws", f"{draws} is out of range", "give a number in 1000 ... 1e9")
     _check_seed(seed)
     read = read_budget(str(budget))
-    was_read(budget, lambda: f"a budget: {counted(read.measurands, 'measurand')}, {counted(read.inputs, 'input')}")
+    was_read(
+        budget, lambda: f"a budget: {counted(len(read.measurands), 'measurand')}, {counted(len(read.inputs), 'input')}"
+    )
     if wanted is not None:
         for measurand in read.measurands:
             wanted_uncertainty(wanted, measurand, read.where)
@@ -934,7 +937,6 @@ def match(
         return run(case, seed, starts, progress, beds=beds, aside=aside)
 
 
-# more than six parameters: the options of the command
 def map(  # noqa: A001
     case: Case | File, x: str | Axis, y: str | Axis, executor: Executor | None = None, *,
     seed: int = 0, starts: int = 2,
@@ -988,7 +990,6 @@ def map(  # noqa: A001
     )
 
 
-# more than six parameters: the options of the command
 def tolerance(
     case: Case | File, draws: int = 10_000, executor: Executor | None = None, *, seed: int = 0,
     added: Mapping[str, float | str] | None = None, workers: int | None = None, record: File | None = None,

@@ -171,8 +171,8 @@ def _drawn(arguments: Arguments) -> dict[str, Any]:
 
 def show_summary(result: dict[str, Any]) -> str:
     """What was drawn or listed, and what was written."""
-    from matching.report.common import counted
     from matching.report.page import aligned
+    from modelling.display import counted
 
     written = [f"written: {', '.join(result['files'])}"] if result["files"] else []
     if "channels" in result:

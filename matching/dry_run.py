@@ -7,6 +7,8 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
+from modelling.display import counted
+
 if TYPE_CHECKING:
     from matching.match.case import Case
     from modelling.system import System
@@ -51,7 +53,7 @@ def is_dry() -> bool:
 def model_words(system: System) -> str:
     """What a model holds."""
     parts = [
-        counted(getattr(system, table), word)
+        counted(len(getattr(system, table)), word)
         for table, word in (
             ("inertias", "inertia"), ("shafts", "shaft"), ("gears", "gear"), ("differentials", "differential"),
             ("inputs", "input"), ("sensors", "sensor"), ("effects", "effect"),
@@ -67,13 +69,8 @@ def case_words(case: Case) -> str:
 
     notes = "".join(f"\n  note: {note}" for note in case.notes)
     return (
-        f"a case: {counted(case.loop.dynamometers, 'dynamometer')}, {counted(target_modes(case), 'target mode')}, "
-        f"{counted(case.moves, 'quantity')} that may move; vehicle {model_words(case.vehicle)}; "
+        f"a case: {counted(len(case.loop.dynamometers), 'dynamometer')}, "
+        f"{counted(len(target_modes(case)), 'target mode')}, "
+        f"{counted(len(case.moves), 'quantity', 'quantities')} that may move; vehicle {model_words(case.vehicle)}; "
         f"rig {model_words(case.rig)}{notes}"
     )
-
-
-def counted(parts: Any, word: str) -> str:
-    """How many parts there are, with their noun."""
-    several = word[:-1] + "ies" if word.endswith("ty") else f"{word}s"
-    return f"{len(parts)} {word if len(parts) == 1 else several}"

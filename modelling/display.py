@@ -23,6 +23,11 @@ LONGEST_REPR = 120  # characters: a line of a terminal
 _providers: list[Callable[[type], None]] = []
 
 
+def counted(count: int, singular: str, plural: str = "") -> str:
+    """A number with its noun: ``1 point``, ``2 points``; ``plural`` where it is not the singular with an s."""
+    return f"{count} {singular}" if count == 1 else f"{count} {plural or singular + 's'}"
+
+
 def register_provider(provider: Callable[[type], None]) -> None:
     """Let ``provider(class)`` import the module with the views of a class, the first time one is displayed."""
     _providers.append(provider)

@@ -636,7 +636,6 @@ def fade(samples: int, step: float) -> np.ndarray:
     return window
 
 
-# more than six parameters: all that defines the signal
 def multisine(
     lines: np.ndarray, of_input: np.ndarray, powers: np.ndarray, inputs: int, samples: int, step: float, seed: int
 ) -> np.ndarray:

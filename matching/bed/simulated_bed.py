@@ -490,7 +490,7 @@ def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
     return _csv(case, bed, step, held_as_linear(sent)[before:], readings[before:], plan.inputs)
 
 
-def proof_recording(  # bed and controller are both stepped: one more than six
+def proof_recording(
     bed: FmuBed,
     case: Case,
     law: ControlLaw,

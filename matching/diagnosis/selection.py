@@ -351,7 +351,7 @@ class UnseenData:
         chance, slight = self.settings.chance, self.settings.slight_rise
         worse = (np.mean(rises <= 0, axis=0) < chance) & (rises.mean(axis=0) > slight)
         lower = self.pooled(child) < self.pooled(parent)
-        return bool(np.mean(gain <= 0) < chance and lower and not (by_sensor and worse[:-1].any()))
+        return bool(np.mean(gain <= 0) < chance and lower and not (by_sensor and worse.any()))
 
     def _drawn(self, child: Hypothesis, parent: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
         """Gains and rises in draws of the blocks; certain ones where only one of both simulates the data."""
@@ -387,9 +387,8 @@ def drawn_gains(after: UnseenError, before: UnseenError, draws: int) -> tuple[np
     -------
     gain : ndarray (d,)
         Differences of the mean squares, each over the larger of both and the noise at least, summed over the sensors.
-    rises : ndarray (d, y + 1)
-        Of each sensor, as a share of the larger mean square, 0 where it is at its noise; last that of all sensors in
-        units of their ranges.
+    rises : ndarray (d, y)
+        Of each sensor, as a share of the larger mean square, 0 where it is at its noise.
     """
     count = len(after.blocks)
     chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
@@ -397,14 +396,5 @@ def drawn_gains(after: UnseenError, before: UnseenError, draws: int) -> tuple[np
     new, old = (chosen @ np.where(known, error.blocks, 0.0) for error in (after, before))
     number = np.maximum(chosen @ known, 1.0)
     new, old = (np.maximum(error / number, 1.0) for error in (new, old))
-    rises = _share(new - old, np.maximum(new, old))
-    square = np.where(np.isfinite(after.ranges) & (after.ranges > 0), after.ranges, np.inf) ** 2
-    pooled_new, pooled_old = ((error / square).sum(axis=1) for error in (new, old))
-    pooled = _share(pooled_new - pooled_old, np.maximum(pooled_new, pooled_old))
-    above = np.where(new > AT_NOISE, rises, 0.0)
-    return -rises.sum(axis=1), np.concatenate([above, pooled[:, None]], axis=1)
-
-
-def _share(difference: np.ndarray, of: np.ndarray) -> np.ndarray:
-    """Differences as shares; 0 of nothing."""
-    return np.where(of > 0, difference / np.where(of > 0, of, 1.0), 0.0)
+    rises = (new - old) / np.maximum(new, old)
+    return -rises.sum(axis=1), np.where(new > AT_NOISE, rises, 0.0)

@@ -485,7 +485,7 @@ class SampledController:
     sample_time : float
         s.
     delayed_commands : slice or None
-        Of the states that the readings reach, those that are commands on their way, newest first.
+        Of an observer: see :class:`modelling.bed.bed.ControlLaw`.
     emulated : (ndarray (r, x), ndarray (r, y)) or None
         States of the residual vehicle by state and reading.
     """

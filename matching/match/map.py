@@ -412,7 +412,6 @@ class Map(Displayed):
         )
 
 
-# more than six parameters: what is drawn, and how the study runs
 def map_case(
     case: Case, x: Axis | str, y: Axis | str, executor: Executor | None = None, *, seed: int = 0, starts: int = 2,
     workers: int | None = None, record: Path | None = None, progress: Callable[[int, int], None] | None = None,

@@ -48,7 +48,6 @@ LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start st
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
 
 
-# more than six parameters: what the options of the command say, and a process beside this one
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def match(
     case: Case, seed: int = 0, starts: int | None = None, progress: Progress | None = None, *, beds: int | None = None,

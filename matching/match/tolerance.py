@@ -371,7 +371,6 @@ def what_varies(case: Case, added: Mapping[str, float] | None) -> tuple[Varied, 
     return varied_of(tuned(case), added)
 
 
-# more than six parameters: what is drawn, and how the study runs
 def tolerance(
     case: Case, draws: int, executor: Executor, *, seed: int = 0, added: Mapping[str, float] | None = None,
     record: Path | None = None, progress: Callable[[int, int], None] | None = None,

@@ -171,11 +171,6 @@ def sentence(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
 
 
-def counted(count: int, singular: str, plural: str = "") -> str:
-    """A number with its noun: ``1 point``, ``2 points``; ``plural`` where it is not the singular with an s."""
-    return f"{count} {singular}" if count == 1 else f"{count} {plural or singular + 's'}"
-
-
 # --- One look for every figure: fixed colours that colour-blind readers tell apart, figures without pyplot state.
 
 # Colours of Okabe and Ito (2008), which colour-blind readers tell apart.

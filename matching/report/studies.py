@@ -20,7 +20,6 @@ from matching.report.common import (
     ABSENT,
     amount,
     component,
-    counted,
     csv_table,
     enough_digits,
     figure,
@@ -34,6 +33,7 @@ from matching.report.common import (
 )  # fmt: skip
 from matching.report.page import Fold, Picture, Report, Step, Table, View, register
 from modelling import escape
+from modelling.display import counted
 
 # --- Figure of a map: the response error that a match reaches over two quantities, and what limits it where.
 

@@ -624,11 +624,12 @@ def monte_carlo(
             places = range(first, min(first + 4 * workers, limit))
             for row in pool.map(lambda place: _summary(values(place), budget.coverage), places):
                 rows.append(row)
-                if draws is not None or len(rows) < max(FEWEST_CHUNKS, next_question) or not result().stable:
+                if draws is not None or len(rows) < max(FEWEST_CHUNKS, next_question):
                     continue
-                if undecided is None or not undecided(result()):
-                    return result()
-                next_question = QUESTION_GROWTH * len(rows)
+                if (now := result()).stable:
+                    if undecided is None or not undecided(now):
+                        return now
+                    next_question = QUESTION_GROWTH * len(rows)
     return result()
 
 

@@ -1,4 +1,4 @@
-"""The controlled test bed: its loop, its structures, the observer as it runs, and the model it predicts with."""
+"""The controlled test bed: its loop, its structures, the sampled control law, and the model it predicts with."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ class ControlLaw:
     sample_time : float
         s. A command is issued at the sample whose readings it uses.
     delayed_commands : slice or None
-        Of an observer: where the commands on their way stand among the states that readings reach, newest first.
+        Of an observer: the states that hold commands which were sent and do not act yet, newest first. The states are
+        counted among those that a reading changes.
     """
 
     A: np.ndarray

@@ -1,4 +1,4 @@
-"""The sampled control law in one form for every structure, with what was really sent fed back to it."""
+"""Control laws of feedback and feed-forward in the form of every structure, and what it watches on the bed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from modelling.bed.vehicle import FeedForward
 from modelling.errors import InputError
 from modelling.linear.state_space import StateSpace
 
-# --- Law
+# --- The sampled laws of feedback and of a feed-forward beside it.
 
 
 def law_of_feedback(

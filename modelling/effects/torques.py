@@ -63,6 +63,7 @@ class ConstantTorque(Kind):
 
 MOST_ORDERS = 4  # that are tried from one spectrum
 FEW_TURNS = 4 * np.pi  # rad; over less a spectrum is too coarse
+SIDE_LOBES, FINEST_ORDER = 0.4, 0.002  # reach and smallest step of the orders tried near the best: 400 at the most
 LOWEST_ORDER = 0.4  # per turn, that is searched for: a period of several turns is that of another shaft
 HIGHEST_ORDER = 24.0  # the same: above those of cogging and joints
 
@@ -84,15 +85,12 @@ class TorqueRipple(Kind):
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         name = at.split(".")[1]
         for order, chosen_from in _orders(motion, name, name):
-            yield _guess(at, motion.angle[name], order, chosen_from)
+            yield _ripple_guess(at, motion.angle[name], order, (1,), chosen_from)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
-        """Orders near the best one, half a line apart: a reversing motion gives the true one many side lobes."""
         angle = motion.angle[at.split(".")[1]]
-        span = float(np.ptp(angle))
-        if span > 4 * np.pi:
-            for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.002)):
-                yield _guess(at, angle, float(order))
+        for order in _orders_near(angle, best["order"]):
+            yield _ripple_guess(at, angle, order, (1,))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (max(guess - 0.3, LOWEST_ORDER), guess + 0.3) if key == "order" else super().fit_bounds(key, guess, step)
@@ -107,11 +105,6 @@ class TorqueRipple(Kind):
         if key == "order":
             return recorded.lowest_order(name), math.inf
         return (-math.inf, recorded.torque[name]) if key == "amplitude" else (-math.inf, math.inf)
-
-
-def _guess(at: str, angle: np.ndarray, order: float, chosen_from: float = 1.0) -> Guess:
-    additions = ({at: np.sin(order * angle)}, {at: np.cos(order * angle)})
-    return Guess(additions, partial(wave_parameters, order), chosen_from)
 
 
 def wave_parameters(order: float, a: np.ndarray) -> dict[str, float]:
@@ -129,6 +122,14 @@ def _orders(motion: FittedMotion, name: str, over: str) -> Iterator[tuple[float,
     yield from outstanding_orders(angle, motion.torque_gradient[name])
     if np.ptp(angle) >= FEW_TURNS:  # below, all orders are offered anyway
         yield from outstanding_orders(angle, motion.torque_lacking[name])
+
+
+def _orders_near(angle: np.ndarray, best: float) -> Iterator[float]:
+    """Orders near the best one, half a line apart: a reversing motion gives the true one many side lobes."""
+    span = float(np.ptp(angle))
+    if span > FEW_TURNS:
+        for order in best + np.arange(-SIDE_LOBES, SIDE_LOBES, max(np.pi / span, FINEST_ORDER)):
+            yield float(order)
 
 
 def outstanding_orders(angle: np.ndarray, torque: np.ndarray) -> Iterator[tuple[float, float]]:
@@ -206,17 +207,15 @@ class GearedRipple(Kind):
             return
         for order, chosen_from in _orders(motion, first, second):
             if order * lag > LEAST_LAG or order * ratio < LOWEST_ORDER:
-                yield _geared_guess(members(at)[0], angle, order, (1,), chosen_from)
+                yield _ripple_guess(members(at)[0], angle, order, (1,), chosen_from)
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
-        """Pulses of that order, and orders near the best one, half a line apart, as of a ripple of its own angle."""
+        """Pulses of that order, and orders near the best one."""
         first, second = members(at)
         angle = motion.angle[second.split(".")[1]]
-        yield _geared_guess(first, angle, best["order"], tuple(SUFFIXES))
-        span = float(np.ptp(angle))
-        if span > 4 * np.pi:
-            for order in best["order"] + np.arange(-0.4, 0.4, max(np.pi / span, 0.002)):
-                yield _geared_guess(first, angle, float(order), (1,))
+        yield _ripple_guess(first, angle, best["order"], tuple(SUFFIXES))
+        for order in _orders_near(angle, best["order"]):
+            yield _ripple_guess(first, angle, order, (1,))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return TorqueRipple().fit_bounds(key, guess, step) if key == "order" else (-math.inf, math.inf)
@@ -244,7 +243,7 @@ def _parting(angle: np.ndarray, other: np.ndarray) -> tuple[float, float]:
     return abs(float(line[0])), float(np.ptp(angle - straight @ line))
 
 
-def _geared_guess(
+def _ripple_guess(
     place: str, angle: np.ndarray, order: float, harmonics: tuple[int, ...], chosen_from: float = 1.0
 ) -> Guess:
     waves = [function(k * order * angle) for k in harmonics for function in (np.sin, np.cos)]

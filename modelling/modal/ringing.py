@@ -74,9 +74,8 @@ def pencil(signals: np.ndarray, step: float) -> Poles:
     windows = np.lib.stride_tricks.sliding_window_view(y, rows + 1, axis=0)
     windows = windows[:: max(1, windows.shape[0] * y.shape[1] // INSTANTS)]
     hankel = windows.transpose(2, 0, 1).reshape(rows + 1, -1)
-    triangle = np.asarray(
-        np.linalg.qr(hankel.T, mode="r")
-    )  # has the left singular vectors in half the time: no right ones
+    # the triangle has the left singular vectors in half the time: no right ones
+    triangle = np.asarray(np.linalg.qr(hankel.T, mode="r"))
     left, sizes, _ = np.linalg.svd(triangle.T, full_matrices=False)
     order = _order(sizes, hankel.shape)
     base = left[:, :order]
@@ -111,7 +110,6 @@ def thinned(signals: np.ndarray, step: float, top: float) -> tuple[np.ndarray, f
     return smooth[::by], step * by
 
 
-# more than six parameters: what is known of the modes beside the signals
 def read_modes(
     signals: np.ndarray, step: float, shapes: np.ndarray, top: float = 30.0, neighbours: np.ndarray | None = None,
     eigenvalues: np.ndarray | None = None,

@@ -8,7 +8,6 @@ from matching.report.common import (
     amount,
     change,
     component,
-    counted,
     enough_digits,
     hertz,
     number,
@@ -17,6 +16,7 @@ from matching.report.common import (
     sentence,
     unit,
 )
+from modelling.display import counted
 
 
 @pytest.mark.parametrize("value", [0.0, 3.0, -0.5, 438_500.0, 1.234e6, 12_345.678, 5e-4, 7.16e-6, -2.2e9, 99_999.6])
