@@ -1,4 +1,4 @@
-"""The one error that bad input raises."""
+"""Errors, one class for each thing: bad input, a fit that does not exist, a design that does not exist."""
 
 import errno
 from difflib import get_close_matches
@@ -46,6 +46,14 @@ class InputError(ValueError):
 
     def __reduce__(self) -> tuple[type["InputError"], tuple[str, str, str]]:
         return type(self), (self.where, self.wrong, self.right)
+
+
+class FitError(Exception):
+    """A fit to measured data does not exist: the model does not simulate, or no value of its parameters is found."""
+
+
+class NoDesign(Exception):
+    """A controller, a bed or a match with the values asked for does not exist."""
 
 
 def _plain(text: str, longest: int = 400) -> str:
