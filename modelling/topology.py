@@ -15,14 +15,19 @@ JOINTS = ("gears", "differentials", "shafts")  # tables of what makes inertias t
 
 
 class Tables(Protocol):
-    """What is asked of a drivetrain: its tables of shafts, gears and differentials."""
+    """What is asked of a drivetrain: its tables of joints."""
 
     @property
-    def shafts(self) -> Sequence[Any]: ...  # with name, between and ratio, which may be None
+    def shafts(self) -> Sequence[Any]:
+        """With name, between and ratio, which may be None."""
+
     @property
-    def gears(self) -> Sequence[Any]: ...  # with name, between and ratio
+    def gears(self) -> Sequence[Any]:
+        """With name, between and ratio."""
+
     @property
-    def differentials(self) -> Sequence[Any]: ...  # with name, cage, left and right
+    def differentials(self) -> Sequence[Any]:
+        """With name, cage, left and right."""
 
 
 @dataclass(frozen=True)
