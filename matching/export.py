@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import null_space
 
-from matching.match.case import Case, apply, of_system
+from matching.match.box import of_system
+from matching.match.case import Case, apply
 from matching.match.case_file import load_case
 from matching.match.in_time import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
 from matching.match.loop import LinearBed, assembled_bed, control_law, linear_bed, shaft_torque

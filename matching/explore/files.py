@@ -11,9 +11,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from matching.match.case import Case, limit_units
+from matching.match.case import Case
 from matching.match.case_file import case_files, case_from_tables, load_case
 from matching.match.map import held_at, quantities
+from matching.match.requirements import limit_units
 from modelling.bed.bed import HARDWARE
 from modelling.effects.effect import shared_place
 from modelling.errors import InputError, unknown

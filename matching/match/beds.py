@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from matching.match.case import Box, Case, Requirements
+from matching.match.box import Box
+from matching.match.case import Case
 from matching.match.loop import (
     BedSet,
     FrequencyResponse,
@@ -25,6 +26,7 @@ from matching.match.loop import (
     sampled_beds,
     without_resting,
 )
+from matching.match.requirements import Requirements
 from modelling.bed.observer import NOISE
 from modelling.linear.resolvent import Resolvent, resolvent
 

@@ -8,14 +8,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from matching.match.case import TORQUE_OVER_SPEED, Case, ExceededLimit, Move, apply, rig_values, scaled
+from matching.match.case import Case, Move, apply, scaled
+from matching.match.demands import ExceededLimit, rig_values
+from matching.match.objective import search_for
 from matching.match.problem import MatchProblem, differing_components, target_results
+from matching.match.requirements import TORQUE_OVER_SPEED
 from matching.match.responses import ResponseError
 from matching.match.result import TargetResult
-from matching.match.search import SearchSettings, end_at, rounds, search_for, solve
+from matching.match.rounds import end_at, rounds
+from matching.match.search import solve
+from matching.match.variables import SearchSettings
 from matching.match.verify import Verification, Violation, verify
 from modelling.bed.controllers import ModelBased
-from modelling.errors import InputError
+from modelling.errors import NoDesign
 from modelling.modal.modes import modes
 from modelling.modal.result import Mode
 from modelling.units import printed
@@ -33,7 +38,8 @@ class Solution:
     """What a search found: values by name (SI), the tuned case, its cost and those of the starts.
 
     ``keeps_all`` is whether every requirement is met as the search sees it; ``beyond`` are limits that no setting
-    keeps; ``checked`` is the verification once there is one.
+    keeps; ``failures`` are settings that have no controller, by the reason; ``checked`` is the verification once there
+    is one.
     """
 
     values: Mapping[str, float]
@@ -43,6 +49,7 @@ class Solution:
     keeps_all: bool
     beyond: list[ExceededLimit]
     checked: Verification | None = None
+    failures: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -96,7 +103,7 @@ class SolvedAgain:
             )
             values = search.values(end.x)
             return values if self.meets_all(apply(case, values)) else None
-        except InputError:
+        except NoDesign:
             return None
 
     def whole(self, case: Case, moves: Sequence[Move]) -> bool:

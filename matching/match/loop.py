@@ -10,7 +10,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from matching.match.case import Case, of_system
+from matching.match.box import of_system
+from matching.match.case import Case
 from modelling.bed.bed import ControlLaw, DelayedBed, Dynamometer, delayed_bed
 from modelling.bed.vehicle import FeedForward, Interface, cut
 from modelling.controller.law import law_of_feed_forward, law_of_feedback
@@ -262,7 +263,7 @@ def compared_sensors(case: Case) -> list[str]:
 
 
 def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
-    """The bed with some values (:class:`matching.match.case.Uncertain`) other than the case's, SI."""
+    """The bed with some values (:class:`matching.match.box.Uncertain`) other than the case's, SI."""
     of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
     return assembled_bed(case, state_space(case.rig, of_rig), values)
 

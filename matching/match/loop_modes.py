@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from matching.match.case import weighted_mac
 from matching.match.loop import (
     Body,
     LinearBed,
@@ -19,6 +18,7 @@ from matching.match.loop import (
     side_by_side,
     without_resting,
 )
+from matching.match.targets import weighted_mac
 from modelling.bed.vehicle import cut
 from modelling.linear.state_space import linear_motion
 from modelling.modal.modes import labels

@@ -8,21 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from matching.match.case import (
-    TORQUE_OVER_SPEED,
-    Case,
-    Demands,
-    ExceededLimit,
-    Move,
-    counterparts,
-    demands,
-    released_moves,
-    rig_values,
-    shares_of,
-    target_modes,
-    unscaled,
-)
+from matching.match.case import Case, Move, unscaled
+from matching.match.demands import Demands, ExceededLimit, demands, rig_values
+from matching.match.requirements import TORQUE_OVER_SPEED
 from matching.match.result import TargetResult
+from matching.match.targets import counterparts, released_moves, shares_of, target_modes
 from matching.match.verify import Traces, Verification
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from matching.match.beds import loop_frequencies, margins_of
-from matching.match.case import Case, apply, requirements
+from matching.match.case import Case, apply
 from matching.match.case_file import case_files, movable
 from matching.match.loop import (
     SampledController,
@@ -35,6 +35,7 @@ from matching.match.loop import (
     side_by_side,
 )
 from matching.match.loop_modes import ClosedLoop, LoopMode, inside_unit_circle, neutral_motions
+from matching.match.requirements import requirements
 from matching.match.responses import ComparedBed, log_squares, nodes_of
 from matching.match.verify import candidates_of, target_modes_of
 from matching.studies import run

@@ -19,7 +19,7 @@ from matching.match.beds import (
     planned,
     sensor_noise,
 )
-from matching.match.case import Case, Requirements, requirements, target_modes
+from matching.match.case import Case
 from matching.match.loop import (
     Body,
     LinearBed,
@@ -47,7 +47,9 @@ from matching.match.loop_modes import (
     neutral_motions,
     on_emulated_side,
 )
+from matching.match.requirements import Requirements, requirements
 from matching.match.responses import ResponseError, error_figures
+from matching.match.targets import target_modes
 from modelling.bed.manoeuvres import Kick
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
 from modelling.equations.casadi_code import compiled
@@ -647,7 +649,7 @@ class Deviation:
     response_error: float
 
 
-def simulate_deviations(case: Case, controller: SampledController, required: Requirements) -> tuple[Deviation, ...]:
+def response_deviations(case: Case, controller: SampledController, required: Requirements) -> tuple[Deviation, ...]:
     """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first."""
     rows: list[tuple[str, float, dict[str, float]]] = []
     done: set[str] = set()
@@ -826,7 +828,7 @@ def verify(
         poles, own_poles, modes, targets, least,
         modes_of_targets(identified, (target.mode for target in targets), modes), peaks,
         violations_of(case, peaks, figures.modulus_margin, least), error_figures(case, bed),
-        simulate_deviations(case, controller, required) if deviations else (), traces,
+        response_deviations(case, controller, required) if deviations else (), traces,
         (*notes, *remarks_on(case, neutral)),
         check_beds(case, controller, neutral, required, beds, seed + FRESH) if beds else None,
     )  # fmt: skip

@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case, Compared
 from matching.match.case_file import case_files
-from matching.match.in_time import TruthInTime
+from matching.match.in_time import InTime
 from matching.match.loop import bed_set, controller_of, frequency_response, return_difference
 from matching.match.loop_modes import LoopMode
 from matching.match.result import AdapterTrade, MatchResult, TargetResult
@@ -1058,7 +1058,7 @@ def to_watch(result: MatchResult) -> list[str]:
     return points[:MOST_LIMITS]
 
 
-def in_time_table(truth: TruthInTime) -> Table:
+def in_time_table(truth: InTime) -> Table:
     """Of every sensor the error with measured and with unmeasured torques."""
     rows = []
     for row in truth.rows:
@@ -1072,7 +1072,7 @@ def in_time_table(truth: TruthInTime) -> Table:
     )
 
 
-def _lash(truth: TruthInTime) -> str:
+def _lash(truth: InTime) -> str:
     """What drawn lashes do, as a sentence; empty where none was tried."""
     lash = truth.lash
     if lash is None:
@@ -1084,7 +1084,7 @@ def _lash(truth: TruthInTime) -> str:
     )
 
 
-def _standstill(truth: TruthInTime) -> str:
+def _standstill(truth: InTime) -> str:
     """What encoders do at rest, as a sentence; empty where it was not tried."""
     still = truth.standstill
     if still is None:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from matching.match.beds import Judge, check_beds, largest_error, worst_bed
-from matching.match.case import Box, Uncertain, requirements
+from matching.match.box import Box, Uncertain
 from matching.match.loop import bed_of, closed_poles, sampled_beds, without_limits
+from matching.match.requirements import requirements
 from modelling.bed.observer import design, observer_model
 
 
@@ -42,9 +43,9 @@ def test_the_search_asks_no_more_of_such_a_mode_either(small_case, small_search)
     search, beds = small_search, sampled_beds(small_case, [{"rig.shafts.flange.damping": 0.1}, {}])
     poles = closed_poles(beds, search.controller(search.begin()))
     search.required = replace(search.required, damping_ratio=0.06)
-    eased, planned_bed = search._damping_room(poles, beds)
+    eased, planned_bed = search.damping_margins(poles, beds)
     search.required = replace(search.required, rolled_off_from=300.0)
-    asked, same = search._damping_room(poles, beds)
+    asked, same = search.damping_margins(poles, beds)
     assert asked < 0 < eased
     assert planned_bed == pytest.approx(same)
 

@@ -384,7 +384,7 @@ POLYNOMIAL = 1e-9  # relative: so well must M·s² + D·s + K give the dynamic s
 class DrawnBed:
     """A bed with values of its own; n coordinates, k dynamometers, y sensors of the controller.
 
-    ``values`` are named as :class:`matching.match.case.Uncertain` has them.
+    ``values`` are named as :class:`matching.match.box.Uncertain` has them.
     """
 
     case: Case

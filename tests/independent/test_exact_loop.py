@@ -10,10 +10,10 @@ from independent.dynamic_stiffness import Judge as Independent
 from independent.dynamic_stiffness import NotCovered, check_loop
 
 from matching.match.beds import Judge, loop_figures, planned, sensor_noise
-from matching.match.case import requirements
 from matching.match.case_file import load_case
 from matching.match.loop import LinearBed, control_law, controller_on, damping_ratios, linear_bed
 from matching.match.loop_modes import neutral_motions
+from matching.match.requirements import requirements
 from modelling.bed.controllers import STRUCTURES
 from modelling.errors import InputError
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.match.case import Demands, DynamometerChain
 from matching.match.case_file import load_case
+from matching.match.demands import Demands, DynamometerChain
 from matching.match.limits import DeadTimeTrial, Relaxations, _delay
 from matching.match.loop import linear_bed
 from matching.match.problem import (

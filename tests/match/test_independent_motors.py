@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from reference.beds import twins
 
-from matching.match.case import demands
 from matching.match.case_file import load_case
+from matching.match.demands import demands
 from matching.match.loop import bed_set, controller_on, frequency_response, linear_bed, responses
 from matching.match.loop_modes import ClosedLoop, inside_unit_circle
 from matching.match.responses import error_figures

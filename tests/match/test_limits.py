@@ -10,8 +10,9 @@ from match import drawn
 from match.conftest import LITTLE
 
 from matching.match import limits
-from matching.match.case import Target, demands
+from matching.match.case import Target
 from matching.match.case_file import load_case
+from matching.match.demands import demands
 from matching.match.match import match
 from matching.match.problem import infeasible_limits
 from modelling.bed.controllers import STRUCTURES

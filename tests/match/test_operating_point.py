@@ -10,8 +10,8 @@ import pytest
 import tomli_w
 from scipy.signal import lsim
 
-from matching.match.case import Demands, DynamometerChain, demands
 from matching.match.case_file import case_files, load_case
+from matching.match.demands import Demands, DynamometerChain, demands
 from matching.match.limits import Relaxations, Solution, limits
 from matching.match.problem import problem_of, standstill
 from matching.report.match import content, operating_point, report

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from matching.match.bounds import lower_bound
-from matching.match.case import DEFAULT_LIMITS
 from matching.match.loop_modes import match_mode
+from matching.match.requirements import DEFAULT_LIMITS
 from matching.match.responses import error_figures
 from matching.match.verify import verify
 from modelling.bed.controllers import STRUCTURES

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from matching.match.beds import BedsCheck, LoopFigures
-from matching.match.case import Requirements
+from matching.match.requirements import Requirements
 from matching.report.match import bed_errors, beds_figure, requirement_rows
 
 BEDS = BedsCheck(4, 3, 3, 0.005, 0.01, (0.1, 0.2, 0.3), (0.2, 0.3, 0.4))
