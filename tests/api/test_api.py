@@ -139,7 +139,7 @@ def test_every_command_has_its_function_and_every_function_is_offered():
 
 
 def test_the_error_of_bad_input_is_public_and_no_other_error_passes_for_it():
-    with pytest.raises(rm.InputError, match="inertias.motor"):
+    with pytest.raises(rm.InputError, match=r"inertias\.motor"):
         rm.load(VEHICLE)["inertias.moter"]
     assert not issubclass(rm.InputError, ValueError)  # a fault of the program would pass for a mistake of the user
     with pytest.raises(rm.InputError, match=r"motor_torque: 5 is no manoeuvre; write one, such as rm.Step"):
