@@ -23,6 +23,7 @@ from modelling.linear.state_space import StateSpace, state_space
 from modelling.modal.modes import images
 from modelling.resources import threads
 from modelling.system import Sensor, System
+from modelling.topology import joints, side
 
 # --- A linear system with what its states mean in inertias and shafts.
 
@@ -211,12 +212,7 @@ def torque_sign(rig: System, dyno: Dynamometer) -> float:
         if sensor.name == dyno.torque_sensor and sensor.of == shaft.name
     )
     rotor = next(torque.on for torque in rig.inputs if torque.name == dyno.torque_input)
-    joints = [set(part.between) for part in rig.shafts if part.name != flange.name]
-    joints += [set(part.between) for part in rig.gears]
-    joints += [{part.cage, part.left, part.right} for part in rig.differentials]
-    beyond = {flange.between[1]}
-    while grown := {end for joint in joints if joint & beyond for end in joint} - beyond:
-        beyond |= grown
+    beyond = side(flange.between[1], joints(rig, without=(f"shafts.{flange.name}",)))
     if rotor in beyond:
         return 1.0
     return -1.0 if flange.ratio is None else -1 / flange.ratio.value
