@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import (
-    Fit,
-    angles_without_reading,
-    base_problem,
-    first_state,
-    flank_shifts,
-    simulate_readings,
-)
+from matching.diagnosis.descent import Fit
 from matching.diagnosis.holdout import holdout_residuals, rms_by_sensor, simulate_other
+from matching.diagnosis.problem import angles_without_reading, base_problem, first_state, flank_shifts
+from matching.diagnosis.simulation import simulate_readings
 from modelling.equations.casadi_code import compiled
 from modelling.model_file import from_dict
 

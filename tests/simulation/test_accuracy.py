@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from matching.diagnosis.data import Segment
-from matching.diagnosis.fit import simulate_readings
+from matching.diagnosis.simulation import simulate_readings
 from modelling.equations.casadi_code import compiled
 from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
