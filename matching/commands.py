@@ -320,6 +320,9 @@ def run_simulate(arguments: Arguments) -> dict[str, Any]:
         right = f"give a share of the range, {SMALLEST_TOLERANCE:g} to 1"
         raise InputError("--tolerance", f"{tolerance:g} is not possible", right)
     system = api.load(arguments.model)
+    if not system.sensors:
+        right = "add what is to be simulated, for example [sensors.speed] with measures and of"
+        raise InputError(arguments.model, "has no sensor, so there is nothing to write", right)
     recording = api.read_recording(arguments.recording, system, arguments.channels)
     done = api.simulate(system, recording, start=arguments.start, tolerance=tolerance)
     misfit = {name: _misfit(done[name], recording[name], done.units[name]) for name in recording.sensors(system)}
@@ -336,7 +339,7 @@ def run_simulate(arguments: Arguments) -> dict[str, Any]:
         "tolerance": tolerance,
         "integration_error": done.integration_error,
         "misfit": misfit,
-        "notes": [*recording.notes, *_inaccurate(done.integration_error, tolerance, is_linear(system))],
+        "notes": [*recording.notes, *done.notes, *_inaccurate(done.integration_error, tolerance, is_linear(system))],
         "files": sorted(files),
     }
 
