@@ -93,11 +93,11 @@ def time_column(columns: Sequence[str]) -> str:
 
 
 def channel_file(chosen: Mapping[str, tuple[str, str]], time: str) -> str:
-    """The text of a channel file from column and unit by channel; empty columns are left out."""
+    """The text of a channel file from column and unit by channel; where no column is known, a comment to be edited."""
     rows = [
-        f"{toml_string(name)} = {{ channel = {toml_string(column)}, unit = {toml_string(unit)} }}"
+        f"{'' if column else '# '}{toml_string(name)} = "
+        f"{{ channel = {toml_string(column or 'NAME')}, unit = {toml_string(unit)} }}"
         for name, (column, unit) in chosen.items()
-        if column
     ]
     return "\n".join(["[channels]", f"time = {toml_string(time)}", *rows]) + "\n"
 

@@ -187,7 +187,10 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
     for name, channel in channels.items():
         index = next((i for i, column in enumerate(table.columns) if column.name == channel.name), None)
         if index is None:
-            if channel.name in others or (name == "time" and name in table):
+            if channel.name in others:  # of which no numbers could be read
+                others = tuple(name if each == channel.name else each for each in others)
+                continue
+            if name == "time" and name in table:
                 continue
             fault = unknown(channel.name, [*table.names, *others], channel.where or f"channels.{name}")
             raise InputError(fault.where, f"{channel.name!r} does not exist in {source}", fault.right)
@@ -678,6 +681,8 @@ def _check_inputs(table: Table, system: System, source: str) -> None:
     known = _units(system)
     columns = [name for name in (*table.names, *table.others) if name != "time"]
     for part in system.inputs:
+        if part.name in table.others and part.name not in table:
+            raise InputError(f"{source}: column {part.name!r}", "holds no numbers", "write it as numbers")
         if part.name not in table.names:
             unused = [name for name in columns if name not in known]
             hint = unknown(part.name, unused or list(columns), source).right
@@ -747,9 +752,12 @@ def _unused_notes(table: Table, system: System) -> list[str]:
     """Notes of columns that the model does not have, and of sensors that may be among them."""
     known = {*_units(system), *system.input_references}
     unused = [name for name in (*table.names, *table.others) if name not in known and name != "time"]
+    notes = [
+        f"{name} is unused: its column holds no numbers" for name in table.others if name in known and name not in table
+    ]
     if not unused:
-        return []
-    notes = [f"not in the model, unused: {listed(unused)}"]
+        return notes
+    notes.append(f"not in the model, unused: {listed(unused)}")
     for sensor in system.sensors:
         similar = get_close_matches(sensor.name, unused, n=1, cutoff=0.75)
         if sensor.name not in table.names and similar:

@@ -300,7 +300,7 @@ def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> Recorde
     """
     names = model.states[: 2 * model.n]
     closed = np.atleast_2d(rest_state(model, p))[0][: len(names)]
-    out = RecordedStart.fromkeys(names, 0.0)
+    out = RecordedStart((name, 0.0) for name in names)
     out.undetermined = []
     if not recording.sensors(model.system):
         return out

@@ -193,7 +193,7 @@ def test_every_effect_at_every_place_through_every_command(tmp_path, capsys, mon
     build.compiler.cache_clear()
     monkeypatch.chdir(tmp_path)
     seen = recording(40)
-    rows = np.column_stack([seen.time, *(seen[name] for name in "t w phi m".split())])
+    rows = np.column_stack([seen.time, *(seen[name] for name in ["t", "w", "phi", "m"])])
     np.savetxt("run.csv", rows, "%.6f", ",", header="time [s],t,w,phi,m", comments="")
     failed = []
     for name, data in models(every_place=True):
