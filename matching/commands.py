@@ -80,14 +80,14 @@ def written(
 
 def made_of(arguments: Arguments, copies: Mapping[str, Any] | None = None) -> Any:
     """What a command reads: its first file with those that it names, channel file and recordings (or their copies)."""
-    from matching.diagnosis.loggers import SEVERAL_LOGGERS
+    from matching.channel_names import SEVERAL
     from matching.report.page import made_from, with_recordings
 
     named = vars(arguments)
     file = Path(next(named[key] for key in ("case", "model", "budget") if named.get(key)))
     made = made_from(file / "case.toml" if file.is_dir() else file, named.get("seed"), ("vehicle", "rig"))
     several = [name for key in ("recordings", "holdout") for name in named.get(key) or ()]
-    paths = [path for each in several for path in ([each] if Path(each).exists() else each.split(SEVERAL_LOGGERS))]
+    paths = [path for each in several for path in ([each] if Path(each).exists() else each.split(SEVERAL))]
     if named.get("channels"):
         paths.insert(0, arguments.channels)
     return with_recordings(made, ((path, (copies or {}).get(path, path)) for path in paths))
@@ -345,14 +345,15 @@ def run_simulate(arguments: Arguments) -> dict[str, Any]:
 
 
 def _inaccurate(errors: dict[str, float], tolerance: float, linear: bool) -> list[str]:
-    """A note on every reading whose estimated error is beyond the tolerance."""
-    chaotic = "" if linear else ", or a motion that is chaotic"
-    return [
-        f"{name}: the steps leave an estimated error of {error:.2g} of its range: they do not resolve its fastest "
-        f"vibration{chaotic}"
-        for name, error in errors.items()
-        if error > tolerance
-    ]
+    """A note on the readings whose estimated error is beyond the tolerance."""
+    beyond = {name: error for name, error in errors.items() if error > tolerance}
+    if not beyond:
+        return []
+    shares = ", ".join(f"{name} {error:.2g}" for name, error in beyond.items())
+    why = "the steps do not resolve the fastest vibration"
+    if not linear:
+        why += ", a flank or dry friction acts between two samples, or the motion is chaotic"
+    return [f"the estimated error of the integration is larger than asked for ({shares} of the range): {why}"]
 
 
 def _misfit(simulated: np.ndarray, recorded: np.ndarray, unit: str) -> dict[str, Any]:

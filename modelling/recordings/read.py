@@ -50,10 +50,10 @@ from modelling.units import LARGEST, factor, signal_unit, to_si
 # motor_angle = { channel = "phi", period = 360 }               # starts anew after so much, in the file's unit
 #
 # Above [channels] may stand ``header = 3``, the line of a table's header, and ``sampling_rate = 1000`` (Hz) of a file
-# without a column of time.
+# without a column of time, and ``same_clock = true`` of files joined by + that were recorded on one clock.
 
 KEYS = ("channel", "unit", "sign", "factor", "group", "period")
-FILE_KEYS = ("channels", "header", "sampling_rate")
+FILE_KEYS = ("channels", "header", "sampling_rate", "same_clock")
 CHANNEL_UNITS = ("rad/s", "N*m", "rad", "rad/s^2", "s")  # SI units of sensors, inputs and time
 
 
@@ -72,10 +72,14 @@ class Channel:
 
 
 class ChannelFile(dict[str, Channel]):
-    """Channel by the model's name; the line of the header and the sampling rate (Hz) where the file states them."""
+    """Channel by the model's name; the line of the header and the sampling rate (Hz) where the file states them.
+
+    ``same_clock``: joined files were recorded on one clock.
+    """
 
     header: int | None = None
     sampling_rate: float | None = None
+    same_clock: bool = False
 
 
 def read_channels(path: str | PathLike[str]) -> ChannelFile:
@@ -100,6 +104,10 @@ def read_channels(path: str | PathLike[str]) -> ChannelFile:
         if rate <= 0:
             raise InputError(f"{path}: sampling_rate", "is not positive", "write samples per second, in Hz")
         channels.sampling_rate = rate
+    if "same_clock" in data:
+        if not isinstance(data["same_clock"], bool):
+            raise InputError(f"{path}: same_clock", f"{data['same_clock']!r} is neither true nor false", "write true")
+        channels.same_clock = data["same_clock"]
     if "header" in data:
         header = data["header"]
         if isinstance(header, bool) or not isinstance(header, int) or not 1 <= header <= 100_000:

@@ -646,15 +646,17 @@ STEPS_SHARE = 0.1  # of the tolerance, for the steps: a transition that a whole 
 
 @dataclass(frozen=True)
 class Sharpened:
-    """A run with friction as sharp as the tolerance asks, its stick speed, and the states (b, t, x) of the run before.
+    """A run with friction as sharp as the tolerance asks.
 
-    Without dry friction the stick speed (rad/s) is NaN and ``before`` is None.
+    ``stick_speed`` is in rad/s, NaN without dry friction. ``before`` holds the states (b, t, x) of the last blunter
+    run, if there is one, ``change`` (y,) what sharpening has changed since then, as a share of each reading's range.
     """
 
     controlled: Controlled
     problem: InitialValueProblem
     stick_speed: float
     before: np.ndarray | None
+    change: np.ndarray
 
 
 def sharp_enough(
@@ -682,9 +684,9 @@ def sharp_enough(
         0: the law stays as it is. Without dry friction it does anyway.
     """
     if STICK_SPEED not in problem.model.parameters:
-        return Sharpened(blunt, problem, float("nan"), None)
+        return Sharpened(blunt, problem, float("nan"), None, np.zeros(1))
     at = problem.model.parameters.index(STICK_SPEED)
-    best, smallest, before = blunt, np.inf, None
+    best, smallest, before, last = blunt, np.inf, None, np.zeros(1)
     for _ in range(most_runs):
         p = problem.p.copy()
         p[0, at] /= SHARPER
@@ -696,37 +698,38 @@ def sharp_enough(
         if change.max(initial=0.0) >= smallest:
             break
         smallest = float(change.max(initial=0.0))
-        before = best.trajectories.states
+        before, last = best.trajectories.states, change
         best, problem = replace(sharper, error=np.maximum(sharper.error, change)), replace(problem, p=p)
         if smallest <= tolerance:
             break
-    return Sharpened(best, problem, float(problem.p[0, at]), before)
+    return Sharpened(best, problem, float(problem.p[0, at]), before, last)
 
 
 # --- The error that a simulation states where a torque jumps or has a kink.
 #
 # Where a step meets a kink its error is of no order: two runs tell what the finer one has left only to a factor. Stated
-# is therefore all that the last refinement changed, of steps that are halved everywhere and of dry friction, not what
-# theory says is left of it (a factor of safety; Roache, Perspective: a method for uniform reporting of grid refinement
-# studies, Journal of Fluids Engineering 116, 1994). A reading that jumps where a flank is met may be on the wrong side
-# of the jump: the readings of all states within the error are looked at.
+# is therefore more than theory says is left: three times what halving all steps changed, and all that the last
+# sharpening of dry friction changed, of which theory leaves a quarter. A reading that jumps where a flank is met may be
+# on the wrong side of the jump: the readings of all states within the error are looked at.
 
+SAFETY = 3.0  # for two runs of unknown order (Roache, Perspective: a method for uniform reporting of grid refinement
+# studies, Journal of Fluids Engineering 116, 1994)
 SHARP_CONTACT = 1e-12  # of the time over which damping sets in at contact: a jump
 
 
 def with_stated_error(sharpened: Sharpened, compiled: bool | None) -> Controlled:
     """The run with every step halved, and the error of its readings over their ranges, for a model that is not smooth.
 
-    The error of the run is what halving the steps and the last sharpening of dry friction changed.
+    See :data:`SAFETY`.
     """
     problem, coarse = sharpened.problem, sharpened.controlled
     stepping = coarse.stepping.finer(2)
     fine = problem.run(stepping, compiled, errors=True)
     raise_if_failed(fine.failed, problem.time, problem.model.states)
-    changes = [fine.states - coarse.trajectories.states]
+    changes = [SAFETY * (fine.states - coarse.trajectories.states)]
     if sharpened.before is not None:
         changes.append(coarse.trajectories.states - sharpened.before)
-    error = difference(coarse.trajectories, fine, rough=True) + coarse.error
+    error = SAFETY * difference(coarse.trajectories, fine, rough=True) + sharpened.change
     if problem.model.sensors:
         error = np.maximum(error, _beside_jumps(problem, fine, changes))
         error = np.maximum(error, _rounding(problem, fine, stepping.count(problem.time)))

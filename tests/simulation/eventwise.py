@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import expm
 
-SUBSTEPS = 16  # a sample, at the ends of which events are looked for
-BISECTIONS = 44
+SUBSTEPS = 8  # a sample, at the ends of which events are looked for
+BISECTIONS = 32
 
 
 @dataclass
@@ -27,6 +27,24 @@ class Chain:
     gap: np.ndarray
     on: list[int]
     _made: dict = field(default_factory=dict, repr=False)
+
+    def as_model(self) -> dict:
+        """The same as a model file, a sensor of every speed and shaft torque."""
+        n = len(self.J)
+        shafts = {
+            f"s{i}": {"between": [f"i{i}", f"i{i + 1}"], "stiffness": float(k), "damping": float(c)}
+            for i, (k, c) in enumerate(zip(self.stiffness, self.damping, strict=True))
+        }
+        gaps = [(f"shafts.s{i}", "backlash", "gap", float(gap)) for i, gap in enumerate(self.gap) if gap]
+        rubbing = [(f"inertias.i{i}", "coulomb_friction", "torque", float(T)) for i, T in enumerate(self.friction) if T]
+        sensors = {f"w{i}": {"measures": "speed", "of": f"i{i}"} for i in range(n)}
+        return {
+            "inertias": {f"i{i}": {"J": float(self.J[i]), "drag": float(self.drag[i])} for i in range(n)},
+            "shafts": shafts,
+            "inputs": {f"u{j}": {"on": f"i{i}"} for j, i in enumerate(self.on)},
+            "sensors": sensors | {f"t{i}": {"measures": "torque", "of": f"s{i}"} for i in range(n - 1)},
+            "effects": [{"kind": kind, "at": at, key: value} for at, kind, key, value in gaps + rubbing],
+        }
 
     def readings(self, time: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """Speeds and shaft torques (t, 2n-1) for torques (t, u) that are linear between even samples, from rest."""
@@ -49,24 +67,27 @@ class Chain:
     def _advance(self, z, mode, step):
         left = step
         for _ in range(200):
-            after = self._moved(mode, left, left == step) @ z
+            after = self._over(mode, left, kept=left == step) @ z
             if not self._left(after, mode):
                 return after, mode
-            low, high = 0.0, left
-            for _ in range(BISECTIONS):
-                middle = (low + high) / 2
-                if self._left(self._moved(mode, middle, False) @ z, mode):
-                    high = middle
-                else:
-                    low = middle
-            z = self._moved(mode, high, False) @ z
+            passed, crossed = 0.0, (left, after)
+            for halving in range(1, BISECTIONS):
+                part = step / 2**halving
+                if passed + part <= left:
+                    further = self._over(mode, part) @ z
+                    if self._left(further, mode):
+                        crossed = (passed + part, further)
+                    else:
+                        z, passed = further, passed + part
+            passed, z = crossed
             mode = self._mode_after(z, *mode)
-            left -= high
-            if left <= 1e-13 * step:
+            left -= passed
+            if left <= 1e-12 * step:
                 return z, mode
         raise AssertionError("events without end")
 
-    def _moved(self, mode, seconds, kept):
+    def _over(self, mode, seconds, kept=True):
+        """The matrix that advances a state by so long in a mode."""
         key = (tuple(mode[0]), tuple(mode[1]))
         if key not in self._made:
             self._made[key] = self._rates(*mode)
@@ -151,3 +172,25 @@ class Chain:
     def _read(self, z, mode):
         n = len(self.J)
         return np.concatenate([z[n : 2 * n], self._shaft_torques(z, mode[0])])
+
+
+def drawn(seed: int, samples: int = 400) -> tuple[Chain, np.ndarray, np.ndarray]:
+    """A chain of two to four inertias, time (t,) and torques (t, 2): harmonic, square, or held at random values."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 5))
+    J, frequency = 10 ** rng.uniform(-2, 0, n), 10 ** rng.uniform(0.7, 1.7, n - 1)
+    k = (2 * np.pi * frequency) ** 2 * J[:-1] * J[1:] / (J[:-1] + J[1:])
+    c = 2 * rng.choice([0.003, 0.02, 0.1], n - 1) * k / (2 * np.pi * frequency)
+    gap = np.where(rng.random(n - 1) < 0.7, 10 ** rng.uniform(-3, -1.3, n - 1), 0.0)
+    if not gap.any():
+        gap[rng.integers(n - 1)] = 0.01
+    friction = np.where(rng.random(n) < 0.5, rng.uniform(0.2, 2, n), 0.0) * (seed % 4 > 0)
+    chain = Chain(J, rng.choice([0.0, 0.05, 0.3], n), friction, k, c, gap, [0, n - 1])
+    time = np.arange(samples) * 10 ** rng.uniform(-3, -2.3)
+    torque = np.empty((samples, 2))
+    for j in range(2):
+        size = rng.uniform(2, 15)
+        wave = np.sin(2 * np.pi * rng.uniform(1, 8) * time + rng.uniform(0, 6))
+        held = np.repeat(rng.normal(0, 1, samples // 10 + 1), 10)[:samples]
+        torque[:, j] = size * (wave, np.sign(wave), held)[seed % 3]
+    return chain, time, torque
