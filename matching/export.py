@@ -581,8 +581,6 @@ def _json(path: Path) -> dict[str, Any]:
         if len(content) > LARGEST_RESULT:
             raise InputError(str(path), "is too large for the result of a match", "at most 50 MB are read")
         result = json.loads(content.decode("utf-8"))
-    except InputError:
-        raise
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "give a directory that rigmatch match wrote") from None
     except OSError as fault:

@@ -745,7 +745,7 @@ class Runner:
         """Run the command."""
         try:
             words = self._words()
-        except ValueError as error:  # InputError is one
+        except InputError as error:
             self.message.say(str(error), wrong=True)
             return
         self.run.disabled, self.cancel.disabled = True, False

@@ -135,11 +135,11 @@ def needed_to_keep(case: Case, free: Sequence[Move], asked: Demands) -> dict[str
     out_of_reach = {limit for _, limit, _, _ in infeasible_limits(case, free, asked)}
     names = {name for move in free for name in move.together}
     for limit in [exceeded.limit for exceeded in asked.broken(planned)]:
-        if not names & asked.quantities(limit):
+        if not names & asked.quantities(limit, planned):
             out_of_reach.add(limit)
     released: dict[str, str] = {}
     for limit in sorted(out_of_reach):
-        behind = asked.quantities(limit)
+        behind = asked.quantities(limit, planned)
         for move in case.moves:
             if move not in free and behind & set(move.together):
                 released.setdefault(move.name, limit)

@@ -75,7 +75,7 @@ def test_one_motor_moves_the_other_side_through_the_emulated_body(case):
     answers = responses(beds, frequency_response(controller, beds.frequencies), case.loop.measured)[0, 0]
     crossed = [pair.input == "torque_left" and pair.sensor == "speed_right" for pair in case.compared].index(True)
     assert abs(answers[crossed]) > 1e-3
-    left, right = demands(case).chains
+    left, right = (part.cuts[0] for part in demands(case).behind)
     assert left.speed.max() > right.speed.max() > right.speed[0] * 1.01
 
 
