@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.signal import cont2discrete
 
 from matching.match.case import Case
 from matching.match.requirements import TORQUE_OVER_SPEED
 from modelling.bed.vehicle import TorqueCurve
+from modelling.linear.state_space import discretise
 from modelling.linear.steady_motion import operating_motion, torques_of
 from modelling.simulation.simulate import simulate
 from modelling.system import Sensor
@@ -155,12 +155,12 @@ def _internal_motion(
     unseen = free @ null_space(driven @ free)  # motions on which the dynamometers do no work
     inertia, damping, torque = unseen.T @ J @ own, unseen.T @ drag @ own, -unseen.T @ missing
     A, B = np.linalg.lstsq(inertia, -damping)[0], np.linalg.lstsq(inertia, np.eye(len(inertia)))[0]
-    whole, held, _, _, _ = cont2discrete((A, B, A, B), 1 / SAMPLING_RATE, "zoh")
+    step = discretise(A, B, 1 / SAMPLING_RATE)
     motion = np.zeros((own.shape[1], torque.shape[1]))
     motion[:, 0] = np.linalg.lstsq(damping, torque[:, 0])[0]
-    means = (torque[:, :-1] + torque[:, 1:]) / 2
-    for i, mean in enumerate(means.T):
-        motion[:, i + 1] = whole @ motion[:, i] + held @ mean
+    grown = step.held @ torque[:, :-1] + step.ramp @ np.diff(torque)
+    for i, added in enumerate(grown.T):
+        motion[:, i + 1] = step.transition @ motion[:, i] + added
     return motion, A @ motion + B @ torque
 
 
