@@ -14,6 +14,7 @@ from modelling.effects.effect import Kind, place_in_file, shared_place
 from modelling.errors import InputError, unknown
 from modelling.system import TABLES, Differential, Effect, Gear, Inertia, Input, Quantity, Sensor, Shaft, System
 from modelling.toml import check_file, check_keys, read_toml, text, title
+from modelling.topology import connected_parts, joints, speed_ratios
 from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 # --- Files
@@ -83,42 +84,20 @@ ROUNDED = 1e-6  # relative: below it the ratios round a loop contradict each oth
 
 def _check_shafts_turn(system: System) -> None:
     """Refuse a loop of shafts and gears whose ratios contradict each other: whatever turns would wind it up."""
-    edges = [(f"gears.{gear.name}", gear.between, gear.ratio.value) for gear in system.gears]
-    edges += [(f"shafts.{own.name}", own.between, own.ratio.value if own.ratio else 1.0) for own in system.shafts]
-    tree: dict[str, list[tuple[str, float]]] = {part.name: [] for part in system.inertias}
-    leader = {name: name for name in tree}  # of the inertias joined so far, by halving paths
-    speed: dict[str, float] = {}
-    closing = []
-
-    def joined(name: str) -> str:
-        while leader[name] != name:
-            leader[name] = name = leader[leader[name]]
-        return name
-
-    for place, (first, second), ratio in edges:
-        if joined(first) == joined(second):
-            closing.append((place, first, second, ratio))
-            continue
-        leader[joined(first)] = joined(second)
-        tree[first].append((second, 1 / ratio))
-        tree[second].append((first, ratio))
-    for root in tree:
-        waiting = [] if root in speed else [root]
-        speed.setdefault(root, 1.0)
-        while waiting:
-            here = waiting.pop()
-            for other, factor in tree[here]:
-                if other not in speed:
-                    speed[other] = speed[here] * factor
-                    waiting.append(other)
-    for place, first, second, ratio in closing:
-        if place.startswith("shafts.") and abs(speed[first] - ratio * speed[second]) > ROUNDED * abs(speed[first]):
-            wrong = (
-                f"locks the drivetrain: without twist {first} turns {speed[first] / speed[second]:.6g} times as fast as"
-            )
-            raise InputError(
-                place, f"{wrong} {second} by the other way, {ratio:.6g} times by this shaft", "check the ratios"
-            )
+    shafts, every = joints(system, "shafts"), joints(system, "gears", "shafts")
+    for part in connected_parts((inertia.name for inertia in system.inertias), every):
+        speed = speed_ratios(part[0], every)
+        for shaft in (shaft for shaft in shafts if shaft.ends[0] in speed):
+            first, second = shaft.ends
+            if abs(speed[first] - shaft.ratio * speed[second]) > ROUNDED * abs(speed[first]):
+                other_way = (
+                    f"{first} turns {speed[first] / speed[second]:.6g} times as fast as {second} by the other way"
+                )
+                raise InputError(
+                    shaft.place,
+                    f"locks the drivetrain: without twist {other_way}, {shaft.ratio:.6g} times by this shaft",
+                    "check the ratios",
+                )
 
 
 def _parts(data: Mapping[str, Any], table: str, where: str, make: Callable[[str, dict, str], Any]) -> list:

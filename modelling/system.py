@@ -14,6 +14,7 @@ from modelling import display
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind, members, shared_place
 from modelling.errors import InputError, listed, unknown
+from modelling.topology import connected_parts, joints
 from modelling.units import INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 # --- A number in SI with the range it is known to lie in.
@@ -505,36 +506,15 @@ def _effect(kind: Kind, effect: Effect, system: Components, where: str) -> None:
 
 
 def _connected(system: Components, inertias: Collection[str]) -> None:
-    joined: dict[str, set[str]] = {name: set() for name in inertias}
-    for first, second in [part.between for part in system.shafts] + [part.between for part in system.gears]:
-        joined[first].add(second)
-        joined[second].add(first)
-    for part in system.differentials:
-        for end in (part.left, part.right):
-            joined[part.cage].add(end)
-            joined[end].add(part.cage)
-    groups: list[set[str]] = []
-    for name in inertias:
-        if not any(name in group for group in groups):
-            groups.append(_reached(name, joined))
+    parts = connected_parts(inertias, joints(system))
     driven = {source.on for source in system.inputs}
-    apart = [name for group in groups[1:] if not group & driven for name in inertias if name in group]
-    if apart or (len(groups) > 1 and not groups[0] & driven):
+    apart = [name for part in parts[1:] if not driven & set(part) for name in part]
+    if apart or (len(parts) > 1 and not driven & set(parts[0])):
         raise InputError(
             "inertias",
-            f"{listed(apart or list(groups[1]))} are not connected to {next(iter(inertias))!r}",
+            f"{listed(apart or parts[1])} are not connected to {next(iter(inertias))!r}",
             "add the missing shaft or gear; parts that stand apart each need an input that drives them",
         )
-
-
-def _reached(start: str, joined: Mapping[str, set[str]]) -> set[str]:
-    """All that is connected to an inertia, itself included."""
-    reached, todo = {start}, [start]
-    while todo:
-        new = joined[todo.pop()] - reached
-        reached |= new
-        todo.extend(new)
-    return reached
 
 
 def _operating_point(system: Components, inertias: Collection[str]) -> None:
@@ -591,8 +571,8 @@ class System(Components):
         """The parameters that have a range, by name."""
         return {name: quantity for name, quantity in self.parameters.items() if quantity.uncertain}
 
-    def __getitem__(self, place: str) -> Inertia | Shaft | Gear | Differential | Input | Sensor:
-        """The component at ``table.name``.
+    def __getitem__(self, place: str) -> Inertia | Shaft | Gear | Differential | Input | Sensor | Quantity:
+        """The component at ``table.name``, or the quantity ``table.name.quantity``.
 
         Raises
         ------
@@ -604,7 +584,9 @@ class System(Components):
             for part in getattr(self, table):
                 if part.name == name:
                     return part
-        raise unknown(place, list(self.places()), "")
+        if place in self.parameters:
+            return self.parameters[place]
+        raise unknown(place, [*self.places(), *self.parameters], "")
 
     def in_si(self, values: Mapping[str, float | str]) -> dict[str, float]:
         """Values of parameters by name, SI or texts with a unit, all in SI; raises as :meth:`with_values`."""
@@ -683,13 +665,13 @@ def mirror_image(name: str, system: System) -> str:
 def mirror_images(names: Sequence[str], system: System) -> list[str]:
     """The mirror image of each name, see :func:`mirror_image`."""
     swap = {a: b for pair in system.mirror for a, b in (pair, pair[::-1])}
-    joints = {table: _joints(getattr(system, table)) for table in ("shafts", "gears")}
+    ends_of = {table: _ends_by_name(getattr(system, table)) for table in ("shafts", "gears")}
     images = []
     for name in names:
         table, _, rest = name.partition(".")
         part, _, quantity = rest.partition(".")
         image = swap.get(part, part) if table == "inertias" else part
-        ends, by_ends = joints.get(table, ({}, {}))
+        ends, by_ends = ends_of.get(table, ({}, {}))
         if part in ends:
             first, second = ends[part]
             image = by_ends.get((swap.get(first, first), swap.get(second, second)), part)
@@ -697,6 +679,6 @@ def mirror_images(names: Sequence[str], system: System) -> list[str]:
     return images
 
 
-def _joints(parts: Sequence[Shaft | Gear]) -> tuple[dict[str, tuple[str, str]], dict[tuple[str, str], str]]:
+def _ends_by_name(parts: Sequence[Shaft | Gear]) -> tuple[dict[str, tuple[str, str]], dict[tuple[str, str], str]]:
     """Ends by name, and the first name by ends."""
     return {part.name: part.between for part in parts}, {part.between: part.name for part in reversed(parts)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -10,12 +11,14 @@ import numpy as np
 from scipy.linalg import expm
 
 from matching.diagnosis.data import FitData, stationary_smoother
-from matching.diagnosis.fit import Fit, FitProblem, compile_models, jacobian
+from matching.diagnosis.descent import Fit
+from matching.diagnosis.problem import FitProblem, jacobian
+from matching.diagnosis.simulation import compile_models
 from modelling.effects import EFFECTS
 from modelling.effects.effect import FittedMotion, RecordedRange
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import derive
-from modelling.errors import InputError
+from modelling.errors import FitError, InputError
 from modelling.system import Effect, Input, Quantity, Shaft, System
 
 # --- The torque balance of a fit: which further torque on which inertia, or in which shaft, the measurement asks for.
@@ -117,15 +120,18 @@ def torque_balance(fit: Fit, system: System, value: dict[str, float], scale: flo
     Q = np.diag([0.0] * x + [variance] * torques)
     angles = np.hstack([np.eye(n), np.zeros((n, x + torques - n))])
     H = np.vstack([np.hstack([linear.C, linear.D]), angles])
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):  # of absurd data, which are refused
-            smoother = stationary_smoother(F, H, Q, np.concatenate([data.noise**2, np.full(n, ANGLE_SIGMA**2)]))
-    except (np.linalg.LinAlgError, ValueError):
+    with np.errstate(over="ignore", invalid="ignore"):  # of absurd data, which are refused
+        R = np.concatenate([data.noise**2, np.full(n, ANGLE_SIGMA**2)])
+        smoother = None
+        if all(np.isfinite(matrix).all() for matrix in (F, H, Q, R)):
+            with contextlib.suppress(np.linalg.LinAlgError):  # the Riccati equation has no stabilising solution
+                smoother = stationary_smoother(F, H, Q, R)
+    if smoother is None:
         raise InputError(
             data.segments[0].name or "recording",
             "no motion of the model's inertias follows from its readings",
             "check units and sampling of the channels, and the sensors' uncertainties",
-        ) from None
+        )
     parts = []
     for residual, segment in zip(fit.errors, data.segments, strict=True):
         deviation = np.where(segment.measured, residual * data.noise, 0.0)
@@ -219,7 +225,7 @@ def known_jacobian(problem: FitProblem, parent: Fit, v: np.ndarray) -> np.ndarra
     if len(new):
         residual = problem.residuals(v[None])[0]
         if not np.isfinite(residual).all():
-            raise FloatingPointError("the simulation diverges at the start of the fit")
+            raise FitError("the simulation diverges where the fit begins")
         out[:, new] = jacobian(problem, v, residual, new)
     return out
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft, signal, special, stats
 
-from matching.diagnosis.fit import Fit, jacobian
+from matching.diagnosis.descent import Fit
+from matching.diagnosis.problem import jacobian
 from matching.diagnosis.selection import Hypothesis, at_noise
 from modelling.recordings.recording import Recording
 

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from matching.diagnosis.causes import ExtendedModel, extended_system, simulated_motion
 from matching.diagnosis.closed_loop import closed_loop_notes
 from matching.diagnosis.data import FitData, prepare_data, with_smooth_inputs
-from matching.diagnosis.fit import Fit, balanced_fit, base_problem, compile_models, solve
+from matching.diagnosis.descent import Fit, balanced_fit, solve
 from matching.diagnosis.holdout import (
     RESTART_SECONDS,
     Holdout,
@@ -28,6 +28,7 @@ from matching.diagnosis.holdout import (
     split_holdout,
 )
 from matching.diagnosis.loggers import with_clocks
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.result import (
     Diagnosis,
     FittedCandidate,
@@ -59,16 +60,17 @@ from matching.diagnosis.search import (
     without,
 )
 from matching.diagnosis.selection import (
-    FIT_ERRORS,
     Hypothesis,
     UnseenData,
     at_noise,
     equivalent_fits,
     largest_error,
+    rms_errors,
     scatters_only,
     widened,
 )
 from matching.diagnosis.settings import DiagnosisSettings
+from matching.diagnosis.simulation import compile_models
 from matching.diagnosis.statistics import Estimate, at_least, discretisation_shift, estimates, prediction
 from matching.diagnosis.verdict import (
     TOLD_FROM_NOTHING,
@@ -85,6 +87,7 @@ from matching.diagnosis.verdict import (
     refitted_candidates,
 )
 from matching.diagnosis.windows import window_uncertainties
+from modelling.errors import FitError, InputError
 from modelling.recordings.recording import Recording
 from modelling.resources import limited, time_is_over
 from modelling.simulation.simulate import check_speed_units
@@ -211,7 +214,7 @@ def _smooth_between_samples(system: System, fit: Fit) -> Fit | None:
         return None
     try:
         smooth = solve(problem, fit.v)
-    except FIT_ERRORS:
+    except FitError:
         return None
     if fit.cost - smooth.cost < LIKELIER * max(1.0, smooth.cost / data.readings_count):
         return None
@@ -226,6 +229,7 @@ def _with_smooth_inputs(system: System, data: FitData) -> FitData:
 
 # --- Diagnosis
 
+FAR_OFF = 0.25  # error of the base model over a sensor's standard deviation, from which its unit is checked
 EXPLAINED_HOLDOUT_RATIO = 1.25  # error on held-out data, in times the noise, up to which causes count as explaining all
 
 
@@ -267,7 +271,7 @@ def diagnose(
         remembered = RememberedHoldout(judge)
         progress("base model")
         compile_models([system])
-        base_fit = solve(*base_problem(system, train))
+        base_fit = _base_fit(system, train, [*recordings, *judging])
         smooth = _smooth_between_samples(system, base_fit)
         if smooth is None:
             identified = identify_causes(system, base_fit, remembered, settings, progress)
@@ -316,6 +320,24 @@ def diagnose(
     return found
 
 
+def _base_fit(system: System, train: FitData, recordings: Sequence[Recording]) -> Fit:
+    """The fit of a system as given. Where it is far off, a speed or an angle without a unit may be in another one than
+    taken: an InputError then says which."""
+    try:
+        fit = solve(*base_problem(system, train))
+    except FitError as reason:
+        for recording in recordings:
+            check_speed_units(system, recording)
+        source, wrong = recordings[0].source, f"the model cannot be fitted to it: {reason}"
+        raise InputError(source, wrong, "check units and signs of the channels, and the values of the model") from None
+    readings = np.concatenate([segment.readings for segment in train.segments])
+    spread = [float(np.std(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0 for values in readings.T]
+    if (rms_errors(fit) * train.noise > FAR_OFF * np.array(spread)).any():
+        for recording in recordings:
+            check_speed_units(system, recording)
+    return fit
+
+
 def _by_segment(judge: Holdout, models: Sequence[Hypothesis], residuals: Sequence[list]) -> Iterator[ModelResiduals]:
     """The residuals of several models on held-out data with the segments they belong to."""
     return (ModelResiduals(judge.segments(model.fit), r) for model, r in zip(models, residuals, strict=True))
@@ -341,8 +363,6 @@ def _data(
     system: System, recordings: Sequence[Recording], judging: Sequence[Recording]
 ) -> tuple[FitData, FitData, Holdout, list[str]]:
     """All data of the recordings, those to fit, those to judge, and notes."""
-    for recording in [*recordings, *judging]:
-        check_speed_units(system, recording)
     whole, remarks = prepare_data(system, recordings)
     notes = [note for recording in recordings for note in recording.notes] + remarks
     if not judging:

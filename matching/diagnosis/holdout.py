@@ -12,7 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from matching.diagnosis.data import FEWEST_SAMPLES, FitData, Segment
-from matching.diagnosis.fit import Fit, FitOptions, FitProblem, first_state, flank_shifts, solve
+from matching.diagnosis.descent import Fit, FitOptions, solve
+from matching.diagnosis.problem import FitProblem, first_state, flank_shifts
 from modelling.errors import InputError
 from modelling.fidelity.measures import (
     WEIGHTS,

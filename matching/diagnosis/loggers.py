@@ -15,7 +15,8 @@ from scipy import fft
 
 from matching.channel_names import SEVERAL, time_column
 from matching.diagnosis.data import Segment
-from matching.diagnosis.fit import first_state, simulate_readings, steps_and_stick_speed
+from matching.diagnosis.problem import first_state
+from matching.diagnosis.simulation import simulate_readings, steps_and_stick_speed
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
 from modelling.errors import InputError, listed, unknown

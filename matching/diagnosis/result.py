@@ -12,11 +12,10 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause, simulated_motion
 from matching.diagnosis.data import FitData
-from matching.diagnosis.fit import Fit, Quadratic, discrepancy, reweighted
+from matching.diagnosis.descent import Fit, Quadratic, discrepancy, reweighted
 from matching.diagnosis.holdout import HoldoutData, HoldoutFidelity
 from matching.diagnosis.screening import ScreenedCandidate, Screening, fit_extended
 from matching.diagnosis.selection import (
-    FIT_ERRORS,
     Hypothesis,
     UnseenData,
     at_noise,
@@ -27,6 +26,7 @@ from matching.diagnosis.statistics import Estimate, covariance, effective_share,
 from modelling.display import Displayed
 from modelling.effects import EFFECTS
 from modelling.effects.effect import AXES, FittedMotion, TorqueTable, place_in_file, place_in_words, table_parameters
+from modelling.errors import FitError
 from modelling.system import Effect, Quantity, System
 
 # --- A named cause with its parameters, and the candidates that were weighed against it.
@@ -126,8 +126,10 @@ class FittedCandidate:
     chi_square : float
         On fitted data.
     not_taken : str
-        Why it was not taken: ``not_better``, ``not_physical``, ``beyond_recording``, ``worse_unseen``, ``at_bound`` or
-        ``rival``; empty if it was.
+        Why it was not taken: ``not_better``, ``not_physical``, ``beyond_recording``, ``worse_unseen``, ``at_bound``,
+        ``rival`` or ``no_fit``; empty if it was.
+    why : str
+        Why it has no fit, where it has none; its numbers are then NaN.
     """
 
     kind: str
@@ -136,14 +138,15 @@ class FittedCandidate:
     misfit_holdout: float
     chi_square: float
     not_taken: str
+    why: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
         return {
-            "kind": self.kind, "at": place_in_file(self.at), "instead_of": None, "misfit": self.misfit,
-            "misfit_holdout": finite(self.misfit_holdout), "chi_square": self.chi_square, "confidence": 0.0,
+            "kind": self.kind, "at": place_in_file(self.at), "instead_of": None, "misfit": finite(self.misfit),
+            "misfit_holdout": finite(self.misfit_holdout), "chi_square": finite(self.chi_square), "confidence": 0.0,
             "not_taken": self.not_taken or None,
-        }  # fmt: skip
+        } | ({"why": self.why} if self.why else {})  # fmt: skip
 
 
 def estimate_to_dict(estimate: Estimate | CauseParameter, unit: str) -> dict[str, Any]:
@@ -342,7 +345,7 @@ def kept_table(final: Hypothesis, curves: Sequence[DiscrepancyCurve], unseen: Un
         model = replace(start, base=start.base.with_effects(effect), starts=tuple(final.fit.starts))
         try:
             extended = Hypothesis(model, fit_extended(model, final.fit))
-        except FIT_ERRORS:
+        except FitError:
             continue
         before, after = unseen.error(final), unseen.error(extended)
         if before is not None and after is not None and unseen.keeps(extended, final):

@@ -21,15 +21,9 @@ from matching.diagnosis.causes import (
     torque_balance,
 )
 from matching.diagnosis.data import Segment
-from matching.diagnosis.fit import (
-    STEPS_PER_RADIAN,
-    Fit,
-    FitOptions,
-    FitProblem,
-    simulate_readings,
-    solve,
-    steps_and_stick_speed,
-)
+from matching.diagnosis.descent import Fit, FitOptions, solve
+from matching.diagnosis.problem import STEPS_PER_RADIAN, FitProblem
+from matching.diagnosis.simulation import simulate_readings, steps_and_stick_speed
 from matching.diagnosis.statistics import Estimate
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Guess, members

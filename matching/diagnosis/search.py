@@ -15,7 +15,7 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel, compilable, recorded_range
 from matching.diagnosis.data import FEWEST_SAMPLES, FitData, Segment
-from matching.diagnosis.fit import FINAL_STEPS, MOST_STEPS_A_SAMPLE, Fit, FitOptions, solve, with_sharper_friction
+from matching.diagnosis.descent import FINAL_STEPS, MOST_STEPS_A_SAMPLE, Fit, FitOptions, solve, with_sharper_friction
 from matching.diagnosis.screening import (
     NoiseDraws,
     ScreenedCandidate,
@@ -23,7 +23,6 @@ from matching.diagnosis.screening import (
     fit_extended,
 )
 from matching.diagnosis.selection import (
-    FIT_ERRORS,
     Hypothesis,
     UnseenData,
     at_noise,
@@ -36,6 +35,7 @@ from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.shared_causes import RefitBudget, with_shared_causes
 from matching.diagnosis.windows import fit_from_windows
 from modelling.effects import EFFECTS
+from modelling.errors import FitError
 from modelling.system import System
 
 SMOOTH_FRICTION = 10.0  # times the noise, root mean square: friction that turns too smoothly leaves less (trial)
@@ -62,6 +62,8 @@ class SearchState:
         For each cause of ``best``: hypotheses with another cause in its place, itself included, best first.
     with_one_cause : list of Hypothesis
         All that were fitted, taken or not, best first.
+    failed : dict of (str, str) to str
+        Kind and place of candidates whose fit does not exist, and why.
     """
 
     base: Hypothesis
@@ -71,6 +73,7 @@ class SearchState:
     noise_threshold: float
     rivals: list[list[Hypothesis]] = field(default_factory=list)
     with_one_cause: list[Hypothesis] = field(default_factory=list)
+    failed: dict[tuple[str, str], str] = field(default_factory=dict)
 
 
 def best_by_candidate(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
@@ -205,7 +208,7 @@ class _Search:
         gap, wider = cause.names()[EFFECTS[cause.kind].free_play], self.settings.wider_gaps
         try:
             fit = fit_from_windows(hypothesis.model, parent.fit, motion, gap, wider, hypothesis.fit.cost)
-        except FIT_ERRORS:
+        except FitError:
             return hypothesis
         return hypothesis if fit is None else replace(hypothesis, fit=fit)
 
@@ -226,7 +229,8 @@ class _Search:
         noise = min((hypothesis.fit.cost for hypothesis in others if at_noise(hypothesis)), default=0.0)
         try:
             fit = fit_extended(model, parent.fit, FitOptions(exact=False, rival_cost=rival, noise_cost=noise))
-        except FIT_ERRORS:
+        except FitError as reason:
+            self.state.failed.setdefault(candidate.kind_and_place, str(reason))
             return None
         return Hypothesis(model, fit, candidate.reduction)
 
@@ -298,7 +302,9 @@ class _Search:
                 continue
             try:
                 fit = fit_extended(model, best.fit, FitOptions(exact=False))
-            except FIT_ERRORS:
+            except FitError as reason:
+                for one in (pair.first, pair.second):
+                    self.state.failed.setdefault(one.kind_and_place, f"as one of a pair: {reason}")
                 continue
             out.append(Hypothesis(model, fit, pair.reduction))
         return self._sharpened(out)
@@ -353,7 +359,7 @@ def simplified(hypothesis: Hypothesis) -> Hypothesis:
         for model in _simpler_models(hypothesis, index):
             try:
                 simpler = Hypothesis(model, fit_extended(model, hypothesis.fit), hypothesis.screened)
-            except FIT_ERRORS:
+            except FitError:
                 continue
             saved = len(hypothesis.fit.v) - len(simpler.fit.v)
             meant = EFFECTS[cause.kind].possible({k: hypothesis.fit.values[name] for k, name in cause.names().items()})
@@ -394,7 +400,7 @@ def without(hypothesis: Hypothesis, index: int) -> Hypothesis | None:
     model = hypothesis.model.without_cause(index, hypothesis.fit)
     try:
         return with_sharpest_friction(Hypothesis(model, fit_extended(model, hypothesis.fit)))
-    except FIT_ERRORS:
+    except FitError:
         return None
 
 

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel
-from matching.diagnosis.fit import Fit, FitOptions, iteratively_reweighted, polished, power_left_by, solve
+from matching.diagnosis.descent import Fit, FitOptions, iteratively_reweighted, polished, power_left_by, solve
 from matching.diagnosis.holdout import Holdout, holdout_residuals
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.statistics import (
@@ -26,6 +26,7 @@ from matching.diagnosis.statistics import (
     whiteness,
 )
 from modelling.effects import EFFECTS
+from modelling.errors import FitError
 from modelling.resources import time_is_over
 
 # --- A hypothesis: causes with the fit of the model they extend, and how far its residual is from noise.
@@ -135,10 +136,15 @@ def with_balanced_sensors(hypothesis: Hypothesis, far_from_noise: float) -> Hypo
     return hypothesis if lost else replace(hypothesis, fit=balanced)
 
 
+def rms_errors(fit: Fit) -> np.ndarray:
+    """Root mean square error (y,) of each sensor, in times its noise; 0 without readings."""
+    squares = np.sum([np.sum(part**2, axis=0) for part in fit.errors], axis=0)
+    return np.sqrt(squares / np.maximum(fit.problem.data.readings_by_sensor, 1))
+
+
 def largest_error(fit: Fit) -> float:
     """Root mean square error of the sensor with the largest one, in times its noise."""
-    squares = np.sum([np.sum(part**2, axis=0) for part in fit.errors], axis=0)
-    return float(np.sqrt(squares / np.maximum(fit.problem.data.readings_by_sensor, 1)).max(initial=0.0))
+    return float(rms_errors(fit).max(initial=0.0))
 
 
 def pooled_error(fit: Fit) -> float:
@@ -242,7 +248,7 @@ def _profile(fit: Fit, i: int, factor: float) -> list[Fit]:
             break
         try:
             last = solve(fit.problem, v, last.jacobian, FitOptions(held=(i,)))
-        except FIT_ERRORS:
+        except FitError:
             break
         lowest = min(lowest, last.cost)
         if last.cost > lowest + 2 * EQUIVALENT:
@@ -268,9 +274,6 @@ def widened(estimates: Mapping[str, Estimate], fits: list[Fit]) -> dict[str, Est
 
 
 # --- Unseen data
-
-FIT_ERRORS = (FloatingPointError, np.linalg.LinAlgError, ValueError)  # of a fit that does not simulate or converge
-
 
 DIVERGED = 1e12  # times the noise: a simulation that runs away
 AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
@@ -364,7 +367,7 @@ class UnseenData:
     def _simulated(self, hypothesis: Hypothesis) -> UnseenError | None:
         try:
             residuals = holdout_residuals(self.holdout.simulate(hypothesis.fit))
-        except FIT_ERRORS:
+        except FitError:
             return None
         if not residuals or not all(np.isfinite(part[~np.isnan(part)]).all() for part in residuals):
             return None

@@ -10,10 +10,11 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause, compilable
 from matching.diagnosis.screening import fit_extended
-from matching.diagnosis.selection import FIT_ERRORS, Hypothesis, UnseenData
+from matching.diagnosis.selection import Hypothesis, UnseenData
 from modelling.effects import EFFECTS
 from modelling.effects.effect import members, shared_place
 from modelling.effects.sensors_and_actuators import LATE_SIGN, ClockOffset, DeadTime, SensorDelay, recorded_late
+from modelling.errors import FitError
 from modelling.resources import time_is_over
 from modelling.system import System
 
@@ -161,5 +162,5 @@ def _joined(hypothesis: Hypothesis, causes: Sequence[Cause], shared: _SharedCaus
         return None
     try:
         return Hypothesis(model, fit_extended(model, fit), hypothesis.screened)
-    except FIT_ERRORS:
+    except FitError:
         return None

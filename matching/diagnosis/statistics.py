@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 
-from matching.diagnosis.fit import Fit, difference_steps, jacobian
+from matching.diagnosis.descent import Fit, difference_steps
 from matching.diagnosis.holdout import HoldoutRun
+from matching.diagnosis.problem import jacobian
 
 # --- Statistics of a residual: its size against the noise, and whether it is white.
 

@@ -10,18 +10,17 @@ from scipy.special import erf
 
 from matching.diagnosis.causes import Cause
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import (
+from matching.diagnosis.descent import (
     FINAL_STEPS,
-    STEPS_PER_RADIAN,
     Fit,
     FitOptions,
     discrepancy,
     polished,
     reweighted,
-    simulate_readings,
     with_sharper_friction,
 )
 from matching.diagnosis.holdout import Holdout, holdout_residuals
+from matching.diagnosis.problem import STEPS_PER_RADIAN
 from matching.diagnosis.result import (
     Alternative,
     Candidate,
@@ -36,10 +35,12 @@ from matching.diagnosis.search import (
     SearchState,
     with_sharpest_friction,
 )
-from matching.diagnosis.selection import FIT_ERRORS, Hypothesis, UnseenData, at_noise
+from matching.diagnosis.selection import Hypothesis, UnseenData, at_noise
+from matching.diagnosis.simulation import simulate_readings
 from matching.diagnosis.statistics import Estimate, Prediction, effective_share, estimates, prediction
 from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_words
+from modelling.errors import FitError
 from modelling.resources import time_is_over
 from modelling.system import System
 
@@ -59,7 +60,7 @@ def final_fit(hypothesis: Hypothesis) -> Hypothesis:
     try:
         fit = fit_extended(model, hypothesis.fit, FitOptions(ITERATIONS), 2 * STEPS_PER_RADIAN)
         fit = polished(with_sharper_friction(fit, FINAL_STEPS))
-    except FIT_ERRORS:
+    except FitError:
         return hypothesis
     finer = with_sharpest_friction(replace(hypothesis, fit=fit))
     return finer if finer.fit.cost < (1 + WORSE_SHARE) * hypothesis.fit.cost + WORSE else hypothesis
@@ -199,7 +200,7 @@ def _predicted(hypothesis: Hypothesis, holdout: Holdout, factor: float) -> Predi
     """What a hypothesis predicts of held-out data; None where it does not simulate."""
     try:
         return prediction(hypothesis.fit, holdout.simulate(hypothesis.fit), factor)
-    except FIT_ERRORS:
+    except FitError:
         return None
 
 
@@ -224,7 +225,7 @@ def residual_inflation(parts: list[np.ndarray]) -> float:
 
 def fitted_candidates(state: SearchState, holdout: Holdout) -> list[FittedCandidate]:
     """The candidates that were added to the base model by themselves, best first, and the causes of the best
-    hypothesis among them as taken."""
+    hypothesis among them as taken; then those that have no fit."""
     base_holdout = holdout_misfit(state.base, holdout)
     out = []
     for hypothesis in state.with_one_cause:
@@ -235,6 +236,10 @@ def fitted_candidates(state: SearchState, holdout: Holdout) -> list[FittedCandid
         out.append(
             FittedCandidate(cause.kind, cause.at, hypothesis.misfit, misfit_holdout, hypothesis.chi_square, reason)
         )
+    fitted = {(one.kind, one.at) for one in out}
+    for (kind, at), why in state.failed.items():
+        if (kind, at) not in fitted:
+            out.append(FittedCandidate(kind, at, np.nan, np.nan, np.nan, "no_fit", why))
     return out
 
 
@@ -242,7 +247,7 @@ def holdout_misfit(hypothesis: Hypothesis, holdout: Holdout) -> float:
     """Root mean square of all residuals on held-out data, in times the noise; infinite where it does not simulate."""
     try:
         residuals = holdout_residuals(holdout.simulate(hypothesis.fit))
-    except FIT_ERRORS:
+    except FitError:
         return np.inf
     values = np.concatenate([part.ravel() for part in residuals]) if residuals else np.empty(0)
     values = values[~np.isnan(values)]

@@ -10,18 +10,9 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from matching.match.case import (
-    TORQUE_OVER_SPEED,
-    Case,
-    Compared,
-    Move,
-    Target,
-    read_limits,
-    read_uncertainty,
-    table_of,
-    text_of,
-    uncertainty_table,
-)
+from matching.match.box import read_uncertainty, uncertainty_table
+from matching.match.case import Case, Compared, Move, Target, table_of, text_of
+from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
 from modelling.bed.bed import HARDWARE, Dynamometer, Loop
 from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
@@ -31,6 +22,7 @@ from modelling.linear.steady_motion import operating_motion, speeds_of, torques_
 from modelling.model_file import dumps, load, quantity
 from modelling.system import Effect, OperatingPoint, Quantity, System, mirror_image, resistance
 from modelling.toml import check_file, no_pipe, read_toml, title
+from modelling.topology import connected_parts, joints
 from modelling.units import to_si
 
 # --- Case file
@@ -398,15 +390,7 @@ def vehicle_inertias(vehicle: System, rig: System) -> list[str]:
 def _largest_of_each_part(vehicle: System, near: set[str]) -> list[str]:
     """Of each connected part of what is not ``near`` the largest inertia."""
     inertia = {part.name: part.J.value for part in vehicle.inertias if part.name not in near}
-    joints = [part.between for part in vehicle.shafts] + [part.between for part in vehicle.gears]
-    carried, left = [], set(inertia)
-    while left:
-        group = {next(name for name in inertia if name in left)}
-        while grown := {end for ends in joints if set(ends) & group for end in ends if end in inertia} - group:
-            group |= grown
-        left -= group
-        carried.append(max(group, key=lambda name: inertia[name]))
-    return carried
+    return [max(part, key=inertia.__getitem__) for part in connected_parts(inertia, joints(vehicle))]
 
 
 def _stated(table: Mapping[str, Any], vehicle: System, place: str) -> tuple[dict[str, float], dict[str, float]]:

@@ -727,6 +727,7 @@ REASONS = {
     "worse_unseen": "held-out data are met worse with it",
     "at_bound": "it ends at the bound of its range",
     "rival": "another explains more",
+    "no_fit": "it has no fit",
 }
 NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
 NOTHING_NAMED = "No cause is named and no effect is added: extended.toml is the base model with its fitted values."
@@ -883,7 +884,7 @@ def _candidates(candidates: Sequence[Mapping[str, Any]]) -> list[Any]:
         rows = [
             {"candidate": spaced(row["kind"]), "at": place(row["at"]),
              "residual, in times the noise": number(row["misfit"]), "held-out data": number(row["misfit_holdout"]),
-             "why it was not taken": REASONS[row["not_taken"] or ""]}
+             "why it was not taken": REASONS[row["not_taken"] or ""] + (f": {row['why']}" if "why" in row else "")}
             for row in alone
         ]  # fmt: skip
         blocks += ["Fitted alone and not taken:", Table(rows, HOW_CANDIDATES)]

@@ -13,6 +13,7 @@ from modelling.effects.sensors_and_actuators import AllPass
 from modelling.errors import InputError, listed
 from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.system import Effect, Input, OperatingPoint, Sensor, System
+from modelling.topology import connected_parts, joints
 from modelling.units import to_si
 
 # --- The model-based feed-forward: a model of rig and vehicle that commands the dynamometers ahead of the dead time.
@@ -144,7 +145,8 @@ def cut(vehicle: System, rig: System) -> ResidualVehicle:
             "keep the cut shafts, e.g. the side shafts, under one name in both",
         )
     parts = []
-    for group in _groups(vehicle, only):
+    names = [part.name for part in vehicle.inertias if part.name in only]
+    for group in map(set, connected_parts(names, joints(vehicle))):
         parts.append(_part(vehicle, group, [interface for interface in interfaces if interface.vehicle_end in group]))
     without_interface = [
         name
@@ -163,11 +165,12 @@ def cut(vehicle: System, rig: System) -> ResidualVehicle:
 
 def _interfaces(vehicle: System, rig: System, only: set[str]) -> Iterable[Interface]:
     shared = {shaft.name: shaft for shaft in rig.shafts}
-    rigid = [(part.name, set(part.between)) for part in vehicle.gears]
-    rigid += [(part.name, {part.cage, part.left, part.right}) for part in vehicle.differentials]
-    for name, ends in rigid:
+    for joint in joints(vehicle, "gears", "differentials"):
+        ends = set(joint.ends)
         if ends & only and ends - only:
-            raise InputError(f"vehicle: {name}", "is a rigid joint across the cut", "put the cut through a shaft")
+            raise InputError(
+                f"vehicle: {joint.place}", "is a rigid joint across the cut", "put the cut through a shaft"
+            )
     for shaft in vehicle.shafts:
         beyond = [end for end in shaft.between if end in only]
         if len(beyond) != 1:
@@ -188,32 +191,6 @@ def _interfaces(vehicle: System, rig: System, only: set[str]) -> Iterable[Interf
             )
         ratio = 1.0 if shaft.ratio is None else shaft.ratio.value
         yield Interface(shaft.name, beyond[0], on_rig.between[place], 1.0 if place == 1 else -1 / ratio)
-
-
-def _groups(vehicle: System, only: set[str]) -> list[set[str]]:
-    """Connected groups of the inertias the rig lacks, in the order of the file."""
-    joined: dict[str, set[str]] = {name: set() for name in only}
-    for ends in _joints(vehicle):
-        inside = [end for end in ends if end in only]
-        for end in inside:
-            joined[end].update(inside)
-    groups: list[set[str]] = []
-    for part in vehicle.inertias:
-        if part.name not in only or any(part.name in group for group in groups):
-            continue
-        group, todo = {part.name}, [part.name]
-        while todo:
-            new = joined[todo.pop()] - group
-            group |= new
-            todo.extend(new)
-        groups.append(group)
-    return groups
-
-
-def _joints(system: System) -> Iterable[tuple[str, ...]]:
-    yield from (part.between for part in system.shafts)
-    yield from (part.between for part in system.gears)
-    yield from ((part.cage, part.left, part.right) for part in system.differentials)
 
 
 def _part(vehicle: System, group: set[str], interfaces: list[Interface]) -> System:

@@ -29,6 +29,7 @@ from modelling.equations import shaft_law
 from modelling.equations.shaft_law import CONTACT_TIME, differentiate
 from modelling.errors import InputError
 from modelling.system import Gear, System
+from modelling.topology import joints, side
 
 # --- Rigid gears and differentials, eliminated: every inertia's angle in terms of independent coordinates.
 #
@@ -209,7 +210,7 @@ def check_loss(system: System, gear: Gear, motions: Mapping[str, Motion], shafts
         With a differential or a second lossy gear in the same rigid train, or a shaft on it with a further inertia.
     """
     place = f"gears.{gear.name}"
-    train = _side(system, gear.between[0], "")
+    train = _rigid_train(system, gear.between[0])
     for part in system.differentials:
         if {part.cage, part.left, part.right} & train:
             raise InputError(place, f"is in one rigid train with {part.name}", "leave its loss out")
@@ -221,7 +222,7 @@ def check_loss(system: System, gear: Gear, motions: Mapping[str, Motion], shafts
         branches = shafts[shaft.name].second is not motions[shaft.between[1]]
         if branches and train & set(shaft.between):
             raise InputError(place, f"has a loss beside a further inertia in {shaft.name}", "make that an inertia")
-    if gear.between[1] in _side(system, gear.between[0], gear.name):
+    if gear.between[1] in _rigid_train(system, gear.between[0], place):
         raise InputError(place, "is one of a ring: what it passes on is undetermined", "leave its loss out")
 
 
@@ -237,7 +238,7 @@ def gear_law(
     torques : list of (str, Expr)
         All that act, each on an inertia.
     """
-    first_side = _side(system, gear.between[0], gear.name)
+    first_side = _rigid_train(system, gear.between[0], f"gears.{gear.name}")
     second = motions[gear.between[1]]
     ((index, unit),) = second.coefficients.items()
     torque, mass = [sm.S.Zero, sm.S.Zero], [sm.S.Zero, sm.S.Zero]
@@ -263,16 +264,9 @@ def acted_on(component: str, on: dict[str, str]) -> str:
     return {"inertias": name, "inputs": on.get(name, "")}.get(table, "")
 
 
-def _side(system: System, inertia: str, without: str) -> set[str]:
+def _rigid_train(system: System, inertia: str, without: str = "") -> set[str]:
     """All inertias that rigid gears join to one, one gear left out."""
-    joined = {inertia}
-    while True:
-        neighbours = {
-            end for gear in system.gears if gear.name != without and joined & set(gear.between) for end in gear.between
-        }
-        if neighbours <= joined:
-            return joined
-        joined |= neighbours
+    return side(inertia, joints(system, "gears", without=(without,)))
 
 
 # --- A system put together: coordinates, energies, virtual work, states and paths, as SymPy expressions.

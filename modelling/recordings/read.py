@@ -37,6 +37,7 @@ from modelling.recordings.recording import (
 from modelling.recordings.table import Column, Table, time_hint
 from modelling.system import System
 from modelling.toml import read_toml
+from modelling.topology import joints, speed_ratios
 from modelling.units import LARGEST, factor, signal_unit, to_si
 
 # --- What channels are called in measurement files: a small file that maps them to a model's names.
@@ -390,7 +391,7 @@ def as_one_rigid_body(time: np.ndarray, channels: Mapping[str, np.ndarray], syst
     for sensor in system.sensors:
         if sensor.measures not in ("speed", "angle") or sensor.name not in channels:
             continue
-        ratios = _speed_ratios(system, sensor.of)
+        ratios = speed_ratios(sensor.of, joints(system))
         inertia = sum(part.J.value * ratios[part.name] ** 2 for part in system.inertias if part.name in ratios)
         torque = sum((ratios[part.on] * channels[part.name] for part in system.inputs if part.on in ratios), 0 * time)
         motion = channels[sensor.name]
@@ -400,26 +401,6 @@ def as_one_rigid_body(time: np.ndarray, channels: Mapping[str, np.ndarray], syst
             yield RigidBody(inertia, torque, motion, 1)
         else:
             yield RigidBody(inertia, torque, np.gradient(motion, time), 2)
-
-
-def _speed_ratios(system: System, root: str) -> dict[str, float]:
-    """Speed of each inertia that shafts, gears and differentials connect to ``root``, over its speed."""
-    ratios, waiting = {root: 1.0}, [root]
-    links: list[tuple[str, str, float]] = []
-    links += [(*shaft.between, shaft.ratio.value if shaft.ratio else 1.0) for shaft in system.shafts]
-    links += [(*gear.between, gear.ratio.value) for gear in system.gears]
-    for part in system.differentials:
-        links += [(part.cage, part.left, 1.0), (part.cage, part.right, 1.0)]
-    while waiting:
-        name = waiting.pop()
-        for first, second, ratio in links:  # speed(first) = ratio · speed(second)
-            if first == name and second not in ratios and ratio:
-                ratios[second] = ratios[name] / ratio
-                waiting.append(second)
-            elif second == name and first not in ratios:
-                ratios[first] = ratios[name] * ratio
-                waiting.append(first)
-    return ratios
 
 
 # --- Whether a time column without a unit can be in seconds: by the model's frequencies, and by the recorded motion.
@@ -657,7 +638,7 @@ def _shift_by_turns(name: str, period: float, columns: dict[str, np.ndarray], sy
     for other, place in of.items():
         if other == name:
             break
-        ratio = _speed_ratios(system, of[name]).get(place)
+        ratio = speed_ratios(of[name], joints(system)).get(place)
         if other in columns and ratio and np.isfinite(columns[other][first]):
             near = float(columns[other][first]) / ratio
             break

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import Fit
+from matching.diagnosis.descent import Fit
 
 
 @dataclass

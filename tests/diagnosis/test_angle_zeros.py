@@ -7,8 +7,9 @@ import pytest
 from scipy.signal import lsim
 
 from matching.diagnosis.data import FitData, Segment, Weighting
-from matching.diagnosis.fit import Fit, base_problem, first_state, sensors_with_zero, solve
+from matching.diagnosis.descent import Fit, solve
 from matching.diagnosis.holdout import RestOfRecordings, holdout_residuals
+from matching.diagnosis.problem import base_problem, first_state, sensors_with_zero
 from modelling.equations.casadi_code import compiled
 from modelling.model_file import from_dict
 from modelling.system import System

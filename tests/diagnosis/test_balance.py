@@ -8,7 +8,8 @@ from scipy.signal import lsim
 
 from matching.diagnosis.causes import linear_model, torque_balance
 from matching.diagnosis.data import FitData, Segment, stationary_smoother
-from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.descent import solve
+from matching.diagnosis.problem import base_problem
 from modelling.model_file import from_dict
 
 J1, J2, K, C, RATIO = 0.2, 1.5, 300.0, 0.8, 4.0

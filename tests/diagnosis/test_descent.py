@@ -5,7 +5,8 @@ import pytest
 from diagnosis.linear import KnownProblem, fit_at
 from scipy.optimize import minimize
 
-from matching.diagnosis.fit import FitOptions, Quadratic, chi_square, difference_steps, jacobian, polished, solve
+from matching.diagnosis.descent import FitOptions, Quadratic, chi_square, difference_steps, polished, solve
+from matching.diagnosis.problem import jacobian
 
 A = np.random.default_rng(2).standard_normal((30, 3)) * [1.0, 50.0, 1e-3]
 B = np.random.default_rng(3).standard_normal(30)

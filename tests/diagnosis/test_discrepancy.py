@@ -9,8 +9,9 @@ import pytest
 
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.descent import solve
 from matching.diagnosis.holdout import OtherRecordings
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.result import _curve, discrepancy_curves, kept_table
 from matching.diagnosis.selection import Hypothesis, UnseenData
 from matching.diagnosis.settings import DiagnosisSettings

@@ -11,7 +11,7 @@ from plant.marks import needs_compiler
 
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.fit import base_problem
+from matching.diagnosis.problem import base_problem
 from modelling.modal.modes import modes
 from modelling.model_file import from_dict, load
 from modelling.recordings.read import read_recording

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import angles_without_reading, base_problem, jacobian, solve
+from matching.diagnosis.descent import solve
+from matching.diagnosis.problem import angles_without_reading, base_problem, jacobian
 from matching.diagnosis.statistics import estimates
 from modelling.equations.casadi_code import compiled
+from modelling.errors import FitError
 from modelling.model_file import from_dict
 
 J, DRAG, NOISE = 0.5, 0.3, 0.02
@@ -96,5 +98,5 @@ def test_simulation_that_runs_away_beside_the_point_does_not_stop_the_fit(monkey
     assert np.isfinite(fit.cost)
     assert fit.cost < 0.5 * float(np.sum(at_rest(start[None]) ** 2))
     monkeypatch.setattr(problem, "residuals", lambda v: at_rest(v) + 1e200, raising=False)
-    with pytest.raises(FloatingPointError):
+    with pytest.raises(FitError):
         solve(problem, start)

@@ -7,7 +7,8 @@ import pytest
 
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import prepare_data
-from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.descent import solve
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.screening import fit_extended
 from matching.diagnosis.search import simplified
 from matching.diagnosis.selection import Hypothesis

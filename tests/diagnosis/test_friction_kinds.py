@@ -8,9 +8,10 @@ from plant.marks import needs_compiler
 
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import prepare_data
+from matching.diagnosis.descent import FINAL_STEPS, Fit, solve, with_sharper_friction
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.fit import FINAL_STEPS, Fit, base_problem, solve, with_sharper_friction
 from matching.diagnosis.holdout import split_holdout
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.screening import fit_extended
 from matching.diagnosis.search import with_sharpest_friction
 from matching.diagnosis.selection import Hypothesis, at_noise

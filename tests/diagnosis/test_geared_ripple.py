@@ -9,8 +9,9 @@ from plant.engine import Chain, simulate
 from plant.marks import needs_compiler
 
 from matching.diagnosis.data import prepare_data
+from matching.diagnosis.descent import solve
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.screening import ScreenedCandidate, Screening
 from matching.report.diagnosis import content, summary
 from modelling.errors import InputError

@@ -15,7 +15,8 @@ from scipy.signal import lfilter
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.closed_loop import closed_loop_notes, instrumented_fit
 from matching.diagnosis.data import prepare_data
-from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.descent import solve
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.selection import Hypothesis
 from modelling.errors import InputError
 from modelling.model_file import dumps, from_dict

@@ -11,8 +11,9 @@ from plant.marks import needs_compiler
 
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.descent import Fit
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.fit import Fit, base_problem
+from matching.diagnosis.problem import base_problem
 from modelling.effects.sensors_and_actuators import LATE_SIGN
 from modelling.model_file import dumps, from_dict, load
 from modelling.recordings.read import read_recording

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import Fit, base_problem, polished, solve
+from matching.diagnosis.descent import Fit, polished, solve
 from matching.diagnosis.holdout import HoldoutRun, RestOfRecordings, holdout_residuals, simulate_other
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.statistics import covariance, prediction
 from modelling.model_file import from_dict
 

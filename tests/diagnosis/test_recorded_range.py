@@ -9,7 +9,8 @@ import pytest
 
 from matching.diagnosis.causes import TORQUE_MARGIN, ExtendedModel, recorded_range, simulated_motion
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.descent import solve
+from matching.diagnosis.problem import base_problem
 from modelling.model_file import from_dict
 
 SPEED, TORQUE, DRAG, DURATION = 12.0, 5.4, 0.45, 4.0

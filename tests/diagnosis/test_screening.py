@@ -7,8 +7,10 @@ import pytest
 
 from matching.diagnosis.causes import torque_balance
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import base_problem, simulate_readings, solve
+from matching.diagnosis.descent import solve
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.screening import NoiseDraws, ScreenedCandidate, Screening, best_of, without_effects
+from matching.diagnosis.simulation import simulate_readings
 from modelling.effects import EFFECTS
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError

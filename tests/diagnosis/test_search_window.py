@@ -5,9 +5,10 @@ from plant.case import make_case
 from plant.marks import needs_compiler
 
 from matching.diagnosis.data import prepare_data
+from matching.diagnosis.descent import solve
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.fit import base_problem, solve
 from matching.diagnosis.holdout import split_holdout
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.search import search_window
 from matching.diagnosis.settings import DiagnosisSettings
 from modelling.model_file import load

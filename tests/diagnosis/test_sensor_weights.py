@@ -7,7 +7,8 @@ import pytest
 
 from matching.diagnosis import selection as hypotheses
 from matching.diagnosis.data import LARGEST_MEMORY, FitData, Segment
-from matching.diagnosis.fit import balanced_fit, base_problem, innovation_power, iteratively_reweighted, solve
+from matching.diagnosis.descent import balanced_fit, innovation_power, iteratively_reweighted, solve
+from matching.diagnosis.problem import base_problem
 from modelling.model_file import from_dict
 
 

@@ -8,8 +8,10 @@ import pytest
 
 from matching.diagnosis import holdout
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import Fit, base_problem, fastest_rate, solve
+from matching.diagnosis.descent import Fit, solve
 from matching.diagnosis.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other, split_holdout
+from matching.diagnosis.problem import base_problem
+from matching.diagnosis.simulation import fastest_rate
 from matching.diagnosis.statistics import estimates
 from matching.diagnosis.windows import window_uncertainties
 from modelling.equations.casadi_code import compiled

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from matching.diagnosis import screening as backlash_one_flank
 from matching.diagnosis.causes import Cause
 from matching.diagnosis.data import Weighting
-from matching.diagnosis.fit import Fit
+from matching.diagnosis.descent import Fit
 from matching.diagnosis.result import correlated_uncertainties, shift_by_memory
 from matching.diagnosis.statistics import Estimate, at_least, covariance, discretisation_shift, estimates, inflation
 

@@ -8,6 +8,7 @@ import pytest
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.selection import UnseenData
 from matching.diagnosis.settings import DiagnosisSettings
+from modelling.errors import FitError
 
 SAMPLES = 64
 BLOCKS = DiagnosisSettings().blocks
@@ -31,7 +32,7 @@ def unseen():
     def simulate(fit):
         simulated.append(fit)
         if fit.left is None:
-            raise FloatingPointError
+            raise FitError
         return [SimpleNamespace(errors=fit.left, parts=lambda errors: [errors])]
 
     segment = Segment(TIME, np.zeros((SAMPLES, 0)), READINGS)

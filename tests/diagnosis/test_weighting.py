@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from matching.diagnosis.data import Weighting, weighting_of
-from matching.diagnosis.fit import power_left
+from matching.diagnosis.descent import power_left
 
 
 def test_memory_and_scale_of_a_known_process() -> None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.fit import base_problem, solve
+from matching.diagnosis.descent import solve
+from matching.diagnosis.problem import base_problem
 from matching.diagnosis.screening import Screening
 from matching.report.diagnosis import clause
 from modelling.effects import EFFECTS
