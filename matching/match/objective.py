@@ -22,6 +22,7 @@ from matching.match.beds import (
     sensor_noise,
 )
 from matching.match.case import Case, Move, apply
+from matching.match.damping import damping_ratios, decay_rates, rates, without_resting
 from matching.match.demands import Demands, rig_values
 from matching.match.loop import (
     BedSet,
@@ -29,20 +30,17 @@ from matching.match.loop import (
     SampledBeds,
     SampledController,
     bed_of,
+    can_be_unmeasured,
     closed_matrices,
     closed_poles,
     compared_columns,
     compared_inputs,
-    damping_ratios,
-    damping_weights,
     drive,
     errors,
     frequency_response,
     linear_bed,
-    rates,
     responses_of,
     return_difference,
-    without_resting,
 )
 from matching.match.loop_modes import eigenvalue_of, neutral_motions
 from matching.match.requirements import Requirements, requirements
@@ -64,6 +62,7 @@ from modelling.errors import NoDesign
 from modelling.linear.resolvent import resolvent
 
 Made = TypeVar("Made")
+SMALLEST_RATE, FASTEST_RATE = 1e-6, 1e6  # 1/s, between which rates of decay steer the search
 UNSTABLE = 1e6  # cost of a bed as planned that is not stable: more than any errors of one that is
 
 
@@ -158,7 +157,11 @@ class Search:
         self.neutral = neutral_motions(linear_bed(self.case))
         wanted = [eigenvalue_of(mode) for _, mode in target_modes(self.case)]
         self.targets = list(zip(self.case.targets, wanted, strict=True))
-        self.tolerances = ((), self.case.unmeasured_tolerance), (self.case.loop.measured, self.case.tolerance)
+        every = np.ones(len(self.case.compared), bool)
+        self.tolerances = (
+            ((), can_be_unmeasured(self.case), self.case.unmeasured_tolerance),
+            (self.case.loop.measured, every, self.case.tolerance),
+        )
 
     # points
 
@@ -287,8 +290,8 @@ class Search:
         parts = self.frequency_parts(hardware)
         drawn, plan = ((beds, acting.at(part)) for beds, part in ((sets[2], parts[2]), (sets[1], parts[1])))
         squares = [
-            np.concatenate([errors(*beds, known).mean(axis=1) for beds in (drawn, plan)]) / tolerance**2
-            for known, tolerance in self.tolerances
+            np.concatenate([errors(*beds, known)[:, pairs].mean(axis=1) for beds in (drawn, plan)]) / tolerance**2
+            for known, pairs, tolerance in self.tolerances
         ]
         active = hardware.beds_at(
             self.positions[list(self.active)], [self.left.get(number, 1.0) for number in self.active]
@@ -346,10 +349,10 @@ class Search:
         settings, plan, allowed = self.settings, at.hardware.plan, self.required.command_noise
         margin, rolled_off = counted(plan, self.required)
         noise = command_noise(at.curves, plan.every.frequencies)
-        own = self.least_own_damping(at)[0]
+        own = self.slowest_own_rate(at)[0]
         return [
             1 + self.damping_margins(at.poles, at.active) - self.damping_shares(),
-            np.zeros(0) if own is None else np.array([own / self.required.damping_ratio - 1 + settings.reserve]),
+            np.zeros(0) if own is None else np.array([own / self.own_rate - 1]),
             1 - (1 + settings.reserve) * self.demands.shares(rig_values(at.hardware.case)),
             np.ones(len(noise)) if allowed is None else 1 - (1 + settings.reserve) * noise / allowed,
             1 - (1 + settings.reserve) * at.curves.closed[rolled_off] / self.required.rolled_off,
@@ -357,12 +360,18 @@ class Search:
             self.target_margins(at)[0],
         ]
 
-    def least_own_damping(self, at: Point) -> tuple[float | None, int]:
-        """Least damping ratio of what runs on known torques alone, and the number of that pole."""
+    @property
+    def own_rate(self) -> float:
+        """Rate of decay, 1/s, of what runs on known torques alone; it is the same on every bed."""
+        return max(self.required.decay_rate * (1 - self.settings.reserve), SMALLEST_RATE)
+
+    def slowest_own_rate(self, at: Point) -> tuple[float | None, int]:
+        """Least rate of decay, 1/s, of what runs on known torques alone, and the number of that pole."""
         if not len(at.own_poles):
             return None, 0
-        ratios = damping_ratios(without_resting(at.own_poles[None], self.neutral), at.controller.sample_time)[0]
-        return float(ratios.min()), int(ratios.argmin())
+        moving = without_resting(at.own_poles[None], self.neutral)
+        decay = decay_rates(moving, at.controller.sample_time)[0]
+        return float(min(decay.min(), FASTEST_RATE)), int(decay.argmin())
 
     def target_margins(self, at: Point) -> tuple[np.ndarray, list[int]]:
         """What is left of the targets' tolerances in frequency and damping, and the numbers of their poles.
@@ -385,13 +394,13 @@ class Search:
     def damping_margins(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
         """What is left (b,) of the damping that beds with poles (b, x) need."""
         poles = without_resting(poles, self.neutral)
-        ratios = self.damping_weights_of(poles, beds) * damping_ratios(poles, self.case.loop["sample_time"])
+        ratios = self.damping_weights(poles, beds) * damping_ratios(poles, self.case.loop["sample_time"])
         return np.minimum(ratios.min(axis=1), self.beyond_stable(poles)) / self.required_damping - 1
 
-    def damping_weights_of(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
-        """Factors (b, x) on the damping ratios of poles (b, x): a bed's own fast modes keep what they have."""
-        step = self.case.loop["sample_time"]
-        return damping_weights(beds, poles, step, self.required_damping, self.required.rolled_off_from)
+    def damping_weights(self, poles: np.ndarray, beds: SampledBeds) -> np.ndarray:
+        """Factors (b, x) on the damping ratios of poles (b, x): what is asked at most over what is asked of each."""
+        step, reserve = self.case.loop["sample_time"], 1 + self.settings.damping_reserve
+        return self.required_damping / beds.asked_damping(poles, step, self.required, reserve)
 
     def beyond_stable(self, poles: np.ndarray) -> np.ndarray:
         """As a damping ratio (b,) that is small where a pole that does not swing leaves the unit circle."""
@@ -501,9 +510,9 @@ def backward(search: Search, at: Point, change: np.ndarray) -> tuple[np.ndarray,
     for number, beds, part, weight in (
         (slice(None, -1), sets[2], parts[2], 1.0), (slice(-1, None), sets[1], parts[1], settings.weight_planned),
     ):  # fmt: skip
-        for row, (known, tolerance) in zip(at.errors, search.tolerances, strict=True):
+        for row, (known, pairs, tolerance) in zip(at.errors, search.tolerances, strict=True):
             counts = np.where(row[number] < settings.worst, weight / (2 * len(row[number]) * tolerance**2), 0.0)
-            pull = error_pull(beds, at.acting.at(part), known, counts)
+            pull = error_pull(beds, at.acting.at(part), known, counts, pairs)
             total += np.einsum("fki,fkm,fjm->ij", left[part], pull, right[part], optimize=True).real
     cost = np.tensordot(change, total, 2)
     every = slice(parts[0].start, parts[0].stop)
@@ -515,8 +524,12 @@ def backward(search: Search, at: Point, change: np.ndarray) -> tuple[np.ndarray,
     return cost, np.concatenate(rows)
 
 
-def error_pull(beds: BedSet, acting: FrequencyResponse, known: Sequence[str], share: np.ndarray) -> np.ndarray:
+def error_pull(
+    beds: BedSet, acting: FrequencyResponse, known: Sequence[str], share: np.ndarray, pairs: np.ndarray
+) -> np.ndarray:
     """Derivatives (f, k, y + w) of Σ share·error² by the controller's responses to readings and known torques.
+
+    ``share`` (b,) is that of each bed, ``pairs`` (h,) which compared functions count.
 
     With H the compared function, d|log(H/V)|² = 2·Re(conj(log(H/V))·dH/H).
     """
@@ -528,7 +541,7 @@ def error_pull(beds: BedSet, acting: FrequencyResponse, known: Sequence[str], sh
     answers = (beds.commanded @ commands + driven.answered)[:, :, sensors, inputs]
     ratio = answers / beds.vehicle
     pull = np.zeros((*commands.shape[:2], back.shape[3], commands.shape[3]), complex)
-    weight = 2 * share[:, None, None] / (ratio.shape[1] * ratio.shape[2])
+    weight = 2 * share[:, None, None] * pairs / (ratio.shape[1] * pairs.sum())
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.nan_to_num(weight * np.log(ratio).conj() / answers)
     for h, (sensor, column) in enumerate(zip(sensors, inputs, strict=True)):
@@ -546,7 +559,7 @@ def _damping_rows(search: Search, at: Point, change: np.ndarray) -> list[np.ndar
     """Of the damping of the active beds, of own poles, and of limits of the manoeuvre, which no controller moves."""
     step, controller, beds = at.controller.sample_time, at.controller, at.active
     poles = without_resting(at.poles, search.neutral)
-    factors, size, numbers = search.damping_weights_of(poles, beds), np.abs(poles), np.arange(len(poles))
+    factors, size, numbers = search.damping_weights(poles, beds), np.abs(poles), np.arange(len(poles))
     ratios = factors * damping_ratios(poles, step)
     beyond = search.beyond_stable(poles)
     swings = ratios.min(axis=1) <= beyond
@@ -560,11 +573,12 @@ def _damping_rows(search: Search, at: Point, change: np.ndarray) -> list[np.ndar
         of_ratio = factors[numbers, chosen][close, None] * _ratio_change(z, moved, step)
         of_size = -(z.conj()[:, None] * moved).real / np.abs(z)[:, None]
         rows[close] = np.where(swings[close, None], of_ratio, of_size) / search.required_damping
-    own, number = search.least_own_damping(at)
+    own, number = search.slowest_own_rate(at)
     of_own = np.zeros((0 if own is None else 1, len(change)))
-    if own is not None:
+    if own is not None and own < FASTEST_RATE:
         z = at.own_poles[[number]]
-        of_own = _ratio_change(z, own_changes(controller, z, change), step) / search.required.damping_ratio
+        moved = own_changes(controller, z, change)
+        of_own = -(z.conj()[:, None] * moved).real / np.abs(z[:, None]) ** 2 / step / search.own_rate
     shares = search.demands.shares(rig_values(at.hardware.case))
     return [rows, of_own, np.zeros((len(shares), len(change)))]
 

@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from matching.match.case import Case, table_of
 from matching.match.targets import target_modes
 from modelling.bed.vehicle import TorqueCurve, read_torque_curve
 from modelling.errors import InputError, unknown
+from modelling.modal.modes import damped_modes
 from modelling.system import System
 from modelling.units import to_si
 
@@ -83,7 +86,12 @@ class Requirements:
     Attributes
     ----------
     damping_ratio, damping_share : float
-        Least damping ratio of every mode on every bed: this share of the least damping of the target modes.
+        Least damping ratio of a mode on any bed that is neither the vehicle's nor the bed's own: this share of the
+        least damping of the target modes. See :mod:`matching.match.damping`.
+    vehicle_modes : tuple of (float, float)
+        |s| in rad/s and damping ratio of the emulated vehicle's modes.
+    decay_rate : float
+        1/s: least rate of decay of what runs on known torques alone, ``damping_share`` of the least one of these modes.
     modulus_margin, margin_from : float
         Least singular value of I + L, and from where it counts, Hz.
     rolled_off, rolled_off_from : float
@@ -99,12 +107,15 @@ class Requirements:
     rolled_off: float
     rolled_off_from: float
     command_noise: float | None
+    vehicle_modes: tuple[tuple[float, float], ...] = ()
+    decay_rate: float = 0.0
 
 
 def requirements(case: Case) -> Requirements:
     """What a case asks for."""
     damped = [mode for _, mode in target_modes(case)]
-    limits = case.limits
+    limits, swinging = case.limits, [mode for mode in damped_modes(case.emulated_vehicle) if mode.frequency > 0]
+    vehicle = tuple((2 * np.pi * mode.frequency, mode.damping_ratio) for mode in swinging if mode.damping_ratio < 1)
     noise = limits.get("command_noise")
     if noise is None and "dynamometer_torque" in limits:
         noise = NOISE_SHARE * limits["dynamometer_torque"]
@@ -116,4 +127,6 @@ def requirements(case: Case) -> Requirements:
         limits["rolled_off"],
         limits["rolled_off_from"],
         noise,
+        vehicle,
+        limits["damping_share"] * min((size * ratio for size, ratio in vehicle), default=0.0),
     )

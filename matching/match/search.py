@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
+from matching.match.damping import stable_loops
 from matching.match.loop import (
     bed_of,
     closed_poles,
     side_by_side,
 )
-from matching.match.loop_modes import inside_unit_circle
 from matching.match.objective import Search
 from matching.match.opened import with_opened
 from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds
@@ -104,7 +104,7 @@ def is_stable(search: Search, x: np.ndarray) -> bool:
     """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
     hardware, controller = search.hardware(x), search.controller(x)
     sets = (side_by_side([bed_of(hardware.case, {})]), hardware.beds_at(search.positions))
-    return all(inside_unit_circle(z, search.neutral) for beds in sets for z in closed_poles(beds, controller))
+    return all(stable_loops(closed_poles(beds, controller), search.neutral).all() for beds in sets)
 
 
 def _calmer(search: Search, x: np.ndarray) -> np.ndarray | None:

@@ -670,7 +670,8 @@ class Judge:
             of_rig = alone[:, row, on_rig.index(pair.input)] if pair.input in on_rig else 0.0
             for known, first in ((True, 0), (False, i)):
                 response = of_rig + answered[:, row, first + column]
-                squares[known].append(np.abs(np.log(response / wanted[:, row, column])) ** 2)
+                if known or pair.input in on_rig or not on_rig:  # what acts in the residual vehicle is always known
+                    squares[known].append(np.abs(np.log(response / wanted[:, row, column])) ** 2)
         return float(np.sqrt(np.mean(squares[True]))), float(np.sqrt(np.mean(squares[False])))
 
     def _commands(self, sensed: np.ndarray, on_rig: list[str], known: bool) -> np.ndarray:

@@ -8,9 +8,10 @@ import pytest
 from reference.beds import twins
 
 from matching.match.case_file import load_case
+from matching.match.damping import is_stable_loop
 from matching.match.demands import demands
 from matching.match.loop import bed_set, controller_on, frequency_response, linear_bed, responses
-from matching.match.loop_modes import ClosedLoop, inside_unit_circle
+from matching.match.loop_modes import ClosedLoop
 from matching.match.responses import error_figures
 from matching.report.drivetrain import layout
 from modelling.errors import InputError
@@ -67,7 +68,7 @@ def test_one_motor_moves_the_other_side_through_the_emulated_body(case):
     outputs, inputs = parts.rig.space.outputs, parts.rig.space.inputs
     assert abs(alone[outputs.index("speed_right"), inputs.index("torque_left")]) < 1e-12
     controller = controller_on(parts)
-    assert inside_unit_circle(ClosedLoop.of(parts, controller).poles, 0)
+    assert is_stable_loop(ClosedLoop.of(parts, controller).poles, 0)
     figures = error_figures(case, parts)
     assert figures.after < 0.05
     beds = bed_set(case, [{}], np.array([2.0]))
