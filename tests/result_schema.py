@@ -16,7 +16,7 @@ BY_NAME = [
     "alone", "asked", "by_origin", "checks", "command_noise", "dimensions", "domains", "errors", "integration_error",
     "judged_seconds", "kinetic", "largest_difference", "limits_used", "measured", "misfit", "operating_point",
     "operating_torques", "parameters", "potential", "settings_without_controller", "speed_hold", "states", "together",
-    "torque_gains", "uncertainty", "unmeasured", "yield",
+    "torque_gains", "uncertainty", "unexpected_torque_of_offsets", "unmeasured", "yield",
 ]  # fmt: skip
 
 

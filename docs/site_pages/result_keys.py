@@ -28,6 +28,13 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "smallest_damping_ratio": "of any mode on any drawn bed; −1 where one grows without swinging",
         "required_damping_ratio": "of a mode that is neither the vehicle's nor the bed's own",
         "damped_too_little": "modes that drawn beds damp by less than they are asked for, with the beds that do",
+        "unexpected_torque_of_offsets": "flange torque that the observer does not expect, a minute after every sensor "
+        "is off by its uncertainty, N·m, by dynamometer",
+        "rated_torque": "torque that a shaft to be ordered has to carry, N·m",
+        "twist": "what it twists by then, rad",
+        "minutes": "the exported controller with its supervision, at rest and at speed, with noise, a drift of every "
+        "sensor and a gain error of every encoder", "emulated": "s that it stayed in emulation",
+        "drift": "largest change of a rotor's speed, rad/s", "not_run": "why there are no runs; empty where there are",
         "owner": "the component that holds most of the mode's energy", "share": "of it that it holds",
         "slowest_feed_forward": "the slowest mode of the controller's model that runs on known torques, the same on "
         "every bed; its `rate` of decay is in 1/s",

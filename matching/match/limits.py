@@ -18,7 +18,7 @@ from matching.match.result import TargetResult
 from matching.match.rounds import end_at, rounds
 from matching.match.search import solve
 from matching.match.variables import SearchSettings
-from matching.match.verify import Verification, Violation, verify
+from matching.match.verify import DISAGREEMENT, Verification, Violation, verify
 from modelling.bed.controllers import ModelBased
 from modelling.errors import NoDesign
 from modelling.modal.modes import modes
@@ -29,6 +29,7 @@ from modelling.units import printed
 
 LIMIT_RESERVE = 1.02  # on the least demand of a limit: the simulated manoeuvre takes a little more than the vehicle's
 DEAD_TIMES_TRIED = 3  # halvings of the range of dead times, on a logarithmic scale
+WHOLE_TRIALS = 2  # dead times that are tried by a whole search, the longest first
 AT_BOUND = 1e-2  # of a quantity's range: what ends so near a bound may be held by it
 FACTORS = (3.0, 30.0)  # by which bounds are moved out, in turn
 
@@ -107,7 +108,10 @@ class SolvedAgain:
             return None
 
     def whole(self, case: Case, moves: Sequence[Move]) -> bool:
-        """Whether the whole search meets every target and limit of the changed case, begun at its own values."""
+        """Whether the whole search meets every target and limit of the changed case, begun at its own values.
+
+        It is the search that a match of the changed case makes.
+        """
         settings = replace(self.settings, starts=SearchSettings().starts)
         asked = replace(self.problem.demands, limits=case.limits)
         search = search_for(case, moves, self.problem.shares, asked, settings)
@@ -115,7 +119,10 @@ class SolvedAgain:
 
     def meets_all(self, tuned: Case) -> bool:
         """Whether a tuned case meets every target and limit, verified."""
-        checked = verify(tuned, self.problem.case.rig, deviations=False)
+        try:
+            checked = verify(tuned, self.problem.case.rig, deviations=False)
+        except NoDesign:
+            return False
         targets = target_results(replace(self.problem, case=tuned), checked)
         return checked.stable and not checked.violations and all(target.met for target in targets)
 
@@ -155,11 +162,20 @@ def _shorter_dead_time(problem: MatchProblem, solution: Solution, again: SolvedA
 
     if not helps(shortest):
         return DeadTimeTrial(shortest, None)
-    good = shortest
+    found = [shortest]
     for _ in range(DEAD_TIMES_TRIED):
-        middle = float(np.sqrt(good * longest))
-        good, longest = (middle, longest) if helps(middle) else (good, middle)
-    return DeadTimeTrial(shortest, good)
+        middle = float(f"{np.sqrt(found[-1] * longest):.2g}")  # as it is printed
+        if not found[-1] < middle < longest:
+            break
+        if helps(middle):
+            found.append(middle)
+        else:
+            longest = middle
+    # a match of the case with that dead time has to meet the targets, not only a search from here
+    for dead_time in found[::-1][:WHOLE_TRIALS]:
+        if again.whole(apply(problem.case, {"loop.dead_time": dead_time}), problem.moves):
+            return DeadTimeTrial(shortest, dead_time)
+    return DeadTimeTrial(shortest, None) if len(found) <= WHOLE_TRIALS else None
 
 
 def _wider_bounds(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> tuple[tuple[Move, float], ...]:
@@ -254,6 +270,11 @@ def _loop(solution: Solution, checked: Verification, case: Case) -> list[str]:
     """What is wrong with the loop as a whole."""
     if checked.stable:
         return []
+    if not checked.checks.get("loop and simulation agree", True):
+        return [
+            "verification failed: the motion that the loop's matrices foretell and the simulated one differ by more than "
+            f"{DISAGREEMENT:.1%} of their range, so neither is believed"
+        ]
     failed = ", ".join(name for name, good in checked.checks.items() if not good)
     starts = f": none of {len(solution.starts)} starts ended in a stable loop within the bounds"
     return [f"the closed loop is not stable ({failed})" + ("" if solution.keeps_all else starts)]
@@ -330,7 +351,8 @@ def _violation(violation: Violation) -> str:
 def _mechanics(problem: MatchProblem, missed: Sequence[TargetResult]) -> list[str]:
     """What adapters or inertias alone would have to be, where adapters are what may move."""
     case, on_rig, asked = problem.case, problem.on_rig, problem.demands
-    if any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
+    others = any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves)
+    if not case.moves or others or case.loop.tunes_observer:
         return []
     number = {target.mode: i for i, target in enumerate(case.targets)}
     sentences = []

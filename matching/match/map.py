@@ -215,13 +215,13 @@ def held_at(case: Case, name: str, value: float) -> Case:
 
 
 # a feedback law's search at a point: its neighbours improve it
-OF_A_POINT = SearchSettings(drawn=8, pool=32, joint_rounds=1, scenarios=0, blind=0, fresh=40)
+OF_A_POINT = SearchSettings(drawn=8, pool=32, joint_rounds=1, restarts=0, scenarios=0, blind=0, fresh=40, emulated=0.0)
 
 
 def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
     """One point, from starts of its own."""
     try:
-        settings = None if case.loop.tunes_observer else OF_A_POINT
+        settings = replace(SearchSettings(), emulated=0.0) if case.loop.tunes_observer else OF_A_POINT
         result = match(
             held_at(held_at(case, *x), *y), seed=seed, starts=starts, ordering=False, settings=settings
         )  # fmt: skip
@@ -299,8 +299,7 @@ def _limited_by(result: MatchResult) -> tuple[str, ...]:
 def _not_kept_over_beds(result: MatchResult, robust: Verification) -> list[str]:
     """Names of errors beyond their tolerance and of beds that are not stable or damped too little."""
     case, error, names = result.case, result.response_error, []
-    of_feedback = not case.loop.structure.is_observer  # what a feedback law leaves to unmeasured torques is only noted
-    if error.after > case.tolerance or (error.unmeasured > case.unmeasured_tolerance and not of_feedback):
+    if error.after > case.tolerance or error.unmeasured > case.unmeasured_tolerance:
         names.append("response_error")
     beds = of_beds(robust)
     if not beds.holds or (beds.worst is not None and beds.worst.damping_ratio <= 0):
