@@ -272,8 +272,8 @@ def _loop(solution: Solution, checked: Verification, case: Case) -> list[str]:
         return []
     if not checked.checks.get("loop and simulation agree", True):
         return [
-            "verification failed: the motion that the loop's matrices foretell and the simulated one differ by more than "
-            f"{DISAGREEMENT:.1%} of their range, so neither is believed"
+            "verification failed: the motion that the loop's matrices foretell and the simulated one differ by more "
+            f"than {DISAGREEMENT:.1%} of their range, so neither is believed"
         ]
     failed = ", ".join(name for name, good in checked.checks.items() if not good)
     starts = f": none of {len(solution.starts)} starts ended in a stable loop within the bounds"
