@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from matching.match.beds import quantile
 from matching.match.case import Case, apply
 from matching.match.case_file import Movable, case_files, movable
 from matching.match.demands import demands
@@ -162,6 +163,9 @@ class Point:
         Tuned values by name, SI.
     stable_beds : float or None
         Share of the drawn beds that are stable; None where no beds judge the match.
+    planned_error, bed_error : float or None
+        Root mean square of both errors over their tolerances, as an order is judged by: of the bed as planned, and of
+        the medians of drawn beds.
     """
 
     x: float
@@ -178,6 +182,8 @@ class Point:
     first: float | None = None
     values: Mapping[str, float] = field(default_factory=dict)
     stable_beds: float | None = None
+    planned_error: float | None = None
+    bed_error: float | None = None
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Point:
@@ -279,6 +285,8 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
         objective=objective,
         first=objective,
         stable_beds=_stable_share(result.robust),
+        planned_error=_both(result, error.after, error.unmeasured),
+        bed_error=_of_beds(result),
         values={parameter.name: parameter.tuned for parameter in result.parameters},
     )
 
@@ -310,6 +318,20 @@ def _not_kept_over_beds(result: MatchResult, robust: Verification) -> list[str]:
 def _stable_share(robust: Verification | None) -> float | None:
     beds = None if robust is None else robust.beds
     return beds.stable / beds.drawn if beds is not None and beds.drawn else None
+
+
+def _both(result: MatchResult, measured: float | None, unmeasured: float | None) -> float | None:
+    """Both errors over their tolerances as one."""
+    if measured is None or unmeasured is None:
+        return None
+    case = result.case
+    return _finite(np.sqrt(((measured / case.tolerance) ** 2 + (unmeasured / case.unmeasured_tolerance) ** 2) / 2))
+
+
+def _of_beds(result: MatchResult) -> float | None:
+    """The same of the medians of drawn beds; None without any."""
+    beds = result.verification.beds
+    return None if beds is None else _both(result, quantile(beds.measured, 0.5), quantile(beds.unmeasured, 0.5))
 
 
 def _finite(value: float | None) -> float | None:
