@@ -73,7 +73,8 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "value_in_case": "of the quantity on an axis, SI, as the case has it",
         "objective_from_own_starts": "of a point, before the solutions of its neighbours were tried",
         "yield": "shares of the drawn beds that are `stable` and `damped`, keep each result as a match asks it, and "
-        "`all` of it", "allowed": "how large a result may be either way", "specimen": "whether the vehicle has the component",
+        "`all` of it", "allowed": "how large a result may be either way",
+        "specimen": "whether the vehicle has the component",
         "planned_error": "both errors over their tolerances as one, of the bed as planned",
         "bed_error": "the same of the medians over drawn beds",
         "modulus_margin_asked": "required modulus margin", "modulus_margin_from": "from which frequency, Hz",

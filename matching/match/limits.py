@@ -13,7 +13,7 @@ from matching.match.demands import ExceededLimit, rig_values
 from matching.match.objective import search_for
 from matching.match.problem import MatchProblem, differing_components, target_results
 from matching.match.requirements import TORQUE_OVER_SPEED
-from matching.match.responses import ResponseError
+from matching.match.responses import ResponseError, error_figures
 from matching.match.result import TargetResult
 from matching.match.rounds import end_at, rounds
 from matching.match.search import solve
@@ -73,6 +73,9 @@ class Relaxations:
         Values, SI, of the limits that no setting keeps, with all of which together every target is met.
     structure : str
         Control structure with which the values as tuned meet every target, all torques on the rig measured.
+    measured : tuple of (str, float)
+        Sensors of the rig with which, beside those that the controller reads, the error to unmeasured torques is
+        allowed, each with that error; the best first.
     bounds : tuple of (Move, float)
         Quantities at a bound, each with the value (SI) beyond it with all of which together every target is met.
     """
@@ -81,6 +84,7 @@ class Relaxations:
     limits: Mapping[str, float] = field(default_factory=dict)
     structure: str = ""
     bounds: tuple[tuple[Move, float], ...] = ()
+    measured: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -117,6 +121,17 @@ class SolvedAgain:
         search = search_for(case, moves, self.problem.shares, asked, settings)
         return self.meets_all(apply(case, search.values(solve(search).end.x)))
 
+    def unmeasured(self, case: Case, moves: Sequence[Move]) -> float | None:
+        """The error to unmeasured torques that the search of a changed case reaches; None where it misses a target."""
+        settings = replace(
+            self.settings, drawn=min(8, self.settings.drawn), pool=min(32, self.settings.pool), scenarios=0
+        )
+        search = search_for(
+            case, moves, self.problem.shares, replace(self.problem.demands, limits=case.limits), settings
+        )
+        tuned = apply(case, search.values(solve(search).end.x))
+        return error_figures(tuned).unmeasured if self.meets_all(tuned) else None
+
     def meets_all(self, tuned: Case) -> bool:
         """Whether a tuned case meets every target and limit, verified."""
         try:
@@ -133,7 +148,7 @@ def relaxations(problem: MatchProblem, solution: Solution, again: SolvedAgain) -
     larger = _larger_limits(problem, solution, again)
     structure = case.loop.structure
     if structure.has_feed_forward or structure.is_observer or case.loop.torqueless:
-        return Relaxations(limits=larger)
+        return Relaxations(limits=larger, measured=_further_sensors(problem, solution, again))
     return Relaxations(
         _shorter_dead_time(problem, solution, again), larger, _with_feed_forward(problem, solution, again),
         _wider_bounds(problem, solution, again),
@@ -149,6 +164,40 @@ def _larger_limits(problem: MatchProblem, solution: Solution, again: SolvedAgain
         return {}
     case = replace(problem.case, limits={**problem.case.limits, **least})
     return least if again.whole(case, problem.moves) else {}  # the solution lies where the limit drove it: no start
+
+
+MOST_SENSORS = 3  # that are tried
+
+
+def _further_sensors(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> tuple[tuple[str, float], ...]:
+    """Sensors with which an observer's error to unmeasured torques is allowed, where it is not; speeds are tried first.
+
+    Only what the rig already measures is tried; each is solved and verified.
+    """
+    case, checked = problem.case, solution.checked
+    if checked is None or not case.loop.tunes_observer or checked.errors.unmeasured <= case.unmeasured_tolerance:
+        return ()
+    own = case.loop.controller_sensors
+    further = [part for part in case.rig.sensors if part.name not in own and part.measures in ("speed", "torque")]
+    found = []
+    for sensor in sorted(further, key=lambda part: part.measures != "speed")[:MOST_SENSORS]:
+        loop = replace(case.loop, further_sensors=(*case.loop.further_sensors, sensor.name))
+        error = again.unmeasured(replace(case, loop=loop), problem.moves)
+        if error is not None and error <= case.unmeasured_tolerance:
+            found.append((sensor.name, error))
+    return tuple(sorted(found, key=lambda pair: pair[1]))
+
+
+def missing_measurement(relaxed: Relaxations, case: Case) -> list[str]:
+    """The sensor that the controller should read as well."""
+    if not relaxed.measured:
+        return []
+    name, error = relaxed.measured[0]
+    names = ", ".join(f'"{each}"' for each in (*case.loop.further_sensors, name))
+    return [
+        f"the controller cannot tell the unmeasured torques from the sensors that it reads: solved with measures = "
+        f"[{names}], the response error to unmeasured torques is {error:.2g}"
+    ]
 
 
 def _shorter_dead_time(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> DeadTimeTrial | None:

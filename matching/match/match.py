@@ -18,6 +18,7 @@ from matching.match.limits import (
     SolvedAgain,
     led_by_dead_time,
     limits,
+    missing_measurement,
     relaxations,
 )
 from matching.match.loop import linear_bed
@@ -118,11 +119,18 @@ def match(
     targets = target_results(problem, checked)
     error = errors_with_bounds(tuned, checked.errors)
     missed = any(not target.met for target in targets)
-    asked = ordering and (missed or bool(problem.beyond))
+    unseen = error.unmeasured > case.unmeasured_tolerance >= error.bound
+    asked = ordering and (missed or bool(problem.beyond) or unseen)
     relaxed = relaxations(problem, solution, SolvedAgain(problem, settings)) if asked else Relaxations()
     stands = limits(problem, solution, targets, relaxed)
     run = standing.result() if standing is not None and checked.stable else minutes_without("it was not asked for")
-    stands = [*stands, *not_kept(case, checked), *run.sentences(), *unloaded_lashes(case)]
+    stands = [
+        *stands,
+        *not_kept(case, checked),
+        *missing_measurement(relaxed, case),
+        *run.sentences(),
+        *unloaded_lashes(case),
+    ]
     stands = led_by_dead_time(stands, case, error)
     tell("bound and curves")
     result = MatchResult(
@@ -254,6 +262,9 @@ def _notes(problem: MatchProblem, solution: Solution, limited: bool) -> list[str
     unmoved = [abs(end - move.start) <= LARGEST_UNMOVED * (move.upper - move.lower) for move, end in ends]
     if not limited and all(unmoved) and not problem.case.loop.tunes_observer:
         notes.append(NOTHING_MOVED)
+    bound = [one.name for one in _parameters(problem, solution) if one.at_bound and one.name.startswith(CONTROLLER)]
+    if bound:
+        notes.append(f"weights of the controller at a bound of the search: {', '.join(bound)}")
     notes += _compensation([(move, end) for move, end in ends if move.name.startswith(RESIDUAL)])
     notes += [
         f"{name} holds under {LEAST_SHARE_TO_MOVE:.0%} of every target mode's energy "
