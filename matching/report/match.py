@@ -1048,8 +1048,9 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
             Step(f"Order {component(trade.name)} {amount(trade.ordered, trade.unit)} instead of "
                         f"{amount(trade.planned, trade.unit)}", f"{low} to {high} serves as well{_twist(trade)}")
         )  # fmt: skip
-    if not orders and result.adapters:
-        points.append(Step("Order the adapters as planned", "no change of them gains 2 %"))
+    if not orders:
+        reason = "no change of them gains 2 %" if result.adapters else "none of them may change under [move]"
+        points.append(Step("Order the adapters as planned", reason))
     points.append(
         Step("Put the controller onto the bed: an FMU with its C sources and its supervision",
                     command=f"rigmatch export {folder} --controller controller.fmu")
