@@ -74,8 +74,8 @@ class Relaxations:
     structure : str
         Control structure with which the values as tuned meet every target, all torques on the rig measured.
     measured : tuple of (str, float)
-        Sensors of the rig with which, beside those that the controller reads, the error to unmeasured torques is
-        allowed, each with that error; the best first.
+        Sensors of the rig that the controller does not read and with which the error to unmeasured torques is allowed,
+        or at most half as large, each with that error; the best first.
     bounds : tuple of (Move, float)
         Quantities at a bound, each with the value (SI) beyond it with all of which together every target is met.
     """
@@ -170,7 +170,7 @@ MOST_SENSORS = 3  # that are tried
 
 
 def _further_sensors(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> tuple[tuple[str, float], ...]:
-    """Sensors with which an observer's error to unmeasured torques is allowed, where it is not; speeds are tried first.
+    """Sensors with which an observer's error to unmeasured torques is allowed, or half of what it is; speeds first.
 
     Only what the rig already measures is tried; each is solved and verified.
     """
@@ -183,7 +183,7 @@ def _further_sensors(problem: MatchProblem, solution: Solution, again: SolvedAga
     for sensor in sorted(further, key=lambda part: part.measures != "speed")[:MOST_SENSORS]:
         loop = replace(case.loop, further_sensors=(*case.loop.further_sensors, sensor.name))
         error = again.unmeasured(replace(case, loop=loop), problem.moves)
-        if error is not None and error <= case.unmeasured_tolerance:
+        if error is not None and error <= max(case.unmeasured_tolerance, checked.errors.unmeasured / 2):
             found.append((sensor.name, error))
     return tuple(sorted(found, key=lambda pair: pair[1]))
 
