@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from matching.diagnosis.causes import ExtendedModel, extended_system, simulated_motion
+from matching.diagnosis import inputs
+from matching.diagnosis.base import fit_base
+from matching.diagnosis.causes import extended_system, simulated_motion
 from matching.diagnosis.closed_loop import closed_loop_notes
-from matching.diagnosis.data import FitData, prepare_data, with_smooth_inputs
+from matching.diagnosis.data import FitData, prepare_data
 from matching.diagnosis.descent import Fit, balanced_fit, solve
 from matching.diagnosis.holdout import (
     RESTART_SECONDS,
@@ -183,9 +185,11 @@ def _leave_out(state: SearchState, unseen: UnseenData) -> None:
     """Leave out each cause of several, the last first, without which the final fit meets unseen data as well, or whose
     torque is not told from nothing."""
     for index in reversed(range(len(state.best.causes))):
-        rest = without(state.best, index) if len(state.best.causes) > 1 else None
+        rest = without(state.best, index)
         if rest is None:
             continue
+        if not rest.causes and _lower(rest.fit, state.base.fit):
+            state.base = final_fit(rest)
         best = state.best
         parameters = cause_parameters(best.model.base, best.causes[index], _estimates(best, [best.fit]))
         nothing = best.model.negligible(best.fit, index) or acts(parameters) < TOLD_FROM_NOTHING
@@ -194,37 +198,10 @@ def _leave_out(state: SearchState, unseen: UnseenData) -> None:
             del state.rivals[index : index + 1]
 
 
-# --- Inputs between their samples: straight, as recordings have them, or smooth, where that is what the readings say.
-
-NOTICED = 0.05  # change of the readings, root mean square of the worst sensor in times the noise; chosen by trial
-LIKELIER = 25.0  # decrease of χ², over its mean per reading, from which inputs are taken as smooth; chosen by trial
-
-
-def _smooth_between_samples(system: System, fit: Fit) -> Fit | None:
-    """A fit with inputs that are smooth between samples, where it is likelier than with straight ones and leaves
-    nothing but noise; else None.
-
-    It has no parameter more. Where more than noise is left, it could stand for what the model lacks.
-    """
-    data = fit.problem.data
-    problem = replace(fit.problem, data=_with_smooth_inputs(system, data))
-    change = problem.by_sensor(problem.residuals(fit.v[None])[0] - fit.residual)
-    squares = np.sum([np.sum(part**2, axis=0) for part in change], axis=0)
-    if np.sqrt(squares / np.maximum(data.readings_by_sensor, 1)).max(initial=0.0) < NOTICED:
-        return None
-    try:
-        smooth = solve(problem, fit.v)
-    except FitError:
-        return None
-    if fit.cost - smooth.cost < LIKELIER * max(1.0, smooth.cost / data.readings_count):
-        return None
-    model = ExtendedModel(system, (), dict(problem.bounds), smooth.values)
-    return smooth if at_noise(Hypothesis(model, smooth)) else None
-
-
-def _with_smooth_inputs(system: System, data: FitData) -> FitData:
-    """Data with torque inputs that are smooth between samples."""
-    return with_smooth_inputs(data, [j for j, part in enumerate(system.inputs) if part.name not in system.imposed_by])
+def _lower(fit: Fit, other: Fit) -> bool:
+    """Whether a fit leaves less than another one of the same data, in the same weights."""
+    same = fit.residual.shape == other.residual.shape and fit.problem.weighting is other.problem.weighting
+    return same and fit.cost < other.cost
 
 
 # --- Diagnosis
@@ -271,23 +248,25 @@ def diagnose(
         remembered = RememberedHoldout(judge)
         progress("base model")
         compile_models([system])
-        base_fit = _base_fit(system, train, [*recordings, *judging])
-        smooth = _smooth_between_samples(system, base_fit)
-        if smooth is None:
+        base_fit = _base_fit(system, train, [*recordings, *judging], settings)
+        straight = (inputs.STRAIGHT,) * len(system.inputs)
+        kinds, base_fit = inputs.likeliest(system, train, base_fit, straight)
+        recorded = inputs.with_rounding(train, base_fit), judge
+        for last in (False, True):
+            if kinds != straight or recorded[0].rounding is not None:
+                train, judge = inputs.as_taken(recorded[0], kinds), inputs.with_inputs(recorded[1], kinds)
+                remembered = RememberedHoldout(judge)
+                base_fit = fit_base(system, train, settings, base_fit)
             identified = identify_causes(system, base_fit, remembered, settings, progress)
-            smooth = (
-                _smooth_between_samples(system, identified.state.best.fit) if identified.state.best.causes else None
-            )
-        if smooth is not None:
-            progress("inputs that are smooth between samples")
-            whole, train = (_with_smooth_inputs(system, data) for data in (whole, train))
-            if isinstance(judge, RestOfRecordings):
-                judge = RestOfRecordings(whole, judge.counts)
-            else:
-                judge = OtherRecordings(_with_smooth_inputs(system, judge.data))
-            remembered = RememberedHoldout(judge)
-            identified = identify_causes(system, solve(*base_problem(system, train)), remembered, settings, progress)
-            notes.append("inputs are taken as smooth between samples, not as straight lines: the model fits better so")
+            best = identified.state.best
+            if last or not best.causes or (at_noise(best) and kinds != straight):
+                break
+            progress("inputs between samples")
+            others, _ = inputs.likeliest(system, recorded[0], best.fit, kinds)
+            if others == kinds:
+                break
+            kinds = others
+        notes += inputs.note_on(system, kinds)
         state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
         base, final = state.base, replace(state.best, fit=fits[0])
         state.best = final
@@ -320,11 +299,11 @@ def diagnose(
     return found
 
 
-def _base_fit(system: System, train: FitData, recordings: Sequence[Recording]) -> Fit:
+def _base_fit(system: System, train: FitData, recordings: Sequence[Recording], settings: DiagnosisSettings) -> Fit:
     """The fit of a system as given. Where it is far off, a speed or an angle without a unit may be in another one than
     taken: an InputError then says which."""
     try:
-        fit = solve(*base_problem(system, train))
+        fit = fit_base(system, train, settings)
     except FitError as reason:
         for recording in recordings:
             check_speed_units(system, recording)
@@ -401,7 +380,9 @@ def _verdict(final: Hypothesis, judge: Holdout, after_holdout: np.ndarray) -> st
     if not final.causes:
         predicted = prediction(final.fit, judge.simulate(final.fit))
         after_holdout = rms_by_sensor(predicted.updated) if predicted else after_holdout
-    met = np.nanmax(after_holdout, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO
+    rounding = final.fit.problem.data.rounding
+    added = 0.0 if rounding is None else np.maximum(rounding[:, 0], 0.0)
+    met = np.nanmax(after_holdout**2 - added, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO**2
     return "unexplained" if not met else "explained" if final.causes else "adequate"
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel, compilable, recorded_range
 from matching.diagnosis.data import FEWEST_SAMPLES, FitData, Segment
-from matching.diagnosis.descent import FINAL_STEPS, MOST_STEPS_A_SAMPLE, Fit, FitOptions, solve, with_sharper_friction
+from matching.diagnosis.descent import Fit, FitOptions, solve, with_sharper_friction
 from matching.diagnosis.screening import (
     NoiseDraws,
     ScreenedCandidate,
@@ -30,6 +30,7 @@ from matching.diagnosis.selection import (
     scatters_only,
     share_explained,
     with_balanced_sensors,
+    with_sharpest_friction,
 )
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.shared_causes import RefitBudget, with_shared_causes
@@ -38,7 +39,6 @@ from modelling.effects import EFFECTS
 from modelling.errors import FitError
 from modelling.system import System
 
-SMOOTH_FRICTION = 10.0  # times the noise, root mean square: friction that turns too smoothly leaves less (trial)
 SIDE_BY_SIDE = 4  # models that are compiled at once
 Progress = Callable[[str], None]  # is given the name of each step
 
@@ -395,24 +395,14 @@ def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:
     )
 
 
-def without(hypothesis: Hypothesis, index: int) -> Hypothesis | None:
+def without(hypothesis: Hypothesis, index: int, iterations: int = 80) -> Hypothesis | None:
     """All causes of a hypothesis but one, fitted; None where they do not simulate without it."""
     model = hypothesis.model.without_cause(index, hypothesis.fit)
     try:
-        return with_sharpest_friction(Hypothesis(model, fit_extended(model, hypothesis.fit)))
+        fit = fit_extended(model, hypothesis.fit, FitOptions(iterations, exact=False))
+        return with_sharpest_friction(Hypothesis(model, fit))
     except FitError:
         return None
-
-
-def with_sharpest_friction(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis that is not at the noise with its friction as sharp as ever pays: no further cause is to be searched
-    for what smooth friction leaves. Far from the noise that is little beside the error of the model."""
-    if at_noise(hypothesis):
-        return hypothesis
-    sharper = replace(hypothesis, fit=with_sharper_friction(hypothesis.fit, FINAL_STEPS))
-    if at_noise(sharper) or sharper.misfit > SMOOTH_FRICTION:
-        return sharper
-    return replace(sharper, fit=with_sharper_friction(sharper.fit, MOST_STEPS_A_SAMPLE))
 
 
 def distinct(hypotheses: list[Hypothesis]) -> list[Hypothesis]:

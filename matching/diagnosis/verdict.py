@@ -31,13 +31,17 @@ from matching.diagnosis.result import (
     not_told_apart,
 )
 from matching.diagnosis.screening import fit_extended
-from matching.diagnosis.search import (
-    SearchState,
-    with_sharpest_friction,
-)
-from matching.diagnosis.selection import Hypothesis, UnseenData, at_noise
+from matching.diagnosis.search import SearchState
+from matching.diagnosis.selection import Hypothesis, UnseenData, at_noise, with_sharpest_friction
 from matching.diagnosis.simulation import simulate_readings
-from matching.diagnosis.statistics import Estimate, Prediction, effective_share, estimates, prediction
+from matching.diagnosis.statistics import (
+    Estimate,
+    Prediction,
+    effective_share,
+    estimates,
+    prediction,
+    residual_inflation,
+)
 from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_words
 from modelling.errors import FitError
@@ -84,7 +88,6 @@ def final_fit_on(hypothesis: Hypothesis, base: Fit) -> Hypothesis:
 MOST_RIVALS = 4  # that are fitted as finely as the best
 OUT_OF_QUESTION = 60.0  # difference of χ², over its inflation: a share of the evidence below 1e-13
 NOT_SIMULATED = 1e30  # χ² of what does not simulate
-NOISE_MEAN_SQUARE = 1.05  # of a residual that needs no test for correlation
 
 
 @dataclass(frozen=True)
@@ -208,16 +211,6 @@ def chi_square_inflation(hypothesis: Hypothesis) -> float:
     """By how much the χ² of a hypothesis overstates what it knows, see :func:`residual_inflation`."""
     segments, residuals = hypothesis.fit.problem.data.segments, hypothesis.fit.by_sensor()
     return residual_inflation([np.where(s.measured, r, np.nan) for s, r in zip(segments, residuals, strict=True)])
-
-
-def residual_inflation(parts: list[np.ndarray]) -> float:
-    """Mean square of a residual, (t, y) in times the noise, over the share of independent samples in it; at least 1."""
-    count = sum(int(np.isfinite(part).sum()) for part in parts)
-    mean_square = float(sum(np.nansum(part**2) for part in parts)) / count if count else NOT_SIMULATED
-    if mean_square < NOISE_MEAN_SQUARE:
-        return max(mean_square, 1.0)
-    shares = [effective_share(part[:, j]) for part in parts for j in range(part.shape[1]) if np.nansum(part[:, j] ** 2)]
-    return mean_square / min(shares, default=1.0)
 
 
 # --- Every candidate that was fitted alone, with its misfit and why it was not taken.
