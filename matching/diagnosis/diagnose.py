@@ -274,7 +274,7 @@ def diagnose(
         notes += restarted + closed_loop_notes(final, recordings) + scatter_notes(final)
         residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
         before, after = (rms_by_sensor(parts) for parts in residuals)
-        verdict, rest = _verdict(final, judge, after), remaining_errors(final)
+        verdict, rest = _verdict(final, judge, after, train.rounding), remaining_errors(final)
         if verdict == "unexplained" and not final.causes and at_noise(final):
             notes.append(
                 "the fitted data are reproduced to their noise, held-out data are not: something happens in those"
@@ -370,17 +370,17 @@ def _predictable(final: Hypothesis, judge: Holdout, remembered: RememberedHoldou
     return RestartedRest(judge.whole, judge.counts), [note]
 
 
-def _verdict(final: Hypothesis, judge: Holdout, after_holdout: np.ndarray) -> str:
+def _verdict(final: Hypothesis, judge: Holdout, after_holdout: np.ndarray, rounding: np.ndarray | None = None) -> str:
     """``adequate``, ``explained`` or ``unexplained``; errors (y,) on held-out data in times the noise.
 
-    A model without causes may drift away on held-out data as far as its quantities are uncertain.
+    A model without causes may drift away on held-out data as far as its quantities are uncertain. What the resolution
+    of the inputs adds (y, l) is no error of it.
     """
     if not at_noise(final):
         return "unexplained"
     if not final.causes:
         predicted = prediction(final.fit, judge.simulate(final.fit))
         after_holdout = rms_by_sensor(predicted.updated) if predicted else after_holdout
-    rounding = final.fit.problem.data.rounding
     added = 0.0 if rounding is None else np.maximum(rounding[:, 0], 0.0)
     met = np.nanmax(after_holdout**2 - added, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO**2
     return "unexplained" if not met else "explained" if final.causes else "adequate"
