@@ -32,10 +32,12 @@ from matching.diagnosis.holdout import (
 from matching.diagnosis.loggers import with_clocks
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.result import (
+    Candidate,
     Diagnosis,
     FittedCandidate,
     KeptTable,
     KnownScreening,
+    NamedCause,
     Pictured,
     PlotData,
     correlated_uncertainties,
@@ -267,31 +269,42 @@ def diagnose(
                 break
             kinds = others
         notes += inputs.note_on(system, kinds)
-        state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
-        base, final = state.base, replace(state.best, fit=fits[0])
-        state.best = final
-        judge, restarted = _predictable(final, judge, remembered)
+        recorded_judge, weak, weighed = judge, list[NamedCause](), list[Candidate]()
+        while True:
+            state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
+            base, final = state.base, replace(state.best, fit=fits[0])
+            state.best = final
+            judge, restarted = _predictable(final, recorded_judge, remembered)
+            residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
+            before, after = (rms_by_sensor(parts) for parts in residuals)
+            verdict, unseen = _verdict(final, judge, after, train.rounding), UnseenData(judge, settings)
+            values, judging_data = _estimates(final, fits), None if verdict == "explained" else unseen
+            judged = _judged_causes(identified, final, judging_data)
+            named = named_causes(system, final, values, judged, judging_data)
+            doubtful = [index for index, cause in enumerate(named) if not cause.in_model]
+            if not doubtful:
+                break
+            least = min(doubtful, key=lambda index: named[index].confidence)
+            weak.append(named[least])
+            weighed += refitted_candidates([judged[least]])
+            identified = _without(identified, least)
         notes += restarted + closed_loop_notes(final, recordings) + scatter_notes(final)
-        residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
-        before, after = (rms_by_sensor(parts) for parts in residuals)
-        verdict, rest = _verdict(final, judge, after, train.rounding), remaining_errors(final)
+        rest = remaining_errors(final)
         if verdict == "unexplained" and not final.causes and at_noise(final):
             notes.append(
                 "the fitted data are reproduced to their noise, held-out data are not: something happens in those"
             )
-        unseen = UnseenData(judge, settings)
         held_out = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
         curves = discrepancy_curves(final) if rest else []
         errors = errors_by_sensor(system, base, final, before, after)
         pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, held_out)))
-        values = _estimates(final, fits)
-        judged = _judged_causes(identified, final, None if verdict == "explained" else unseen)
         kept = kept_table(final, curves, unseen) if keep_rest else None
         found = Diagnosis(
-            verdict, named_causes(system, final, values, judged),
+            verdict, [*sorted(named, key=lambda cause: -cause.gain), *reversed(weak)],
             {name: value for name, value in values.items() if name in system.uncertain}, system.units,
-            errors, pooled_errors(whole, before, after), fidelity(system, held_out), refitted_candidates(judged),
-            identified.fitted, rest, curves, recording_to_tell_rivals(final, judged), notes,
+            errors, pooled_errors(whole, before, after), fidelity(system, held_out),
+            refitted_candidates(judged) + weighed, identified.fitted, rest, curves,
+            recording_to_tell_rivals(final, judged), notes,
             _extended(stated, final, kept), plot_data, kept,
         )  # fmt: skip
     if time_limit is not None and limit.ended_at:
@@ -315,6 +328,16 @@ def _base_fit(system: System, train: FitData, recordings: Sequence[Recording], s
         for recording in recordings:
             check_speed_units(system, recording)
     return fit
+
+
+def _without(identified: IdentifiedCauses, index: int) -> IdentifiedCauses:
+    """The same without one of the causes of its best hypothesis, which is fitted without it."""
+    state = identified.state
+    rest = best_without(state, index)
+    state.best = final_fit(rest) if rest.causes else rest
+    del state.rivals[index : index + 1]
+    rated = [each for number, each in enumerate(identified.rated) if number != index]
+    return replace(identified, rated=rated)
 
 
 def _by_segment(judge: Holdout, models: Sequence[Hypothesis], residuals: Sequence[list]) -> Iterator[ModelResiduals]:

@@ -64,7 +64,12 @@ class NamedCause:
     kind, at : str
     parameters : dict of str to CauseParameter
     confidence : float
-        0 … 1.
+        That this kind at this place is right, 0 … 1.
+    place_confidence : float
+        That something acts at this place, of whatever kind, 0 … 1.
+    in_model : bool
+        Whether the extended model has it: of a confidence over 0.5 and a value beyond its uncertainty. Else it only
+        says where something is.
     evidence : str
         One sentence that can be checked in the figures.
     alternatives : list of Alternative
@@ -79,6 +84,8 @@ class NamedCause:
     evidence: str
     alternatives: list[Alternative]
     gain: float
+    place_confidence: float = 1.0
+    in_model: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
@@ -86,7 +93,7 @@ class NamedCause:
             "kind": self.kind, "at": place_in_file(self.at), "confidence": self.confidence, "evidence": self.evidence,
             "parameters": {key: parameter.to_dict() for key, parameter in self.parameters.items()},
             "alternatives": [vars(rival) | {"at": place_in_file(rival.at)} for rival in self.alternatives],
-            "gain": finite(self.gain),
+            "gain": finite(self.gain), "place_confidence": self.place_confidence, "in_model": self.in_model,
         }  # fmt: skip
 
 

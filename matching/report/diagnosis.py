@@ -556,7 +556,7 @@ LEAST_SHOWN = 2.5e-5  # of a fidelity's standard uncertainty: twice that is 0.00
 
 def answer(result: Mapping[str, Any]) -> str:
     """The answer in one sentence."""
-    causes, worst = result["causes"], _worst(result["errors"])
+    causes, worst = certain(result), _worst(result["errors"])
     if result["verdict"] == "adequate":
         largest = max((_in_noise(error, "after_holdout") or 0.0 for error in result["errors"].values()), default=0.0)
         return (
@@ -565,7 +565,7 @@ def answer(result: Mapping[str, Any]) -> str:
         )
     if not causes:
         size = "" if worst is None else f": the error of {worst[0]} is {number(worst[1], 3)} times the noise"
-        return f"None of the known effects explains what the model misses{size} on held-out data."
+        return f"None of the known effects explains what the model misses{size} on held-out data{_doubtful(result)}."
     clauses = [clause(cause) + _rivals(cause) for cause in causes]
     text = clauses[0] if len(clauses) == 1 else f"{', '.join(clauses[:-1])}, and {clauses[-1]}"
     text = text[:1].upper() + text[1:] if text.startswith(("the ", "each ")) else text
@@ -576,7 +576,21 @@ def answer(result: Mapping[str, Any]) -> str:
             f"{'rises' if after > before else 'falls'} from {number(before, 3)} to {number(after, 3)} times the noise"
         )
         text += " on held-out data"
-    return text + ("." if result["verdict"] == "explained" else ", and an unexplained error remains.")
+    return text + (
+        "." if result["verdict"] == "explained" else f", and an unexplained error remains{_doubtful(result)}."
+    )
+
+
+def certain(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The causes that the extended model has."""
+    return [cause for cause in result["causes"] if cause.get("in_model", True)]
+
+
+def _doubtful(result: Mapping[str, Any]) -> str:
+    """Where something is whose kind or size is not known, as the end of a sentence; empty where nothing is."""
+    rest = [cause for cause in result["causes"] if not cause.get("in_model", True)]
+    where = dict.fromkeys(_subject(cause["at"]) for cause in rest)
+    return f"; something is at {' and at '.join(where)}, but its kind or its size is not certain" if where else ""
 
 
 def _pooled(result: Mapping[str, Any]) -> str:
@@ -797,7 +811,7 @@ def _spans(spans: Mapping[str, Sequence[float]]) -> str:
 def _to_do(result: Mapping[str, Any]) -> list[str]:
     """What the reader should do, in sentences."""
     steps = [f"{step[:1].upper()}{step[1:]}." for step in to_correct(result)]
-    if result["causes"]:
+    if certain(result):
         steps.append("Use extended.toml: it is the model with the named causes, and every command reads it.")
     if result["next_recording"]:
         words = result["next_recording"]
@@ -819,7 +833,9 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, str]:
     values = [f"{spaced(key)} {measured(estimate)}" for key, estimate in cause["parameters"].items()]
     return {
         "cause": spaced(cause["kind"]), "at": place(cause["at"]), "values, standard uncertainty": ", ".join(values),
-        "confidence": f"{cause['confidence']:.2f}", "χ² without it over χ² with it": number(cause["gain"], 3),
+        "confidence": f"{cause['confidence']:.2f}", "in the place": f"{cause.get('place_confidence', 1.0):.2f}",
+        "in extended.toml": "yes" if cause.get("in_model", True) else "no",
+        "χ² without it over χ² with it": number(cause["gain"], 3),
     }  # fmt: skip
 
 
