@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from matching.diagnosis import inputs
+from matching.diagnosis import audit, inputs
 from matching.diagnosis.base import fit_base
 from matching.diagnosis.causes import extended_system, simulated_motion
 from matching.diagnosis.closed_loop import closed_loop_notes
@@ -57,6 +57,7 @@ from matching.diagnosis.screening import (
 from matching.diagnosis.search import (
     Progress,
     SearchState,
+    Suspected,
     first_readings,
     search_causes,
     search_window,
@@ -110,7 +111,12 @@ class IdentifiedCauses:
 
 
 def identify_causes(
-    system: System, base: Fit, holdout: Holdout, settings: DiagnosisSettings, progress: Progress
+    system: System,
+    base: Fit,
+    holdout: Holdout,
+    settings: DiagnosisSettings,
+    progress: Progress,
+    suspected: Sequence[Suspected] = (),
 ) -> IdentifiedCauses:
     """The causes that a base fit lacks, and for each its rivals, itself included.
 
@@ -118,20 +124,25 @@ def identify_causes(
     searched for again with each sensor weighted by what the base model leaves of it, and taken if they meet unseen data
     better.
     """
-    identified = _identify(system, base, holdout, settings, progress)
+    identified = _identify(system, base, holdout, settings, progress, suspected)
     best = identified.state.best
     if scatters_only(best) or largest_error(best.fit) < settings.left_by_model or time_is_over(settings.search_share):
         return identified
     progress("sensors weighted by what the model leaves")
     if largest_error(base) < settings.far_from_noise:
         settings = replace(settings, far_from_noise=settings.left_by_model)
-    balanced = _identify(system, _balanced(system, base), holdout, settings, progress)
+    balanced = _identify(system, _balanced(system, base), holdout, settings, progress, suspected)
     unseen = UnseenData(holdout, settings)
     return balanced if unseen.pooled(balanced.state.best) < unseen.pooled(best) else identified
 
 
 def _identify(
-    system: System, base: Fit, holdout: Holdout, settings: DiagnosisSettings, progress: Progress
+    system: System,
+    base: Fit,
+    holdout: Holdout,
+    settings: DiagnosisSettings,
+    progress: Progress,
+    suspected: Sequence[Suspected],
 ) -> IdentifiedCauses:
     """Causes with their rivals, sensors weighted as in the base fit.
 
@@ -142,7 +153,7 @@ def _identify(
     if window is not None:
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
         judge = RememberedHoldout(OtherRecordings(first_readings(holdout.data, settings.window)))
-        identified = _search_and_rate(system, _solved_as(base, system, window), judge, settings, progress)
+        identified = _search_and_rate(system, _solved_as(base, system, window), judge, settings, progress, suspected)
         state = identified.state
         progress("all data")
         best = final_fit_on(state.best, base)
@@ -150,7 +161,7 @@ def _identify(
             state.best, state.base, state.screening = best, replace(state.base, fit=base), Screening(base)
             state.screened = []
             return identified
-    return _search_and_rate(system, base, holdout, settings, progress)
+    return _search_and_rate(system, base, holdout, settings, progress, suspected)
 
 
 def _balanced(system: System, base: Fit) -> Fit:
@@ -164,10 +175,15 @@ def _solved_as(base: Fit, system: System, data: FitData) -> Fit:
 
 
 def _search_and_rate(
-    system: System, base: Fit, holdout: Holdout, settings: DiagnosisSettings, progress: Progress
+    system: System,
+    base: Fit,
+    holdout: Holdout,
+    settings: DiagnosisSettings,
+    progress: Progress,
+    suspected: Sequence[Suspected],
 ) -> IdentifiedCauses:
     unseen = UnseenData(holdout, settings)
-    state = search_causes(system, base, unseen, settings, progress)
+    state = search_causes(system, base, unseen, settings, progress, suspected)
     progress("final fit")
     state.best = simplified(final_fit(state.best))
     _leave_out(state, unseen)
@@ -251,6 +267,14 @@ def diagnose(
         progress("base model")
         compile_models([system])
         base_fit = _base_fit(system, train, [*recordings, *judging], settings)
+        order, base_fit = audit.with_channels_of(system, base_fit, train, settings)
+        hum = audit.find_hum(system, base_fit)
+        whole, train = (_mended(system, data, base_fit, order, hum) for data in (whole, train))
+        judge = _mended_holdout(judge, whole, lambda data: _mended(system, data, base_fit, order, hum))
+        remembered = RememberedHoldout(judge)
+        if hum:
+            base_fit = fit_base(system, train, settings, base_fit)
+        notes += audit.notes_on(system, order, hum)
         straight = (inputs.STRAIGHT,) * len(system.inputs)
         kinds, base_fit = inputs.likeliest(system, train, base_fit, straight)
         recorded = inputs.with_rounding(train, base_fit), judge
@@ -259,7 +283,8 @@ def diagnose(
                 train, judge = inputs.as_taken(recorded[0], kinds), inputs.with_inputs(recorded[1], kinds)
                 remembered = RememberedHoldout(judge)
                 base_fit = fit_base(system, train, settings, base_fit)
-            identified = identify_causes(system, base_fit, remembered, settings, progress)
+            suspected = audit.time_hypotheses(system, base_fit, audit.channel_times(system, base_fit))
+            identified = identify_causes(system, base_fit, remembered, settings, progress, suspected)
             best = identified.state.best
             if last or not best.causes or (at_noise(best) and kinds != straight):
                 break
@@ -306,6 +331,7 @@ def diagnose(
             refitted_candidates(judged) + weighed, identified.fitted, rest, curves,
             recording_to_tell_rivals(final, judged), notes,
             _extended(stated, final, kept), plot_data, kept,
+            audit.audited(system, base_fit, order, kinds, hum),
         )  # fmt: skip
     if time_limit is not None and limit.ended_at:
         found.notes.append(f"cut short after {time_limit:g} s: the best answer so far")
@@ -338,6 +364,20 @@ def _without(identified: IdentifiedCauses, index: int) -> IdentifiedCauses:
     del state.rivals[index : index + 1]
     rated = [each for number, each in enumerate(identified.rated) if number != index]
     return replace(identified, rated=rated)
+
+
+def _mended(system: System, data: FitData, base: Fit, order: list[int], hum: list[audit.Hum]) -> FitData:
+    """Data with exchanged channels where they belong, and without hum."""
+    return audit.without_hum(system, audit.reordered(data, order), base, hum)
+
+
+def _mended_holdout(judge: Holdout, whole: FitData, mended: Callable[[FitData], FitData]) -> Holdout:
+    """Held-out data of mended data."""
+    return (
+        RestOfRecordings(whole, judge.counts)
+        if isinstance(judge, RestOfRecordings)
+        else OtherRecordings(mended(judge.data))
+    )
 
 
 def _by_segment(judge: Holdout, models: Sequence[Hypothesis], residuals: Sequence[list]) -> Iterator[ModelResiduals]:

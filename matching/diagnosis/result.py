@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from matching.diagnosis.audit import AuditedChannel
 from matching.diagnosis.causes import Cause, simulated_motion
 from matching.diagnosis.data import FitData
 from matching.diagnosis.descent import Fit, Quadratic, discrepancy, reweighted
@@ -497,6 +498,8 @@ class Diagnosis(Displayed):
     plot_data : PlotData
     kept : KeptTable or None
         The curve of ``discrepancy`` that the extended model keeps.
+    channels : list of AuditedChannel
+        The audit of the channels.
     """
 
     verdict: str
@@ -515,6 +518,7 @@ class Diagnosis(Displayed):
     extended: System = field(repr=False)
     plot_data: PlotData = field(repr=False)
     kept: KeptTable | None = None
+    channels: list[AuditedChannel] = field(default_factory=list)
 
     @property
     def pictured(self) -> Pictured:
@@ -535,6 +539,7 @@ class Diagnosis(Displayed):
             "rest": [remaining.to_dict() for remaining in self.rest],
             "discrepancy": [curve.to_dict() for curve in self.discrepancy],
             "kept_discrepancy": self.kept.to_dict() if self.kept else None, "notes": self.notes,
+            "channels": [channel.to_dict() for channel in self.channels],
         }  # fmt: skip
 
     def _candidates_to_dict(self) -> list[dict[str, Any]]:

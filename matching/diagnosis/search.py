@@ -41,6 +41,7 @@ from modelling.system import System
 
 SIDE_BY_SIDE = 4  # models that are compiled at once
 Progress = Callable[[str], None]  # is given the name of each step
+Suspected = tuple[str, str, dict[str, float]]  # kind, place and first values of a cause
 
 
 @dataclass
@@ -85,7 +86,12 @@ def best_by_candidate(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCan
 
 
 def search_causes(
-    system: System, base_fit: Fit, unseen: UnseenData, settings: DiagnosisSettings, progress: Progress
+    system: System,
+    base_fit: Fit,
+    unseen: UnseenData,
+    settings: DiagnosisSettings,
+    progress: Progress,
+    suspected: Sequence[Suspected] = (),
 ) -> SearchState:
     """Find the causes that a base fit lacks, as far as the vocabulary has them.
 
@@ -95,16 +101,25 @@ def search_causes(
         Of the system as given.
     unseen : UnseenData
         Decides what is accepted.
+    suspected : sequence of (kind, place, parameters)
+        Causes that are fitted in the first round whatever the screening says: what the audit of the channels suspects.
     """
-    return _Search(system, base_fit, unseen, settings, progress).run()
+    return _Search(system, base_fit, unseen, settings, progress, suspected).run()
 
 
 class _Search:
     """One search; screenings are made once for each set of causes."""
 
     def __init__(
-        self, system: System, base_fit: Fit, unseen: UnseenData, settings: DiagnosisSettings, progress: Progress
+        self,
+        system: System,
+        base_fit: Fit,
+        unseen: UnseenData,
+        settings: DiagnosisSettings,
+        progress: Progress,
+        suspected: Sequence[Suspected],
     ):
+        self.suspected = suspected
         self.unseen, self.settings, self.progress = unseen, settings, progress
         self.budget = RefitBudget(settings.refits, settings.search_share)
         self.windowed = settings.windowed
@@ -154,6 +169,11 @@ class _Search:
         for candidate in candidates[self.settings.candidates :]:
             if candidate.kind not in seen:
                 further.setdefault(candidate.kind, candidate)
+        if best and not hypothesis.causes:
+            known = {candidate.kind_and_place for candidate in best}
+            best = [
+                *(ScreenedCandidate(*one, best[0].reduction) for one in self.suspected if one[:2] not in known), *best
+            ]  # fmt: skip
         return [*best, *list(further.values())[: self.settings.kinds]]
 
     def screened(self, hypothesis: Hypothesis) -> tuple[Screening, list[ScreenedCandidate]]:
