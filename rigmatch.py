@@ -16,8 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 MANOEUVRES = ("BackOut", "DriveAway", "Step", "Sweep", "TipIn")
+# Where a class is at home; every other name is a function of matching.api.
+HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
+    "DiagnosisSettings": "matching.diagnosis.settings",
+    "InputError": "modelling.errors",
+    "SimulationError": "modelling.simulation.stepping",
+}
 __all__ = [
-    "BackOut", "DiagnosisSettings", "DriveAway", "Step", "Sweep", "TipIn",
+    "BackOut", "DiagnosisSettings", "DriveAway", "InputError", "SimulationError", "Step", "Sweep", "TipIn",
     "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "load_result",
     "map", "match", "modes", "new", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty",
     "verify",
@@ -49,6 +55,8 @@ if TYPE_CHECKING:
     )
     from matching.diagnosis.settings import DiagnosisSettings
     from modelling.bed.manoeuvres import BackOut, DriveAway, Step, Sweep, TipIn
+    from modelling.errors import InputError
+    from modelling.simulation.stepping import SimulationError
 
 PACKAGES = ("modelling", "matching")
 REPLACED = (
@@ -101,9 +109,8 @@ def __getattr__(name: str) -> Any:
         from modelling.errors import VERSION
 
         return VERSION
-    home = "matching.diagnosis.settings" if name == "DiagnosisSettings" else "matching.api"
-    return getattr(import_module("modelling.bed.manoeuvres" if name in MANOEUVRES else home), name)
+    return getattr(import_module(HOMES.get(name, "matching.api")), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted([*__all__, "__version__"])

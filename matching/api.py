@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from matching.dry_run import case_words, computing, model_words, was_read
+from matching.progress import OF_A_COUNT, OF_A_MATCH, shown
 from modelling.display import counted
 from modelling.errors import InputError
+from modelling.resources import cores
 
 if TYPE_CHECKING:
     import numpy as np
@@ -433,7 +435,7 @@ def simulate(
 def diagnose(
     model: System | File, recordings: Sequence[Recording | File] | Recording | File,
     holdout: Sequence[Recording | File] | Recording | File | None = None, *, channels: File | None = None,
-    keep_rest: bool = False, time_limit: float | None = None, tell: Callable[[str], None] | None = None,
+    keep_rest: bool = False, time_limit: float | None = None, progress: Callable[[str], None] | None = None,
     settings: DiagnosisSettings | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Find what a model lacks, from recordings: name the cause, extend the model, measure the gain.
@@ -458,8 +460,8 @@ def diagnose(
     time_limit : float, optional
         Seconds that it may take; then it answers the best so far, and a note says so. Without one an answer never
         depends on the speed of the machine.
-    tell : callable, optional
-        Is called with a line of text at every step.
+    progress : callable, optional
+        Is called with a line of text at every step; by default a terminal or a notebook shows it.
     settings : DiagnosisSettings, optional
         The numbers by which causes are searched for and accepted.
 
@@ -486,7 +488,8 @@ def diagnose(
     if time_limit is not None and not time_limit > 0:
         raise InputError("time_limit", f"{time_limit:g} s is out of range", "give a positive number of seconds")
     computing()
-    return run(system, read, judge, tell or (lambda _: None), keep_rest, settings=settings, time_limit=time_limit)
+    with shown("diagnose", progress) as tell:
+        return run(system, read, judge, tell, keep_rest, settings=settings, time_limit=time_limit)
 
 
 def uncertainty(
@@ -503,7 +506,7 @@ def uncertainty(
     wanted : str, optional
         Wanted expanded uncertainty, such as 0.5 or "0.5 N*m": tells which input must improve, and to what.
     seed : int
-        Seed of the Monte Carlo method.
+        Seed of the Monte Carlo method: the same seed gives the same result.
     draws : int, optional
         Number of draws, 1000 to 1e9; by default until the result is stable (JCGM 101, 7.9).
     digits : {1, 2, 3}
@@ -560,7 +563,7 @@ def fidelity(
     draws : int
         Draws of the Monte Carlo uncertainty, 100 to 1e7.
     seed : int
-        Seed of the draws.
+        Seed of the draws: the same seed gives the same result.
 
     Returns
     -------
@@ -697,7 +700,7 @@ def excite(
     beds : int
         Drawn beds on which the limits hold.
     seed : int
-        Seed of phases and beds.
+        Seed of phases and beds: the same seed gives the same result.
 
     Returns
     -------
@@ -731,7 +734,7 @@ def excite(
 
 def identify(
     case: Case | File, vehicle: Sequence[File] = (), bed: Sequence[File] = (), *,
-    diagnosis_limit: float | str | None = None, tell: Callable[[str], None] | None = None,
+    diagnosis_limit: float | str | None = None, progress: Callable[[str], None] | None = None,
 ) -> FromRecordings:  # fmt: skip
     """Find out from recordings what vehicle and bed really are: a case with their values and uncertainties.
 
@@ -751,8 +754,8 @@ def identify(
     diagnosis_limit : float or str, optional
         A diagnosis that takes longer (s, or with a unit) ends with its best answer so far, and says so; by default no
         limit.
-    tell : callable, optional
-        Is called with a line of text at every step.
+    progress : callable, optional
+        Is called with a line of text at every step; by default a terminal or a notebook shows it.
 
     Returns
     -------
@@ -771,7 +774,8 @@ def identify(
     limit = None if diagnosis_limit is None else in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True)
     tuned = tuned_case_of(case)
     computing(lambda: recordings_read(tuned, on_the_road, on_the_bed))
-    return run(tuned, on_the_road, on_the_bed, tell or (lambda _: None), limit)
+    with shown("identify", progress) as tell:
+        return run(tuned, on_the_road, on_the_bed, tell, limit)
 
 
 def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:
@@ -810,7 +814,7 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
 def commission(
     case: File, bed: File, out: File, *, vehicle_recording: Sequence[File] = (), rounds: int = 3,
     duration: float | str = 12.0, speed: float | str | None = None, diagnosis_limit: float | str = 600.0, seed: int = 0,
-    workers: int | None = None, follow: float | str | None = None, tell: Callable[[str], None] | None = None,
+    workers: int | None = None, follow: float | str | None = None, progress: Callable[[str], None] | None = None,
 ) -> Commissioning:  # fmt: skip
     """Go the whole way onto the bed: match, run, verify; then excite, record, diagnose and match again.
 
@@ -838,13 +842,13 @@ def commission(
     diagnosis_limit : float or str
         A diagnosis that takes longer (s, or with a unit) ends with its best answer so far, and says so.
     seed : int
-        Seed of the matches.
+        Seed of the matches: the same seed gives the same result.
     workers : int, optional
         Processes; by default one a core.
     follow : float or str, optional
         With a folder: wait for each recording, and follow it until it has not grown for so long (s, or with a unit).
-    tell : callable, optional
-        Is called with the name of each step.
+    progress : callable, optional
+        Is called with a line of text at every step; by default a terminal or a notebook shows it.
 
     Returns
     -------
@@ -858,7 +862,6 @@ def commission(
     """
     from matching.bed.commission import Circle, CommissionOrder
     from matching.bed.excite import ExcitationOrder
-    from modelling.resources import cores
 
     steady = None if speed is None else in_si(speed, "rad/s", "speed")
     order = CommissionOrder(
@@ -868,7 +871,8 @@ def commission(
         diagnosis_limit=in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True),
     )  # fmt: skip
     computing(lambda: _files_read(tuned_case_of(case), Path(bed), order))
-    return Circle(Path(out), Path(bed), order, tell or (lambda _: None)).run(Path(case))
+    with shown("commission", progress) as tell:
+        return Circle(Path(out), Path(bed), order, tell).run(Path(case))
 
 
 def _files_read(case: Case, bed: Path, order: CommissionOrder) -> dict[str, str]:
@@ -905,14 +909,13 @@ def match(
     case : Case or path
         Case file (TOML).
     seed : int
-        Seed of the fresh beds that judge the result.
+        Seed of the fresh beds that judge the result: the same seed gives the same result.
     starts : int
         Largest number of starting points; the first is the case's own.
     workers : int, optional
-        Processes: with two, the simulation in time runs beside the rest; by default one a core on the command line, one
-        in Python.
+        Processes; by default one a core.
     progress : callable, optional
-        Is called with a line of text at every step.
+        Is called with a line of text at every step; by default a terminal or a notebook shows it.
     beds : int, optional
         Fresh beds drawn from [uncertainty] that judge the result; 200 unless given.
 
@@ -933,14 +936,14 @@ def match(
 
     case = case_of(case)
     computing()
-    with beside(workers or 1) as aside:
-        return run(case, seed, starts, progress, beds=beds, aside=aside)
+    with beside(workers or cores()) as aside, shown("match", progress, OF_A_MATCH) as tell:
+        return run(case, seed, starts, tell, beds=beds, aside=aside)
 
 
 def map(  # noqa: A001
     case: Case | File, x: str | Axis, y: str | Axis, executor: Executor | None = None, *,
     seed: int = 0, starts: int = 2,
-    workers: int | None = None, record: File | None = None, progress: Callable[[int, int], None] | None = None,
+    workers: int | None = None, record: File | None = None, progress: Callable[[str], None] | None = None,
 ) -> Map:  # fmt: skip
     """The response error that a match reaches over two quantities.
 
@@ -960,7 +963,7 @@ def map(  # noqa: A001
     executor : Executor, optional
         Where the points are solved.
     seed : int
-        Seed of the starting points.
+        Seed of the starting points: the same seed gives the same result.
     starts : int
         Starting points a match.
     workers : int, optional
@@ -968,7 +971,7 @@ def map(  # noqa: A001
     record : path, optional
         A file of finished points.
     progress : callable, optional
-        Is called with the numbers of finished and of all points.
+        Is called with a line of text at every step; by default a terminal or a notebook shows it.
 
     Returns
     -------
@@ -985,15 +988,17 @@ def map(  # noqa: A001
     case = case_of(case)
     x, y = (axis(case, end, f"--{name}") if isinstance(end, str) else end for name, end in (("x", x), ("y", y)))
     computing()
-    return map_case(
-        case, x, y, executor, seed=seed, starts=starts, workers=workers, record=path_of(record), progress=progress
-    )
+    with shown("map", progress, OF_A_COUNT) as tell:
+        return map_case(
+            case, x, y, executor, seed=seed, starts=starts, workers=workers, record=path_of(record),
+            progress=lambda done, total: tell(f"{done} of {total} points"),
+        )  # fmt: skip
 
 
 def tolerance(
     case: Case | File, draws: int = 10_000, executor: Executor | None = None, *, seed: int = 0,
     added: Mapping[str, float | str] | None = None, workers: int | None = None, record: File | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Tolerance:  # fmt: skip
     """Spread of margin, modes and response errors of a match over tolerances of the bed.
 
@@ -1011,7 +1016,7 @@ def tolerance(
         Number of drawn beds, at least 100.
     executor, record, progress : see :func:`map`
     seed : int
-        Seed of the draws.
+        Seed of the draws: the same seed gives the same result.
     added : mapping of str to float or str, optional
         Relative tolerance of a further quantity of rig or loop, e.g. loop.dead_time=0.2, or of many by a quoted
         pattern, e.g. "rig.*.stiffness=0.05"; repeatable.
@@ -1043,5 +1048,11 @@ def tolerance(
     )
     what_varies(case, shares)
     computing()
-    with nullcontext(executor) if executor else executor_of(workers) as pool:
-        return run(case, draws, pool, seed=seed, added=shares, record=path_of(record), progress=progress)
+    with (
+        nullcontext(executor) if executor else executor_of(workers) as pool,
+        shown("tolerance", progress, OF_A_COUNT) as tell,
+    ):
+        return run(
+            case, draws, pool, seed=seed, added=shares, record=path_of(record),
+            progress=lambda done, total: tell(f"{done} of {total} parts"),
+        )  # fmt: skip

@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 from matching.arguments import add_arguments, described
 from matching.commands import COMMANDS, Command, calls
-from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, InputError, of_the_machine
+from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, FitError, InputError, NoDesign, of_the_machine
 from modelling.escape import terminal
 from modelling.toml import line_of
 
@@ -86,6 +86,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         number = line_of(error.where, error.wrong)
         return _say(f"{error} (line {number})" if number else str(error), BAD_INPUT)
+    except (FitError, NoDesign) as error:
+        return _say(str(error), BAD_INPUT)
     except KeyboardInterrupt as interrupt:
         number = interrupt.args[0] if interrupt.args else signal.SIGINT
         return _say(_ended_by(number), 128 + number)

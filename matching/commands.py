@@ -37,32 +37,24 @@ Arguments = argparse.Namespace
 
 
 def run_function(arguments: Arguments) -> dict[str, Any]:
-    """Call the command's function, with progress and on as many processes as there are; write its result."""
-    return written(called_with_progress(arguments), arguments)
+    """Call the command's function, on as many processes as are asked for; write its result."""
+    return written(called_with_pool(arguments), arguments)
 
 
-def called_with_progress(arguments: Arguments, **more: Any) -> Any:
+def called_with_pool(arguments: Arguments, **more: Any) -> Any:
     """The result of a command's function; ``more`` are given as they are."""
-    from matching.progress import OF_A_MATCH, progress, steps
     from matching.worker_pool import executor_of
-    from modelling.resources import cores
 
     function, command = COMMANDS[arguments.command].function, arguments.command
-    takes = {name: str(own.annotation) for name, own in inspect.signature(function).parameters.items()}
+    takes = inspect.signature(function).parameters
     if "executor" in takes and arguments.workers and arguments.scheduler:
         raise InputError("--workers", "does not go with --scheduler", "name one of them")
-    if "workers" in takes:
-        arguments.workers = arguments.workers or cores()
     if is_dry():
         return called(function, arguments, **more)
     with ExitStack() as stack:
         if "executor" in takes:
             more["executor"] = stack.enter_context(executor_of(arguments.workers, arguments.scheduler))
             more["record"] = Path(arguments.out) / f"{command}.partial.jsonl"
-        for name in takes.keys() & {"tell", "progress"} - more.keys():
-            counts = "int" in takes[name]
-            bar = progress(command) if counts else steps(command, OF_A_MATCH if command == "match" else None)
-            more[name] = stack.enter_context(bar)
         return called(function, arguments, **more)
 
 
@@ -409,14 +401,14 @@ def _judged(arguments: Arguments, case: Case, channels: Any, recordings: Sequenc
     """Judge recordings, or copies of those on the command line, and write files; diagnose them where they are short."""
     from matching.bed.commission import why_short
     from matching.bed.verify import judge, read_recordings
-    from matching.progress import steps
+    from matching.progress import shown
 
     read = read_recordings(recordings, case, channels, arguments.recordings)
     computing(lambda: dict.fromkeys(arguments.recordings, "a recording of the controlled bed"))
     verification = judge(case, read)
     reason = None
     if arguments.follow is None:  # nobody at the bed waits for minutes
-        with steps("verify") as tell:
+        with shown("verify") as tell:
             reason = why_short(case, verification, recordings, channels, tell)
     copies = dict(zip(arguments.recordings, recordings, strict=True))
     return written(verification, arguments, {"diagnosis": None if reason is None else reason.to_dict()}, copies)
@@ -452,8 +444,8 @@ def _followed(arguments: Arguments, case: Case, channels: Any) -> dict[str, Any]
 
 def run_commission(arguments: Arguments) -> dict[str, Any]:
     """Go round; a person at the bed is told every step in a line of its own."""
-    more = {} if arguments.follow is None else {"tell": say}
-    return written(called_with_progress(arguments, **more), arguments)
+    more = {} if arguments.follow is None else {"progress": say}
+    return written(called_with_pool(arguments, **more), arguments)
 
 
 def say(what: str) -> None:

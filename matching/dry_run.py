@@ -65,7 +65,7 @@ def model_words(system: System) -> str:
 
 def case_words(case: Case) -> str:
     """What a case holds, its target modes checked."""
-    from matching.match.case import target_modes
+    from matching.match.targets import target_modes
 
     notes = "".join(f"\n  note: {note}" for note in case.notes)
     return (

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import null_space
 
-from matching.match.case import Case, apply, of_system
+from matching.match.box import of_system
+from matching.match.case import Case, apply
 from matching.match.case_file import load_case
 from matching.match.in_time import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
 from matching.match.loop import LinearBed, assembled_bed, control_law, linear_bed, shaft_torque
@@ -580,8 +581,6 @@ def _json(path: Path) -> dict[str, Any]:
         if len(content) > LARGEST_RESULT:
             raise InputError(str(path), "is too large for the result of a match", "at most 50 MB are read")
         result = json.loads(content.decode("utf-8"))
-    except InputError:
-        raise
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "give a directory that rigmatch match wrote") from None
     except OSError as fault:

@@ -55,7 +55,8 @@ LIMITS = {
     "rolled_off_from": "from where \\|T\\| counts; 100 Hz unless stated",
     "command_noise": "largest rms torque that sensor noise may make; 2 % of `dynamometer_torque` unless stated",
     "damping_ratio": "least damping ratio of any closed-loop mode; 0.01 unless stated",
-    "damping_share": "of the least damping of the target modes, for every mode on every bed; 1/3 unless stated",
+    "damping_share": "of the damping of the vehicle's mode that a mode on a bed reproduces, else of the least damping "
+    "of the target modes; 1/3 unless stated",
     "dynamometer_torque": "largest torque of a dynamometer",
     "dynamometer_speed": "largest speed",
     "dynamometer_power": "largest power",

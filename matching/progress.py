@@ -1,4 +1,4 @@
-"""A progress bar where a terminal watches, and how long a command will still take."""
+"""The step that a function is at, told where somebody watches, and how long it will still take."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
 
 # --- When a command that works in steps will end, from what share of its time each step is over by.
 
@@ -42,47 +41,44 @@ def time_left(step: str, seconds: float, shares: Mapping[str, float | tuple[floa
     return f", about {left:.0f} s left" if left < 90 else f", about {left / 60:.0f} min left"
 
 
-PROGRESS_ALWAYS = "RIGMATCH_PROGRESS"  # in the environment: progress is told although no terminal watches
+OF_A_COUNT: Mapping[str, float | tuple[float, float]] = {"": (0.0, 1.0)}  # "12 of 100 points": equally long ones
+
+PROGRESS_ALWAYS = "RIGMATCH_PROGRESS"  # in the environment: progress is told although nobody seems to watch
+Progress = Callable[[str], None]
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on standard error while a terminal watches; yields a function of (done, of how many)."""
-    with _bar(what) as bar:
+def shown(
+    what: str, progress: Progress | None = None, shares: Mapping[str, float | tuple[float, float]] | None = None
+) -> Iterator[Progress]:
+    """Where a function tells its steps: to the caller's ``progress``, else in one line where somebody watches.
 
-        def advance(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield advance
-
-
-@contextmanager
-def steps(
-    what: str, shares: Mapping[str, float | tuple[float, float]] | None = None
-) -> Iterator[Callable[[str], None]]:
-    """The same for work in steps; yields a function of a word on what was just done.
-
-    ``shares``: what is known of the time that is over by then, see :mod:`matching.progress`.
+    Parameters
+    ----------
+    what : str
+        The command.
+    progress : callable, optional
+        Is called with a line of text at every step.
+    shares : mapping, optional
+        What is known of the time that is over by a step, see above.
     """
-    begun = time.monotonic()
-    with _bar(what, bar_format="{desc} [{elapsed}]", mininterval=0) as bar:  # steps are few: each is shown
+    if progress is not None:
+        yield progress
+        return
+    from tqdm import tqdm
+
+    tqdm.monitor_interval = 0  # no thread of its own: a process that has threads cannot be forked
+    begun, looks = time.monotonic(), {"bar_format": "{desc} [{elapsed}]", "mininterval": 0, "miniters": 1}
+    with tqdm(desc=what, file=sys.stderr, disable=not watched(), leave=False, **looks) as line:
 
         def tell(done: str) -> None:
             left = time_left(done, time.monotonic() - begun, shares or {})
-            bar.set_description_str(f"{what}: {done}{left}", refresh=False)
-            bar.update()
+            line.set_description_str(f"{what}: {done}{left}", refresh=False)
+            line.update()
 
         yield tell
 
 
 def watched() -> bool:
-    """Whether somebody follows the progress: a terminal, or a program that has said so."""
-    return sys.stderr.isatty() or PROGRESS_ALWAYS in os.environ
-
-
-def _bar(what: str, **looks: Any) -> Any:
-    from tqdm import tqdm
-
-    tqdm.monitor_interval = 0  # no thread of its own: a process that has threads cannot be forked
-    return tqdm(desc=what, file=sys.stderr, disable=not watched(), leave=False, miniters=1, **looks)
+    """Whether somebody follows the progress: a terminal, a notebook, or a program that has said so."""
+    return sys.stderr.isatty() or PROGRESS_ALWAYS in os.environ or "ipykernel.zmqshell" in sys.modules

@@ -16,7 +16,8 @@ from typing import Any
 from matching import fidelity
 from matching import key_meanings as meanings
 from matching.match import case_file
-from matching.match.case import LIMIT_UNITS, TORQUE_OVER_SPEED, Target
+from matching.match.case import Target
+from matching.match.requirements import LIMIT_UNITS, TORQUE_OVER_SPEED
 from matching.uncertainty import budget
 from matching.uncertainty.budget import NAMES as DISTRIBUTIONS
 from modelling import model_file, system

@@ -24,7 +24,7 @@ _MACHINE = {
 _NO_MEMORY_SAYS = ("bad_alloc", "failed to map segment", "cannot allocate memory", "can't start new thread")
 
 
-class InputError(ValueError):
+class InputError(Exception):
     """Bad input from a user's file or call: one line that names where, what is wrong and what would be right.
 
     The command line prints it on standard error and exits with 2.

@@ -571,8 +571,8 @@ class System(Components):
         """The parameters that have a range, by name."""
         return {name: quantity for name, quantity in self.parameters.items() if quantity.uncertain}
 
-    def __getitem__(self, place: str) -> Inertia | Shaft | Gear | Differential | Input | Sensor:
-        """The component at ``table.name``.
+    def __getitem__(self, place: str) -> Inertia | Shaft | Gear | Differential | Input | Sensor | Quantity:
+        """The component at ``table.name``, or the quantity ``table.name.quantity``.
 
         Raises
         ------
@@ -584,7 +584,9 @@ class System(Components):
             for part in getattr(self, table):
                 if part.name == name:
                     return part
-        raise unknown(place, list(self.places()), "")
+        if place in self.parameters:
+            return self.parameters[place]
+        raise unknown(place, [*self.places(), *self.parameters], "")
 
     def in_si(self, values: Mapping[str, float | str]) -> dict[str, float]:
         """Values of parameters by name, SI or texts with a unit, all in SI; raises as :meth:`with_values`."""

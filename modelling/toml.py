@@ -45,8 +45,6 @@ def read_toml(path: str | Path) -> dict[str, Any]:
                 "write at most 50",
             )
         tables = tomllib.loads(written)
-    except InputError:
-        raise
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
     except OSError as fault:

@@ -15,8 +15,8 @@ KINDS = {dict: "table", str: "text", bool: "truth", int: "number", float: "numbe
 BY_NAME = [
     "alone", "asked", "by_origin", "checks", "command_noise", "dimensions", "domains", "errors", "integration_error",
     "judged_seconds", "kinetic", "largest_difference", "limits_used", "measured", "misfit", "operating_point",
-    "operating_torques", "parameters", "potential", "speed_hold", "states", "together", "torque_gains", "uncertainty",
-    "unmeasured", "yield",
+    "operating_torques", "parameters", "potential", "settings_without_controller", "speed_hold", "states", "together",
+    "torque_gains", "uncertainty", "unmeasured", "yield",
 ]  # fmt: skip
 
 

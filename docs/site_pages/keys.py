@@ -21,8 +21,8 @@ from matching.key_meanings import (
     OPERATING,
 )  # fmt: skip
 from matching.match import case_file as case
-from matching.match.case import LIMIT_UNITS
 from matching.match.case_file import KEYS as OPERATING_POINT
+from matching.match.requirements import LIMIT_UNITS
 from matching.uncertainty import budget as budget_file
 from matching.uncertainty import budget as inputs
 from modelling import model_file as files

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from matching.export import exported_controller
-from matching.match.case import Box, Case, Compared
+from matching.match.box import Box
+from matching.match.case import Case, Compared
 from matching.match.loop import (
     Bed,
     bed_of,
@@ -62,7 +63,7 @@ class RecordedBed:
     shafts: tuple[str, ...]
 
     def at(self, values: Mapping[str, float]) -> Bed:
-        """The bed at values of what is uncertain (:class:`matching.match.case.Uncertain`), SI."""
+        """The bed at values of what is uncertain (:class:`matching.match.box.Uncertain`), SI."""
         return bed_of(self.case, values)
 
     def mixing(self, values: Mapping[str, float]) -> np.ndarray:

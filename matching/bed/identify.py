@@ -22,7 +22,8 @@ from matching.bed.simulated_bed import (
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.result import Diagnosis
 from matching.diagnosis.statistics import Estimate
-from matching.match.case import LARGEST_SHARE, Box, Case, Move, Uncertain
+from matching.match.box import LARGEST_SHARE, Box, Uncertain
+from matching.match.case import Case, Move
 from matching.match.case_file import case_files
 from modelling.bed.vehicle import cut
 from modelling.display import Displayed

@@ -38,8 +38,9 @@ from matching.bed.verify import (
     standard_uncertainty,
 )
 from matching.export import exported_controller
-from matching.match.case import Case, target_modes
+from matching.match.case import Case
 from matching.match.responses import ComparedBed
+from matching.match.targets import target_modes
 from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, Settings, has_gone
 from modelling.display import Displayed
 from modelling.errors import InputError

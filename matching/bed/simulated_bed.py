@@ -15,7 +15,8 @@ import numpy as np
 from matching.bed.excite import ExcitationPlan
 from matching.bed.proof import Proof
 from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared, snapshots
-from matching.match.case import Case, Uncertain
+from matching.match.box import Uncertain
+from matching.match.case import Case
 from modelling.bed.bed import ControlLaw
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, SupervisedController
 from modelling.effects.effect import shared_place

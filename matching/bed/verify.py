@@ -29,9 +29,11 @@ from matching.bed.measured import (
     spectra,
 )
 from matching.bed.plausible import check_recording
-from matching.match.case import Box, Case, of_system, target_modes
+from matching.match.box import Box, of_system
+from matching.match.case import Case
 from matching.match.loop import bed_set, controller_of, frequency_response, responses, vehicle_response
 from matching.match.responses import ComparedBed, Responses
+from matching.match.targets import target_modes
 from modelling.display import Displayed
 from modelling.errors import InputError, listed
 from modelling.fidelity.measures import WEIGHTS, Fidelity, SignalPair, fidelity_distribution, fidelity_of_signals

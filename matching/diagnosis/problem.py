@@ -11,7 +11,8 @@ from matching.diagnosis.data import FitData, Segment, Weighting
 from matching.diagnosis.simulation import simulate_readings, simulate_states, steps_and_stick_speed
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import STICK_SPEED
-from modelling.system import Effect, Gear, Shaft, System
+from modelling.system import Effect, System
+from modelling.topology import connected_parts, joints, speed_ratios
 
 # --- States at the start of a segment: which angles are held, and where a fit begins.
 
@@ -29,7 +30,7 @@ def sensors_with_zero(system: System) -> list[int]:
         if sensor.measures == "angle":
             if sensor.of in reached:
                 with_zero.append(j)
-            reached |= connected[sensor.of]
+            reached.update(connected[sensor.of])
     return with_zero
 
 
@@ -46,7 +47,7 @@ def angles_without_reading(system: System, model: Model) -> set[int]:
     for i, coordinate in enumerate(model.coordinates):
         if coordinate in connected and coordinate not in known:
             held.add(i)
-            known |= connected[coordinate]
+            known.update(connected[coordinate])
     return held
 
 
@@ -59,15 +60,10 @@ def states_of_time(system: System, model: Model) -> list[tuple[int, Effect]]:
     ]
 
 
-def _connected_inertias(system: System) -> dict[str, set[str]]:
+def _connected_inertias(system: System) -> dict[str, list[str]]:
     """By inertia: those that shafts, gears and differentials connect it with, itself included."""
-    connected = {part.name: {part.name} for part in system.inertias}
-    joints = [shaft.between for shaft in system.shafts] + [gear.between for gear in system.gears]
-    for ends in [*joints, *((part.cage, part.left, part.right) for part in system.differentials)]:
-        merged = set().union(*(connected[name] for name in ends))
-        for name in merged:
-            connected[name] = merged
-    return connected
+    parts = connected_parts((part.name for part in system.inertias), joints(system))
+    return {name: part for part in parts for name in part}
 
 
 def flank_shifts(system: System, model: Model) -> list[np.ndarray]:
@@ -81,60 +77,39 @@ def flank_shifts(system: System, model: Model) -> list[np.ndarray]:
             continue
         gap = system.parameters[f"{effect.name}.{effect.law.free_play}"].value
         shaft = next(shaft for shaft in system.shafts if f"shafts.{shaft.name}" == effect.at)
-        moved = _turns_with(system, shaft.between[1], shaft.name)
+        moved = speed_ratios(shaft.between[1], joints(system, without=(effect.at,)))
         shift = np.array([moved.get(name, 0.0) for name in model.coordinates])
         for flank in (-gap / 2, gap / 2):
             shifts.append(np.concatenate([flank * shift, np.zeros(len(model.states) - model.n)]))
     return shifts
 
 
-def _turns_with(system: System, inertia: str, without_shaft: str = "") -> dict[str, float]:
-    """By inertia: its angle when one turns by 1 rad and all that shafts and gears connect follows without twist, a
-    shaft left out."""
-    angles, reached = {inertia: 1.0}, [inertia]
-    joints: dict[str, Shaft | Gear] = {
-        f"shafts.{shaft.name}": shaft for shaft in system.shafts if shaft.name != without_shaft
-    }
-    joints |= {f"gears.{gear.name}": gear for gear in system.gears}
-    while reached:
-        name = reached.pop()
-        for place, joint in joints.items():
-            if name not in joint.between:
-                continue
-            first, second = joint.between
-            ratio = system.parameters.get(f"{place}.ratio")
-            factor = ratio.value if ratio is not None else 1.0
-            other, angle = (second, angles[name] / factor) if name == first else (first, angles[name] * factor)
-            if other not in angles:
-                angles[other] = angle
-                reached.append(other)
-    return angles
-
-
 def first_state(system: System, model: Model, segment: Segment) -> np.ndarray:
     """A state (x,) from which a fit of the start state begins.
 
-    Speeds as measured; other inertias turn with the mean of the measured speeds, where there is no gear. The first
-    angle sensor of a connected part gives its angle; the rest of the part stands without twist. An imposed motion
-    begins as recorded.
+    Speeds as measured; other inertias turn with the measured ones without twist, on average. The first angle sensor of
+    a connected part gives its angle; the rest of the part stands without twist. An imposed motion begins as recorded.
     """
     x, n = np.zeros(len(model.states)), model.n
     with_zero = sensors_with_zero(system)
-    speeds: dict[int, float] = {}
+    speeds: dict[str, float] = {}
     for j, sensor in enumerate(system.sensors):
         values = segment.readings[:FIRST_SAMPLES, j]
         values = values[np.isfinite(values)]
         if not len(values):
             continue
-        if sensor.measures == "speed" and sensor.of in model.coordinates:
-            speeds[model.coordinates.index(sensor.of)] = float(values.mean())
+        if sensor.measures == "speed":
+            train = speed_ratios(sensor.of, joints(system, "gears"))
+            speeds |= {name: ratio * float(values.mean()) for name, ratio in train.items()}
         elif sensor.measures == "angle" and j not in with_zero:
-            for name, share in _turns_with(system, sensor.of).items():
+            for name, share in speed_ratios(sensor.of, joints(system)).items():
                 if name in model.coordinates:
                     x[model.coordinates.index(name)] = share * float(values[0])
-    common = float(np.mean(list(speeds.values()))) if speeds and not system.gears else 0.0
-    for i in range(n):
-        x[n + i] = speeds.get(i, common)
+    for part in connected_parts((inertia.name for inertia in system.inertias), joints(system)):
+        ratios = speed_ratios(part[0], joints(system))
+        common = np.mean([speeds[name] / ratios[name] for name in part if name in speeds] or [0.0])
+        for name in set(part) & set(model.coordinates):
+            x[n + model.coordinates.index(name)] = speeds.get(name, common * ratios[name])
     _start_as_imposed(system, model, segment, x)
     return x
 
@@ -146,7 +121,7 @@ def _start_as_imposed(system: System, model: Model, segment: Segment, x: np.ndar
             continue
         i, recorded = model.coordinates.index(part.on), segment.inputs[:FIRST_SAMPLES, j]
         if system.input_quantities[part.name] == "angle":
-            for name, share in _turns_with(system, part.on).items():
+            for name, share in speed_ratios(part.on, joints(system)).items():
                 if name in model.coordinates:
                     x[model.coordinates.index(name)] = share * recorded[0]
             recorded = np.gradient(recorded, segment.time[:FIRST_SAMPLES])

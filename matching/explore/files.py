@@ -11,9 +11,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from matching.match.case import Case, limit_units
+from matching.match.case import Case
 from matching.match.case_file import case_files, case_from_tables, load_case
 from matching.match.map import held_at, quantities
+from matching.match.requirements import limit_units
 from modelling.bed.bed import HARDWARE
 from modelling.effects.effect import shared_place
 from modelling.errors import InputError, unknown
@@ -282,6 +283,8 @@ class Workspace:
     budget, fidelity : Document or None
     sketches : dict of str to Sketch
         The models as they were drawn last.
+    tasks : dict of str to Task
+        The commands that run or have ended, in whichever window they were begun.
     leave : callable
         Empties the page that shows these files now: its fields would not hear what a newer page changes.
     """
@@ -293,6 +296,7 @@ class Workspace:
     budget: Document | None = None
     fidelity: Document | None = None
     sketches: dict[str, Any] = field(default_factory=dict, repr=False)
+    tasks: dict[str, Any] = field(default_factory=dict, repr=False)
     leave: Callable[[], None] = field(default=lambda: None, repr=False)
     home: Path = field(default_factory=Path.cwd)
 

@@ -9,25 +9,21 @@ import panel as pn
 from bokeh.models import ColumnDataSource, PlainText, Range1d
 
 from matching.channel_names import wanted_channels
-from matching.explore.common import (
+from matching.explore.elements import (
     PANE_STYLE,
     WIDE,
-    Ended,
     Equivalent,
     EquivalentBox,
-    Measurement,
     Message,
-    Runner,
-    address_of,
     heading,
-    in_units_of,
-    opened_measurement,
     paragraph,
     plain_figure,
     report_frame,
     same,
 )
 from matching.explore.files import Workspace, write_model
+from matching.explore.jobs import Ended, Runner, address_of
+from matching.explore.signals import Measurement, in_units_of, opened_measurement
 from matching.report.common import RIG, VEHICLE
 from modelling.errors import InputError
 from modelling.escape import file_name
@@ -59,8 +55,8 @@ class MeasurementTab:
         self.signals = pn.Column(self.signal, pn.pane.Bokeh(self.figure, sizing_mode=WIDE), sizing_mode=WIDE)
         self.signals.visible = False
         self.result = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
-        self.compare = Runner("Simulate", self._simulate_words, self._show_simulated)
-        self.diagnose = Runner("Diagnose", self._diagnose_words, self._show_diagnosis)
+        self.compare = Runner("Simulate", workspace.tasks, self._simulate_words, self._show_simulated)
+        self.diagnose = Runner("Diagnose", workspace.tasks, self._diagnose_words, self._show_diagnosis)
         self.keep_as = pn.widgets.TextInput(name="Keep the extended model as", width=340, visible=False)
         self.keep = pn.widgets.Button(name="Keep", width=100, visible=False)
         self.kept = Message()

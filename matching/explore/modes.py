@@ -9,37 +9,51 @@ from typing import Any
 import panel as pn
 import param
 
-from matching.explore.common import (
+from matching.explore.elements import (
     PANE_STYLE,
     WIDE,
     DrivetrainView,
-    Editing,
-    Entry,
     Equivalent,
     EquivalentBox,
-    MeasuredCurves,
     Message,
     ResponseFigures,
     Slider,
-    WhatIf,
     beside,
     heading,
-    largest_shares,
-    lay_out,
-    measured_curves,
     offer,
     paragraph,
-    read_as_suggested,
     same,
-    sketches,
     table,
 )
+from matching.explore.fields import Editing, Entry, lay_out
 from matching.explore.files import Document, Workspace, part_of, write_case, write_model
+from matching.explore.live import WhatIf, largest_shares
 from matching.explore.parts import ADDABLE, add_part, remove_part, rename_part
+from matching.explore.signals import MeasuredCurves, measured_curves, read_as_suggested
 from matching.report.common import amount, hertz, number, spaced, unit
-from matching.report.drivetrain import LEGEND, Sketch, marks
+from matching.report.drivetrain import LEGEND, Sketch, case_drawings, drawing, marks, sketch
 from modelling.errors import InputError
 from modelling.escape import html
+
+# --- Drawings of the open models; those of a case with what the case says of them.
+
+
+def sketches(workspace: Workspace) -> dict[str, Sketch]:
+    """Drawing of every open model, by its role; values as edited, dynamometers and cut as the saved case has them."""
+    systems = {role: document.system for role, document in workspace.models.items()}
+    if workspace.case is None:
+        drawings = {role: drawing(system) for role, system in systems.items()}
+    else:
+        of_case = dict(zip(("vehicle", "rig"), case_drawings(workspace.load_case()), strict=True))
+        largest = max(part.J.value for system in systems.values() for part in system.inertias)
+        drawings = {role: drawing(system, of_case[role].emphasis, largest) for role, system in systems.items()}
+    known = workspace.sketches  # a drawing takes a fifth of a second
+    workspace.sketches = {
+        role: known[role] if role in known and known[role].drawing == drawn else sketch(drawn)
+        for role, drawn in drawings.items()
+    }
+    return workspace.sketches
+
 
 # --- The tab *Drivetrain*: the drawing, the values of a part, changes that are marked, undone and saved.
 

@@ -6,7 +6,6 @@ import asyncio
 import json
 import re
 import secrets
-import socket
 import webbrowser
 from collections.abc import Callable
 from functools import partial
@@ -23,32 +22,23 @@ from bokeh.settings import settings
 from panel.io.server import get_server
 from tornado.web import OutputTransform, RequestHandler
 
-from matching.explore import common
-from matching.explore.common import (
+from matching.explore import elements
+from matching.explore.elements import (
     PANE_STYLE,
-    RESULTS,
     WIDE,
-    Editing,
-    Ended,
-    Entry,
     Equivalent,
     EquivalentBox,
     Message,
-    Runner,
     TabBar,
-    address_of,
     beside,
-    grid,
     heading,
-    interpolated_error,
-    lay_out,
-    nearest_point,
     offer,
     paragraph,
     plain_figure,
     report_frame,
     same,
 )
+from matching.explore.fields import Editing, Entry, lay_out
 from matching.explore.files import (
     TEMPLATES,
     CaseForm,
@@ -67,6 +57,8 @@ from matching.explore.files import (
     write_case,
     write_case_at,
 )
+from matching.explore.jobs import RESULTS, Ended, Runner, address_of
+from matching.explore.live import grid, interpolated_error, nearest_point
 from matching.explore.measurement import measurement_tab
 from matching.explore.modes import DrivetrainTab, ModesTab
 from matching.fidelity import fidelity_from_tables, xil_fidelity
@@ -104,8 +96,8 @@ class MapView:
         self.at_x, self.at_y = pn.widgets.TextInput(width=200), pn.widgets.TextInput(width=200)
         self.answer, self.message = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE]), Message()
         self.ask = pn.widgets.Button(name="Answer from the map", width=180)
-        self.runner = Runner("Run the map", self._words, self._show)
-        self.exactly = Runner("Compute exactly", self._exact_words, self._show_exactly)
+        self.runner = Runner("Run the map", workspace.tasks, self._words, self._show)
+        self.exactly = Runner("Compute exactly", workspace.tasks, self._exact_words, self._show_exactly)
         self.ask.on_click(lambda _: self._ask())
         self.questions = pn.Column(sizing_mode=WIDE)
         self.same = EquivalentBox(self._equivalent())
@@ -138,7 +130,7 @@ class MapView:
         low, high = _usual_range(self._case(), name)
         return f"={low:.6g}:{high:.6g}:{self.points.value}"
 
-    def _equivalent(self) -> common.Equivalent:
+    def _equivalent(self) -> Equivalent:
         x, y = (f"{name}{self._range(name)}" for name in (self.x.value, self.y.value))
         return same("map", str(case_path(self.workspace)), out=self.out, x=x, y=y)
 
@@ -252,7 +244,7 @@ class MatchTab:
         self.seed = pn.widgets.TextInput(name="Seed", value="0", width=140)
         self.out = workspace.out / "match"
         self.result = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
-        self.runner = Runner("Run the match", self._words, self._show)
+        self.runner = Runner("Run the match", workspace.tasks, self._words, self._show)
         self.same = EquivalentBox(self._equivalent())
         self.map = MapView(workspace, lambda: self.form.case, self._write_at)
         self.add.on_click(lambda _: self.editing.do(self._add))
@@ -370,7 +362,7 @@ class MatchTab:
         self.form.set(keys, text)
         return f"{'.'.join(map(str, keys))} is {text}. {self._changed_words()}"
 
-    def _equivalent(self) -> common.Equivalent:
+    def _equivalent(self) -> Equivalent:
         starts, seed = (
             int(field.value) if field.value.isdigit() else field.value for field in (self.starts, self.seed)
         )
@@ -673,17 +665,17 @@ def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
     Panel shows what any other callable (``functools.partial``) prints as, instead of calling it.
     """
     token = secrets.token_urlsafe(TOKEN_BYTES)
-    number = port or _free_port()
     out.mkdir(parents=True, exist_ok=True)
     settings.resources = "server"  # the page needs no internet, whatever BOKEH_RESOURCES says
-    pn.extension("filedropper", raw_css=[common.beside_this("page.css")])
+    pn.extension("filedropper", raw_css=[elements.beside_this("page.css")])
     server = get_server(
-        {"page": make}, address=HOST, port=number, prefix=f"/{token}", websocket_origin=[f"{HOST}:{number}"],
+        {"page": make}, address=HOST, port=port, prefix=f"/{token}",
         title="rigmatch", start=False, show=False, verbose=False, index=None,
         extra_patterns=[("/favicon.ico", NoIcon)], static_dirs={RESULTS: str(out.absolute())},
     )  # fmt: skip
     server._tornado.add_transform(SafeHeaders)
-    return server, f"http://{HOST}:{number}/{token}/page"
+    server._tornado._websocket_origins = {f"{HOST}:{server.port}"}  # the port that it was given is known now alone
+    return server, f"http://{HOST}:{server.port}/{token}/page"
 
 
 class Explorer:
@@ -747,9 +739,3 @@ class Explorer:
     def _repr_html_(self) -> str:
         frame = f'<iframe src="{escape.html(self.address)}" style="width:100%;height:{FRAME_PX}px;border:0"></iframe>'
         return f'{frame}<p><a href="{escape.html(self.address)}" target="_blank">Open in a window</a></p>'
-
-
-def _free_port() -> int:
-    with socket.socket() as taken:
-        taken.bind((HOST, 0))
-        return int(taken.getsockname()[1])

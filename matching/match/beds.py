@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from matching.match.case import Box, Case, Requirements
+from matching.match.box import Box
+from matching.match.case import Case
+from matching.match.damping import damping_ratios, rates, without_resting
 from matching.match.loop import (
     BedSet,
     FrequencyResponse,
-    SampledBeds,
     SampledController,
     bed_set,
+    can_be_unmeasured,
     closed_poles,
-    damping_ratios,
-    damping_weights,
     errors,
     frequency_response,
     return_difference,
     sampled_beds,
-    without_resting,
+    variant_of,
 )
+from matching.match.loop_modes import ClosedLoop
+from matching.match.requirements import Requirements
 from modelling.bed.observer import NOISE
 from modelling.linear.resolvent import Resolvent, resolvent
 
@@ -257,11 +259,51 @@ NAMED = 4  # quantities that a figure depends on most
 
 
 @dataclass(frozen=True)
-class WorstBed:
-    """The bed of the box with the least damping that was met.
+class NamedMode:
+    """A mode of one bed's closed loop, in the words that a sentence needs.
 
     Attributes
     ----------
+    frequency : float
+        Hz.
+    damping_ratio, asked : float
+        What it has, and what it is asked for.
+    owner : str
+        Component that holds most of its energy, as ``shafts.NAME`` or ``residual_vehicle.inertias.NAME``; empty where
+        it is one of the controller's from sample to sample.
+    share : float
+        Of the kinetic or potential energy that the owner holds.
+    kind : str
+        ``kinetic`` or ``potential``: which of them.
+    """
+
+    frequency: float
+    damping_ratio: float
+    asked: float
+    owner: str
+    share: float
+    kind: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return dict(vars(self))
+
+    def words(self) -> str:
+        """Frequency and owner."""
+        where = f"{self.frequency:.3g} Hz"
+        if not self.owner:
+            return f"{where} (a mode of the controller)"
+        return f"{where} ({self.owner}, {self.share:.0%} of its {self.kind} energy)"
+
+
+@dataclass(frozen=True)
+class WorstBed:
+    """The bed of the box with the least damping, over what its mode is asked for, that was met.
+
+    Attributes
+    ----------
+    mode : NamedMode or None
+        None where the bed grows without swinging.
     damping_ratio : float
         Negative where it is not stable.
     values : mapping
@@ -273,13 +315,26 @@ class WorstBed:
     damping_ratio: float
     values: Mapping[str, float]
     named: tuple[str, ...]
+    mode: NamedMode | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
         return {
             "damping_ratio": self.damping_ratio, "stable": self.damping_ratio > 0, "values": dict(self.values),
-            "depends_most_on": list(self.named),
+            "depends_most_on": list(self.named), "mode": None if self.mode is None else self.mode.to_dict(),
         }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DampingFault:
+    """Drawn beds with one mode damped by less than it is asked for: how many, and the mode where that is worst."""
+
+    beds: int
+    mode: NamedMode
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {"beds": self.beds, **self.mode.to_dict()}
 
 
 @dataclass(frozen=True)
@@ -385,9 +440,10 @@ class BedsCheck:
     Attributes
     ----------
     drawn, stable, damped : int
-        ``damped`` beds have every mode damped by ``required_damping`` at least, or, of those where the loop has rolled
-        off, by what the bed without control leaves it at least.
+        ``damped`` beds have every mode damped by what it is asked for (:mod:`matching.match.damping`).
     smallest_damping_ratio, required_damping : float
+        Of any mode on any bed, −1 where one grows without swinging; and what is asked for of a mode that is neither the
+        vehicle's nor the bed's own.
     measured, unmeasured : tuple of float
         Response errors of every stable bed, smallest first, each against the vehicle with the same specimen.
     worst : WorstBed or None
@@ -400,6 +456,8 @@ class BedsCheck:
         ``damping_ratio``, ``stable`` and ``smallest_damping_ratio_alone``, that with one cut shaft opened alone.
     opened_alone : mapping of str to mapping of float to float
         The same where one cut shaft opens and the others do not, by its name.
+    faults : tuple of DampingFault
+        Modes that are damped too little on stable beds, the most frequent first.
     """
 
     drawn: int
@@ -413,6 +471,7 @@ class BedsCheck:
     largest_error: LargestError | None = None
     opened: Mapping[float, float] = field(default_factory=dict)
     opened_alone: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
+    faults: tuple[DampingFault, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -425,6 +484,7 @@ class BedsCheck:
             "drawn": self.drawn, "stable": self.stable, "damped": self.damped,
             "smallest_damping_ratio": self.smallest_damping_ratio,
             "required_damping_ratio": self.required_damping,
+            "damped_too_little": [fault.to_dict() for fault in self.faults],
             "error_median": quantile(self.measured, 0.5), "error_95": quantile(self.measured, 0.95),
             "unmeasured_median": quantile(self.unmeasured, 0.5), "unmeasured_95": quantile(self.unmeasured, 0.95),
             "worst": None if self.worst is None else self.worst.to_dict(),
@@ -446,14 +506,24 @@ def quantile(values: Sequence[float], share: float) -> float | None:
 
 @dataclass(frozen=True)
 class BedVerdicts:
-    """Of b beds, each (b,): stable or not, least damping ratio, damped enough or not, errors to torques.
+    """Of b beds, each (b,).
 
-    ``measured``: the controller knows the rig's torques as the case says; ``unmeasured``: it does not.
+    Attributes
+    ----------
+    stable, damped : ndarray of bool
+    damping_ratio : ndarray
+        Least of any mode; −1 where a bed grows without swinging.
+    mode, asked : ndarray
+        Eigenvalue (1/s) of the mode that has least of what it is asked for, and the damping ratio that it is asked for.
+    measured, unmeasured : ndarray
+        Response errors: the controller knows the rig's torques as the case says, or does not.
     """
 
     stable: np.ndarray
     damping_ratio: np.ndarray
     damped: np.ndarray
+    mode: np.ndarray
+    asked: np.ndarray
     measured: np.ndarray
     unmeasured: np.ndarray
 
@@ -473,52 +543,107 @@ class Judge:
         low, high = np.log(case.band)
         self.frequencies = np.exp(low + (high - low) * (np.arange(ERROR_POINTS) + 0.5) / ERROR_POINTS)
         self.acting = frequency_response(controller, self.frequencies)
-        self._own = np.linalg.eigvals(controller.own_matrix)
+        self._counted = np.ones(len(case.compared), bool), can_be_unmeasured(case)
 
     def verdicts(self, values: Sequence[Mapping[str, float]]) -> BedVerdicts:
         """Beds with these values, by name, SI."""
         parts = [self._verdicts(values[i : i + AT_ONCE]) for i in range(0, len(values), AT_ONCE)]
-        names = ("stable", "damping_ratio", "damped", "measured", "unmeasured")
+        names = [field.name for field in fields(BedVerdicts)]
         return BedVerdicts(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def _verdicts(self, values: Sequence[Mapping[str, float]]) -> BedVerdicts:
-        beds = bed_set(self.case, values, self.frequencies)
-        z = self._poles(beds.sampled)
-        ratios, stable = self._ratios(z)
-        least, step = self.required.damping_ratio, self.controller.sample_time
-        weights = damping_weights(beds.sampled, z, step, least, self.required.rolled_off_from)
-        measured, unmeasured = (
-            np.sqrt(errors(beds, self.acting, known).mean(axis=1)) for known in (self.case.loop.measured, ())
+        beds, step, rows = (
+            bed_set(self.case, values, self.frequencies),
+            self.controller.sample_time,
+            np.arange(len(values)),
         )
-        damped = (weights * ratios).min(axis=1) >= least
-        return BedVerdicts(stable, ratios.min(axis=1), damped, measured, unmeasured)
+        z = without_resting(closed_poles(beds.sampled, self.controller), self.neutral)
+        ratios, stable = damping_ratios(z, step), (np.abs(z) < 1).all(axis=1)
+        asked = beds.sampled.asked_damping(z, step, self.required)
+        worst = (ratios / asked).argmin(axis=1)
+        measured, unmeasured = (
+            np.sqrt(errors(beds, self.acting, known)[:, pairs].mean(axis=1))
+            for known, pairs in zip((self.case.loop.measured, ()), self._counted, strict=True)
+        )
+        least = ratios.min(axis=1)
+        return BedVerdicts(
+            stable, np.where(stable | (least < 0), least, -1.0), np.asarray((ratios >= asked).all(axis=1)),
+            rates(z, step)[rows, worst], asked[rows, worst], measured, unmeasured,
+        )  # fmt: skip
 
-    def _poles(self, beds: SampledBeds) -> np.ndarray:
-        """Poles (b, x) of the loops and of what runs on known torques alone."""
-        z = closed_poles(beds, self.controller)
-        return np.hstack([z, np.broadcast_to(self._own, (len(z), len(self._own)))])
-
-    def _ratios(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Damping ratios (b, x) of poles (b, x), 1 of what does not swing, and which beds (b,) are stable."""
-        moving = without_resting(z, self.neutral * (1 + bool(len(self._own))))
-        return damping_ratios(moving, self.controller.sample_time), (np.abs(moving) < 1).all(axis=1)
+    def _ratios(self, values: Sequence[Mapping[str, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Damping ratios (b, x), what each mode is asked for (b, x), and which beds (b,) are stable."""
+        beds, step = sampled_beds(self.case, values), self.controller.sample_time
+        z = without_resting(closed_poles(beds, self.controller), self.neutral)
+        ratios = damping_ratios(z, step)
+        return ratios, beds.asked_damping(z, step, self.required), (np.abs(z) < 1).all(axis=1)
 
     def dampings(self, positions: np.ndarray) -> np.ndarray:
-        """:meth:`dampings_of` beds at positions (b, p) of the box."""
-        return self.dampings_of([self.case.uncertainty.at(position) for position in positions])
+        """Damping (b, m) of the least damped modes of beds at positions (b, p) of the box, least first.
+
+        Each counts over what it is asked for, times what is asked for at most; −1 where a bed grows without swinging.
+        """
+        values = [self.case.uncertainty.at(position) for position in positions]
+        ratios, asked, stable = self._ratios(values)
+        return _least_first(ratios * self.required.damping_ratio / asked, stable)
 
     def dampings_of(self, values: Sequence[Mapping[str, float]]) -> np.ndarray:
         """Damping ratios (b, m) of the least damped modes, least first; −1 where a bed grows without swinging."""
-        ratios, stable = self._ratios(self._poles(sampled_beds(self.case, values)))
-        padded = np.pad(ratios, ((0, 0), (0, 2 * MODES)), constant_values=1.0)  # sets differ in delayed commands
-        least = np.sort(padded, axis=1)[:, : 2 * MODES : 2]  # pairs
-        least[:, 0] = np.where(stable | (least[:, 0] < 0), least[:, 0], -1.0)
-        return least
+        ratios, _, stable = self._ratios(values)
+        return _least_first(ratios, stable)
+
+    def named_mode(self, values: Mapping[str, float], s: complex, asked: float) -> NamedMode:
+        """The mode of a bed with these values that has an eigenvalue (1/s), in words."""
+        bed = variant_of(self.case, values)
+        modes = ClosedLoop.of(bed, self.controller).modes()
+        upper = complex(s.real, abs(s.imag))
+        nearest = min(
+            (mode for mode in modes if mode.belongs_to == "feedback" and mode.frequency > 0),
+            key=lambda mode: abs(mode.eigenvalue - upper), default=None,
+        )  # fmt: skip
+        owner, share, kind = "", 0.0, ""
+        if nearest is not None and abs(nearest.eigenvalue - upper) < SAME_MODE * abs(upper):
+            shares = [
+                (part, name, kind) for kind in ("kinetic", "potential") for name, part in getattr(nearest, kind).items()
+            ]
+            share, owner, kind = max(shares, default=(0.0, "", ""))
+        return NamedMode(abs(s) / (2 * np.pi), -s.real / abs(s), asked, owner, float(share), kind)
 
     def unmeasured(self, positions: np.ndarray) -> np.ndarray:
         """Response errors (b,) to unmeasured torques; infinite where a bed is not stable."""
         found = self.verdicts([self.case.uncertainty.at(position) for position in positions])
         return np.where(found.stable, found.unmeasured, np.inf)
+
+
+def _least_first(ratios: np.ndarray, stable: np.ndarray) -> np.ndarray:
+    """Damping (b, m) of the least damped modes, of pairs one each; −1 first where a bed (b,) grows without swinging."""
+    padded = np.pad(ratios, ((0, 0), (0, 2 * MODES)), constant_values=1.0)  # sets differ in delayed commands
+    least: np.ndarray = np.sort(padded, axis=1)[:, : 2 * MODES : 2]
+    least[:, 0] = np.where(stable | (least[:, 0] < 0), least[:, 0], -1.0)
+    return least
+
+
+SAME_MODE = 1e-3  # relative: between an eigenvalue of a batch and of one loop
+ONE_MODE = 1.25  # between the frequencies of a mode on two beds, at most
+
+
+def damping_faults(judge: Judge, values: Sequence[Mapping[str, float]], found: BedVerdicts) -> tuple[DampingFault, ...]:
+    """The modes that are damped too little on stable beds; on every bed that which lacks most."""
+    lacking = np.flatnonzero(found.stable & ~found.damped)
+    lacking = lacking[np.argsort(np.abs(found.mode[lacking]))]
+    groups: list[list[int]] = []
+    for number in lacking.tolist():
+        if groups and np.abs(found.mode[number]) < ONE_MODE * np.abs(found.mode[groups[-1][0]]):
+            groups[-1].append(number)
+        else:
+            groups.append([number])
+    faults = []
+    for group in groups:
+        ratios = -found.mode[group].real / np.abs(found.mode[group]) / found.asked[group]
+        worst = group[int(ratios.argmin())]
+        mode = judge.named_mode(values[worst], complex(found.mode[worst]), float(found.asked[worst]))
+        faults.append(DampingFault(len(group), mode))
+    return tuple(sorted(faults, key=lambda fault: -fault.beds))
 
 
 def check_beds(
@@ -527,10 +652,13 @@ def check_beds(
     """Draw fresh beds from the case's box and judge every one; then look for the worst of the box."""
     judge, box = Judge(case, controller, neutral, required), case.uncertainty
     positions = box.draw(count, seed)
-    found = judge.verdicts([box.at(position) for position in positions])
+    values = [box.at(position) for position in positions]
+    found = judge.verdicts(values)
     # rounded: beds whose least damped mode is the same that none of them moves stay as they were drawn
-    order = np.argsort(np.round(found.damping_ratio, 9), kind="stable")
-    worst = worst_bed(judge.dampings, box, positions[order])
+    shares = np.where(found.stable, -found.mode.real / np.abs(found.mode) / found.asked, -1.0)
+    worst = worst_bed(judge.dampings, box, positions[np.argsort(np.round(shares, 9), kind="stable")])
+    if worst is not None:
+        worst = _with_mode(judge, worst)
     candidates = np.where(found.stable, found.unmeasured, -np.inf)
     at = int(np.argmax(candidates))
     largest = largest_error(judge.unmeasured, box, positions[at]) if found.stable[at] else None
@@ -543,7 +671,17 @@ def check_beds(
         count, int(found.stable.sum()), int((found.stable & found.damped).sum()), float(found.damping_ratio.min()),
         required.damping_ratio, tuple(np.sort(found.measured[found.stable]).tolist()),
         tuple(np.sort(found.unmeasured[found.stable]).tolist()), worst, largest, opened=together, opened_alone=alone,
+        faults=damping_faults(judge, values, found),
     )  # fmt: skip
+
+
+def _with_mode(judge: Judge, worst: WorstBed) -> WorstBed:
+    """The worst bed with its own damping ratio, and the mode that it belongs to."""
+    found = judge.verdicts([worst.values])
+    if not found.stable[0] and found.damping_ratio[0] <= -1:
+        return replace(worst, damping_ratio=-1.0)
+    mode = judge.named_mode(worst.values, complex(found.mode[0]), float(found.asked[0]))
+    return replace(worst, damping_ratio=mode.damping_ratio, mode=mode)
 
 
 def _dampings_opened(judge: Judge, alone: str | None) -> dict[float, float]:

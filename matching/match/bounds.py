@@ -12,7 +12,7 @@ from matching.match.responses import ComparedBed, ResponseError, Responses, erro
 from modelling.bed.controllers import ModelBased
 from modelling.bed.observer import FREE_COMMAND_WEIGHT, Observer, design, observer_model
 from modelling.bed.vehicle import cut
-from modelling.errors import InputError
+from modelling.errors import NoDesign
 
 # --- The response errors of a match with the lower bounds that the dead time sets, and its curves for drawing.
 
@@ -71,7 +71,7 @@ def estimator_bound(case: Case) -> float | None:
     try:
         controller = design(observer_model(case.rig, cut(case.emulated_vehicle, case.rig), loop), weights)
         return figures_of(ComparedBed(ideal, controller=without_limits(controller))).unmeasured
-    except InputError:
+    except NoDesign:
         return None
 
 

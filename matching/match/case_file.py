@@ -10,18 +10,9 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from matching.match.case import (
-    TORQUE_OVER_SPEED,
-    Case,
-    Compared,
-    Move,
-    Target,
-    read_limits,
-    read_uncertainty,
-    table_of,
-    text_of,
-    uncertainty_table,
-)
+from matching.match.box import read_uncertainty, uncertainty_table
+from matching.match.case import Case, Compared, Move, Target, table_of, text_of
+from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
 from modelling.bed.bed import HARDWARE, Dynamometer, Loop
 from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from matching.match.case import Case, of_system
+from matching.match.box import of_system
+from matching.match.case import Case
 from matching.match.loop import control_law, linear_bed, shaft_torque
 from matching.match.verify import manoeuvre_torques
 from modelling.bed.bed import ControlLaw
@@ -16,7 +17,7 @@ from modelling.bed.nonlinear import BedHardware, NonlinearBeds
 from modelling.bed.observer import NOISE
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind
-from modelling.errors import InputError
+from modelling.errors import NoDesign
 from modelling.linear.steady_motion import torques_of
 from modelling.simulation.stepping import SimulationError
 from modelling.system import Effect, Quantity, Sensor, System, mirror_image
@@ -51,7 +52,7 @@ class Imperfection:
     words : str
         What is wrong, as a table writes it.
     values : mapping
-        Quantities that are not as planned, SI, named as :class:`matching.match.case.Uncertain`.
+        Quantities that are not as planned, SI, named as :class:`matching.match.box.Uncertain`.
     gap, friction : float
         Lash (rad) of every shaft that the cut runs through, dry friction (N·m) of the inertias on the bed's side of
         these. Shafts with lash of their own, and inertias with friction, keep it.
@@ -137,7 +138,7 @@ def _heavier(case: Case) -> list[Imperfection]:
     return heavier
 
 
-def flawed(system: System, imperfection: Imperfection, case: Case) -> System:
+def perturbed_system(system: System, imperfection: Imperfection, case: Case) -> System:
     """Rig or vehicle with what is wrong of the parts that it has: shared components are wrong in both alike."""
     values = of_system(imperfection.values, system)
     effects = []
@@ -256,7 +257,7 @@ def acting(case: Case, run: BedRun) -> dict[str, np.ndarray]:
 
 def vehicle_motions(case: Case, runs: Sequence[BedRun], sensors: Sequence[str]) -> list[np.ndarray]:
     """Readings (t, y) of the nonlinear vehicle with the specimen of every bed."""
-    systems = [flawed(case.vehicle, run.imperfection, case) for run in runs]
+    systems = [perturbed_system(case.vehicle, run.imperfection, case) for run in runs]
     beds = NonlinearBeds(systems, case.loop)
     drives = _stacked([acting(case, run) for run in runs], beds.drives)
     rows = [beds.model.sensors.index(name) for name in sensors]
@@ -278,7 +279,7 @@ def bed_motions(
     All runs have imperfections of one structure: lash or none. ``seed`` is that of the sensors' noise.
     """
     loop = case.loop
-    systems = [flawed(case.rig, run.imperfection, case) for run in runs]
+    systems = [perturbed_system(case.rig, run.imperfection, case) for run in runs]
     beds = NonlinearBeds(systems, loop, loop.dynamometers, [hardware(case, run.imperfection) for run in runs])
     drives = _stacked([acting(case, run) for run in runs], beds.drives)
     measured = _stacked([_known_torques(case, run) for run in runs], law.known)
@@ -512,7 +513,7 @@ class BedTraces:
 
 
 @dataclass(frozen=True)
-class TruthInTime:
+class InTime:
     """The tuned controller on beds that are not the model.
 
     Attributes
@@ -551,21 +552,21 @@ class TruthInTime:
         }  # fmt: skip
 
 
-def truth_of(case: Case, seed: int = 0) -> TruthInTime:
+def simulate_deviations(case: Case, seed: int = 0) -> InTime:
     """The table of a tuned case over its manoeuvre; where it cannot be simulated the result says why."""
     if case.loop.torqueless:
-        return TruthInTime(not_simulated="the dynamometers give no torque")
+        return InTime(not_simulated="the dynamometers give no torque")
     try:
         parts = linear_bed(case)
         torques, lead = manoeuvre_torques(parts)
-        return truth_in_time(case, control_law(parts), torques, lead, seed)
-    except (InputError, SimulationError) as fault:
-        return TruthInTime(not_simulated=str(fault))
+        return errors_in_time(case, control_law(parts), torques, lead, seed)
+    except (NoDesign, SimulationError) as fault:
+        return InTime(not_simulated=str(fault))
 
 
-def truth_in_time(
+def errors_in_time(
     case: Case, law: ControlLaw, torques: Mapping[str, np.ndarray], lead: int = 0, seed: int = 0
-) -> TruthInTime:
+) -> InTime:
     """Run a law on imperfect beds over a manoeuvre.
 
     Parameters
@@ -603,7 +604,7 @@ def truth_in_time(
     at, first = [read.index(name) for name in cuts], len(runs)
     lash = open_lash(of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None
     still = standstill(case, law, torques, known)
-    return TruthInTime(sensors, tuple(kept), lash, still, float(time[-1]), "", traces)
+    return InTime(sensors, tuple(kept), lash, still, float(time[-1]), "", traces)
 
 
 def with_cut_torques(case: Case) -> tuple[Case, list[str]]:

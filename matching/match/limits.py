@@ -8,14 +8,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from matching.match.case import TORQUE_OVER_SPEED, Case, ExceededLimit, Move, apply, rig_values, scaled
+from matching.match.case import Case, Move, apply, scaled
+from matching.match.demands import ExceededLimit, rig_values
+from matching.match.objective import search_for
 from matching.match.problem import MatchProblem, differing_components, target_results
+from matching.match.requirements import TORQUE_OVER_SPEED
 from matching.match.responses import ResponseError
 from matching.match.result import TargetResult
-from matching.match.search import SearchSettings, end_at, rounds, search_for, solve
+from matching.match.rounds import end_at, rounds
+from matching.match.search import solve
+from matching.match.variables import SearchSettings
 from matching.match.verify import Verification, Violation, verify
 from modelling.bed.controllers import ModelBased
-from modelling.errors import InputError
+from modelling.errors import NoDesign
 from modelling.modal.modes import modes
 from modelling.modal.result import Mode
 from modelling.units import printed
@@ -33,7 +38,8 @@ class Solution:
     """What a search found: values by name (SI), the tuned case, its cost and those of the starts.
 
     ``keeps_all`` is whether every requirement is met as the search sees it; ``beyond`` are limits that no setting
-    keeps; ``checked`` is the verification once there is one.
+    keeps; ``failures`` are settings that have no controller, by the reason; ``checked`` is the verification once there
+    is one.
     """
 
     values: Mapping[str, float]
@@ -43,6 +49,7 @@ class Solution:
     keeps_all: bool
     beyond: list[ExceededLimit]
     checked: Verification | None = None
+    failures: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -96,7 +103,7 @@ class SolvedAgain:
             )
             values = search.values(end.x)
             return values if self.meets_all(apply(case, values)) else None
-        except InputError:
+        except NoDesign:
             return None
 
     def whole(self, case: Case, moves: Sequence[Move]) -> bool:
@@ -332,22 +339,22 @@ def _mechanics(problem: MatchProblem, missed: Sequence[TargetResult]) -> list[st
         if mode is None:
             continue
         parts = []
-        peak = max((float(np.abs(chain.torque).max()) for chain in asked.chains), default=0.0)
+        peak = max((float(np.abs(cut.torque).max()) for part in asked.behind for cut in part.cuts), default=0.0)
         limit = max(
             (value for key, value in case.limits.items() if key.startswith("shafts.") and key.endswith(".torque")),
             default=peak,
         )
-        chains = [chain for chain in asked.chains if chain.shafts]
-        shafts = sorted({name for chain in chains for name, _ in chain.shafts[-1:]})
+        behind = [part for part in asked.behind if any(part.ways.values())]
+        shafts = sorted({name for part in behind for way in part.ways.values() for name in way[-1:]})
         if stiffness := _needed(case, [f"shafts.{name}.stiffness" for name in shafts], mode, target.vehicle, 1e-6, 1.0):
             value = stiffness * case.rig.parameters[f"shafts.{shafts[0]}.stiffness"].value
             twist = limit / value
             turned = f"{np.degrees(twist):.0f}° ({twist / (2 * np.pi):.1f} turns) at {limit:.0f} N·m"
             parts.append(f"{_plain(value)} N·m/rad in {' and '.join(shafts)}, which twists {turned}")
-        masses = sorted({name for chain in chains for name in chain.inertias})
+        masses = sorted({name for part in behind for name in part.inertias})
         if inertia := _needed(case, [f"inertias.{name}.J" for name in masses], mode, target.vehicle, 1.0, 1e5):
-            behind = sum(case.rig.parameters[f"inertias.{name}.J"].value for name in chains[0].inertias)
-            instead = f"{_plain(inertia * behind)} kg·m² instead of {_plain(behind)}"
+            planned = behind[0].reflected_inertia(rig_values(case))
+            instead = f"{_plain(inertia * planned)} kg·m² instead of {_plain(planned)}"
             parts.append(f"{inertia:.0f} times the inertia behind each cut, {instead}")
         elif parts:
             parts[-1] += ", and no inertia behind the cuts, however large, does it alone"

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from matching.match.case import Case, of_system
+from matching.match.box import of_system
+from matching.match.case import Case
+from matching.match.damping import asked_damping
+from matching.match.requirements import Requirements
 from modelling.bed.bed import ControlLaw, DelayedBed, Dynamometer, delayed_bed
 from modelling.bed.vehicle import FeedForward, Interface, cut
 from modelling.controller.law import law_of_feed_forward, law_of_feedback
@@ -110,6 +113,8 @@ class LinearBed:
         Inputs that act inside the residual vehicle.
     free : Body
         The rig before anything was tuned, sensors as ``rig``: what the matched one is compared with.
+    variant : mapping of str to float
+        Values, SI, in which lags, dead time and gains of the bed are not the case's.
     """
 
     case: Case
@@ -119,6 +124,7 @@ class LinearBed:
     torque_signs: np.ndarray
     simulated: tuple[str, ...]
     free: Body
+    variant: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def dynamometers(self) -> tuple[Dynamometer, ...]:
@@ -141,7 +147,7 @@ class LinearBed:
     @cached_property
     def bed(self) -> Bed:
         """Rig with inverter and torque-sensor lags."""
-        return assembled_bed(self.case, self.rig.space, {})
+        return assembled_bed(self.case, self.rig.space, self.variant)
 
     @cached_property
     def residual_space(self) -> StateSpace:
@@ -184,6 +190,12 @@ def linear_bed(case: Case, rig: System | None = None, untuned: System | None = N
     rig_body = body(watched(rig, cuts, rig_side=True))
     free = rig_body if untuned is None else body(watched(untuned, cuts, rig_side=True))
     return LinearBed(case, rig_body, bodies, cuts, torque_signs, simulated, free)
+
+
+def variant_of(case: Case, values: Mapping[str, float]) -> LinearBed:
+    """The bed with some values (:class:`matching.match.box.Uncertain`) other than the case's, SI, taken apart."""
+    known = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
+    return replace(linear_bed(case, rig=case.rig.with_values(known)), variant=values)
 
 
 def watched(system: System, cuts: tuple[Interface, ...], *, rig_side: bool) -> System:
@@ -235,8 +247,10 @@ class Bed:
     delay : float
         s, from a sample to the moment its command begins to act.
     sampled : DelayedBed
+    own_modes : ndarray (m,)
+        Modes of the rig without control, 1/s, upper half plane.
     open_loop_damping : float
-        Least damping ratio of its modes without control, where the loop has to have rolled off.
+        Least damping ratio of these, where the loop has to have rolled off.
     """
 
     A: np.ndarray
@@ -247,6 +261,7 @@ class Bed:
     compared_torques: np.ndarray
     delay: float
     sampled: DelayedBed
+    own_modes: np.ndarray
     open_loop_damping: float
 
 
@@ -262,7 +277,7 @@ def compared_sensors(case: Case) -> list[str]:
 
 
 def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
-    """The bed with some values (:class:`matching.match.case.Uncertain`) other than the case's, SI."""
+    """The bed with some values (:class:`matching.match.box.Uncertain`) other than the case's, SI."""
     of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
     return assembled_bed(case, state_space(case.rig, of_rig), values)
 
@@ -290,15 +305,16 @@ def assembled_bed(case: Case, rig: StateSpace, values: Mapping[str, float]) -> B
     columns = [rig.inputs.index(name) for name in disturbing(case)]
     torques[:n] = rig.B[:, columns]
     compared = np.hstack([rig.C[rows], np.zeros((len(rows), 2 * k))])
-    open_loop = least_damping(rig.A, 2 * np.pi * case.limits["rolled_off_from"])
+    own = np.linalg.eigvals(rig.A)
+    own = own[own.imag > 0]
+    open_loop = least_damping(own, 2 * np.pi * case.limits["rolled_off_from"])
     sampled = delayed_bed(A, commands, torques, delay, loop["sample_time"])
-    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, open_loop)
+    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, own, open_loop)
 
 
-def least_damping(A: np.ndarray, from_rad_s: float) -> float:
-    """Least damping ratio of the modes of A (x, x) from so many rad/s on; 1 without any."""
-    s = np.linalg.eigvals(A)
-    fast = s[(np.abs(s) >= from_rad_s) & (s.imag > 0)]
+def least_damping(modes: np.ndarray, from_rad_s: float) -> float:
+    """Least damping ratio of modes (m,), 1/s, from so many rad/s on; 1 without any."""
+    fast = modes[np.abs(modes) >= from_rad_s]
     return float(np.min(-fast.real / np.abs(fast), initial=1.0))
 
 
@@ -331,11 +347,8 @@ def eigenvalues(matrices: np.ndarray) -> np.ndarray:
 
 # --- Sampled controllers on beds: poles, damping, responses, all beds of a set at once; b beds, f frequencies.
 
-KEPT_DAMPING = 0.95  # of its damping without control that a mode of the bed keeps above the roll-off
-FORGOTTEN = 1e-3  # of z: poles that decay faster have no frequency worth a number
-LEAST_DAMPING = 1e-6  # damping ratio, of a mode of the bed's own
-AT_REST = 1e-7  # of z: a rigid motion without drag stands at 1; rounding moves it by less
-SLOWEST_SWING_RAD_S = 1.0  # below, a pair of poles is a drift, not a mode
+
+NO_MODE = complex(-1e9, 0.0)  # in the place of a mode that swings
 
 
 @dataclass(frozen=True)
@@ -350,6 +363,8 @@ class SampledBeds:
         What torques at the rig, held over a sample, do.
     states : int
         Of a bed itself, which the commands on their way follow.
+    own_modes : ndarray (b, m)
+        Each bed's own modes, without control, 1/s; :data:`NO_MODE` where it has fewer than others.
     open_loop_damping : ndarray (b,)
         Least damping ratio of each bed's own modes, without control, where the loop has to have rolled off.
     """
@@ -359,12 +374,19 @@ class SampledBeds:
     C: np.ndarray
     torques: np.ndarray
     states: int
+    own_modes: np.ndarray
     open_loop_damping: np.ndarray
 
     def some(self, which: np.ndarray) -> SampledBeds:
         """The beds of these numbers (n,)."""
         A, B, C, torques = (part[which] for part in (self.A, self.B, self.C, self.torques))
-        return SampledBeds(A, B, C, torques, self.states, self.open_loop_damping[which])
+        return SampledBeds(
+            A, B, C, torques, self.states, self.own_modes[which], self.open_loop_damping[which]
+        )  # fmt: skip
+
+    def asked_damping(self, z: np.ndarray, step: float, required: Requirements, reserve: float = 1.0) -> np.ndarray:
+        """Damping ratios (b, x) that modes of poles (b, x) are asked for, see :func:`matching.match.damping`."""
+        return asked_damping(z, step, required, self.own_modes, self.open_loop_damping, reserve)
 
 
 @dataclass(frozen=True)
@@ -403,7 +425,12 @@ def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
     longest = max(bed.sampled.delay for bed in beds) + 1
     matrices = [_shifting(bed, longest) for bed in beds]
     A, B, C, torques = (np.stack(parts) for parts in zip(*matrices, strict=True))
-    return SampledBeds(A, B, C, torques, len(beds[0].A), np.array([bed.open_loop_damping for bed in beds]))
+    most = max(len(bed.own_modes) for bed in beds)
+    own = np.stack(
+        [np.pad(bed.own_modes, (0, most - len(bed.own_modes)), constant_values=NO_MODE) for bed in beds]
+    )  # fmt: skip
+    fast = np.array([bed.open_loop_damping for bed in beds])
+    return SampledBeds(A, B, C, torques, len(beds[0].A), own, fast)
 
 
 def bed_set(case: Case, values: Sequence[Mapping[str, float]], frequencies: np.ndarray) -> BedSet:
@@ -668,38 +695,6 @@ def closed_poles(beds: SampledBeds, controller: SampledController) -> np.ndarray
     return eigenvalues(closed[:, once[:, None], once])
 
 
-def without_resting(z: np.ndarray, neutral: int) -> np.ndarray:
-    """Poles (b, x) of a loop with 0 in place of those nearest to 1, ``neutral`` at most: motions that nothing slows."""
-    near = np.argsort(np.abs(z - 1), axis=1)[:, :neutral]
-    rows, moving = np.arange(len(z))[:, None], z.astype(complex)
-    moving[rows, near] = np.where(np.abs(z[rows, near] - 1) < AT_REST, 0.0, z[rows, near])
-    return moving
-
-
-def damping_ratios(z: np.ndarray, step: float) -> np.ndarray:
-    """Damping ratios (b, x) of poles (b, x) of a loop with this sampling interval (s); 1 of what does not swing."""
-    size, s = np.abs(z), rates(z, step)
-    swinging = (size > FORGOTTEN) & (np.abs(s.imag) > SLOWEST_SWING_RAD_S)
-    return np.where(swinging, -s.real / np.maximum(np.abs(s), 1e-300), 1.0)
-
-
-def rates(z: np.ndarray, step: float) -> np.ndarray:
-    """Poles (b, x) of a loop with this sampling interval (s) in continuous time, 1/s."""
-    s: np.ndarray = np.log(np.where(np.abs(z) > FORGOTTEN, z, 0.5).astype(complex)) / step
-    return s
-
-
-def damping_weights(beds: SampledBeds, z: np.ndarray, step: float, least: float, rolled_off_from: float) -> np.ndarray:
-    """Factors (b, x) on the damping ratios of poles (b, x), sampling interval ``step`` (s), that ``least`` judges.
-
-    From ``rolled_off_from`` (Hz) on no control helps a bed's own modes: there they count as if they had all of it.
-    """
-    of_own = least / (KEPT_DAMPING * np.maximum(beds.open_loop_damping, LEAST_DAMPING))
-    fast = np.abs(rates(z, step)) >= 2 * np.pi * rolled_off_from
-    factors: np.ndarray = np.where(fast, np.maximum(of_own, 1.0)[:, None], 1.0)
-    return factors
-
-
 def return_difference(beds: BedSet, acting: FrequencyResponse) -> np.ndarray:
     """I + L at the commands (b, f, k, k)."""
     return np.eye(acting.of_readings.shape[1]) - acting.of_readings @ beds.held
@@ -764,6 +759,15 @@ def responses(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) 
     answer = beds.commanded @ np.linalg.solve(return_difference(beds, acting), driven.commands) + driven.answered
     sensors, inputs = compared_columns(beds.case)
     return answer[:, :, sensors, inputs]
+
+
+def can_be_unmeasured(case: Case) -> np.ndarray:
+    """Which of the compared functions (h,) begin at a torque that may act without the controller knowing it, as bool.
+
+    What acts inside the residual vehicle the controller itself computes. Where nothing else is compared all count.
+    """
+    on_rig = np.isin([pair.input for pair in case.compared], disturbing(case))
+    return on_rig if on_rig.any() else np.ones(len(on_rig), bool)
 
 
 def errors(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) -> np.ndarray:

@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from matching.match.case import weighted_mac
 from matching.match.loop import (
     Body,
     LinearBed,
@@ -17,8 +16,8 @@ from matching.match.loop import (
     closed_matrices,
     controller_on,
     side_by_side,
-    without_resting,
 )
+from matching.match.targets import weighted_mac
 from modelling.bed.vehicle import cut
 from modelling.linear.state_space import linear_motion
 from modelling.modal.modes import labels
@@ -220,11 +219,6 @@ def _driven(matrix: np.ndarray, value: complex, drive: np.ndarray) -> np.ndarray
 def modes_of(bed: LinearBed) -> tuple[LoopMode, ...]:
     """Modes of the closed loop of a case."""
     return ClosedLoop.of(bed, controller_on(bed)).modes()
-
-
-def inside_unit_circle(z: np.ndarray, neutral: int) -> bool:
-    """Whether poles z (x,) are stable, of which ``neutral`` may rest at 1."""
-    return bool((np.abs(without_resting(z[None], neutral)) < 1).all())
 
 
 def neutral_motions(bed: LinearBed) -> int:

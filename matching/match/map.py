@@ -12,17 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from matching.match.case import Case, apply, demands
+from matching.match.case import Case, apply
 from matching.match.case_file import Movable, case_files, movable
+from matching.match.demands import demands
 from matching.match.match import match
 from matching.match.result import MatchResult
 from matching.match.robustness import of_beds
-from matching.match.search import SearchSettings
+from matching.match.variables import SearchSettings
 from matching.match.verify import Verification
 from matching.studies import run
 from matching.worker_pool import executor_of
 from modelling.display import Displayed, labelled
-from modelling.errors import VERSION, InputError, unknown
+from modelling.errors import VERSION, InputError, NoDesign, unknown
 from modelling.units import to_si
 
 # --- Axes of a map: a quantity of the case and its values.
@@ -224,7 +225,7 @@ def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, 
         result = match(
             held_at(held_at(case, *x), *y), seed=seed, starts=starts, ordering=False, settings=settings
         )  # fmt: skip
-    except InputError as fault:
+    except NoDesign as fault:
         return Point(x[1], y[1], "impossible", None, None, None, False, None, (str(fault),))
     return _point(x[1], y[1], result)
 
@@ -257,7 +258,7 @@ def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Ne
             held_at(held_at(case, *x), *y), ordering=False, begins=near.solutions,
             settings=settings,
         )  # fmt: skip
-    except InputError:
+    except NoDesign:
         return None
     return _point(x[1], y[1], result) if near.beaten_by(result.objective) else None
 

@@ -10,8 +10,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
-from matching.match.case import LEAST_SHARE_TO_MOVE, Case, Move, apply, change_weight, scaled
-from matching.match.in_time import truth_of
+from matching.match.case import Case, Move, apply, scaled
+from matching.match.in_time import simulate_deviations
 from matching.match.limits import (
     Relaxations,
     Solution,
@@ -21,6 +21,7 @@ from matching.match.limits import (
     relaxations,
 )
 from matching.match.loop import linear_bed
+from matching.match.objective import search_for
 from matching.match.order import Fresh, Ordered, contributions, ordered
 from matching.match.problem import (
     MatchProblem,
@@ -36,7 +37,9 @@ from matching.match.problem import (
 from matching.match.responses import ComparedBed, SimpleVehicle, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult
 from matching.match.robustness import not_kept, noted
-from matching.match.search import CONTROLLER, RESIDUAL, SearchSettings, search_for, solve
+from matching.match.search import solve
+from matching.match.targets import LEAST_SHARE_TO_MOVE, change_weight
+from matching.match.variables import CONTROLLER, RESIDUAL, SearchSettings
 from matching.match.verify import verify
 from matching.worker_pool import SideProcesses
 from modelling.modal.modes import damped_modes
@@ -96,7 +99,7 @@ def match(
     count = settings.fresh if beds is None else beds
     solution, settled = _solved(problem, settings, Fresh(count, seed), tell, ordering, begins)
     tuned = solution.tuned
-    in_time = None if aside is None else aside.begin(truth_of, tuned)
+    in_time = None if aside is None else aside.begin(simulate_deviations, tuned)
     checked = verify(tuned, case.rig, beds=count, seed=seed)
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
@@ -133,6 +136,7 @@ def match(
         verification=checked,
         objective=solution.cost,
         starts=solution.starts,
+        failures=solution.failures,
         adapters=settled.trades,
         contributions=settled.contributions,
         simulated_in_time=None if in_time is None else in_time.result(),
@@ -163,7 +167,15 @@ def _solved(
     values = search.values(settled.x)
     judged = search.judged(settled.x)
     return (
-        Solution(values, apply(case, values), judged.cost, found.starts, settled.keeps_all, problem.beyond),
+        Solution(
+            values,
+            apply(case, values),
+            judged.cost,
+            found.starts,
+            settled.keeps_all,
+            problem.beyond,
+            failures=found.failures,
+        ),
         settled,
     )
 

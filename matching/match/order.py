@@ -15,21 +15,13 @@ from matching.match.beds import BedVerdicts, Judge, quantile
 from matching.match.case import apply
 from matching.match.loop import controller_on, linear_bed
 from matching.match.loop_modes import neutral_motions
+from matching.match.objective import Search
 from matching.match.result import AdapterTrade, Contribution
-from matching.match.search import (
-    CONTROLLER,
-    RIG,
-    Found,
-    Search,
-    SearchEnd,
-    Variable,
-    end_at,
-    judged_again,
-    keeps_all,
-    rounds,
-)
+from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, rounds
+from matching.match.search import Found
+from matching.match.variables import CONTROLLER, RIG, Variable
 from matching.match.verify import FRESH
-from modelling.errors import InputError
+from modelling.errors import NoDesign
 
 
 @dataclass(frozen=True)
@@ -230,7 +222,7 @@ def _trade(
         for place in way:
             try:
                 near = _held(search, fresh, near.end, {**others, number: place}, steps=ORDER.steps_of_curve)
-            except InputError:
+            except NoDesign:
                 break
             curve[place] = near
     good = [place for place in places if place in curve and not is_better(settled, curve[place])]

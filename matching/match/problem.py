@@ -8,21 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from matching.match.case import (
-    TORQUE_OVER_SPEED,
-    Case,
-    Demands,
-    ExceededLimit,
-    Move,
-    counterparts,
-    demands,
-    released_moves,
-    rig_values,
-    shares_of,
-    target_modes,
-    unscaled,
-)
+from matching.match.case import Case, Move, unscaled
+from matching.match.demands import Demands, ExceededLimit, demands, rig_values
+from matching.match.requirements import TORQUE_OVER_SPEED
 from matching.match.result import TargetResult
+from matching.match.targets import counterparts, released_moves, shares_of, target_modes
 from matching.match.verify import Traces, Verification
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
@@ -145,11 +135,11 @@ def needed_to_keep(case: Case, free: Sequence[Move], asked: Demands) -> dict[str
     out_of_reach = {limit for _, limit, _, _ in infeasible_limits(case, free, asked)}
     names = {name for move in free for name in move.together}
     for limit in [exceeded.limit for exceeded in asked.broken(planned)]:
-        if not names & asked.quantities(limit):
+        if not names & asked.quantities(limit, planned):
             out_of_reach.add(limit)
     released: dict[str, str] = {}
     for limit in sorted(out_of_reach):
-        behind = asked.quantities(limit)
+        behind = asked.quantities(limit, planned)
         for move in case.moves:
             if move not in free and behind & set(move.together):
                 released.setdefault(move.name, limit)

@@ -16,6 +16,7 @@ from matching.match.loop import (
     SampledController,
     bed_set,
     body,
+    can_be_unmeasured,
     controller_on,
     frequency_response,
     linear_bed,
@@ -127,7 +128,8 @@ class ResponseError:
     before : float or None
         The rig without control over the functions that have a path there; None where none has.
     after, unmeasured : float
-        The matched rig, and the same with no torque of the rig measured, over all compared functions.
+        The matched rig over all compared functions, and the same with no torque of the rig measured over those that
+        begin at such a torque: what acts inside the residual vehicle is always known.
     after_same_functions : float or None
         The matched rig over the functions of ``before``.
     functions : tuple of FunctionError
@@ -195,7 +197,7 @@ def figures_of(bed: ComparedBed) -> ResponseError:
         before=pooled(before[path]) if path.any() else None,
         after=pooled(after),
         after_same_functions=pooled(after[path]) if path.any() else None,
-        unmeasured=pooled(unmeasured),
+        unmeasured=pooled(unmeasured[can_be_unmeasured(bed.case)]),
         functions=functions,
     )
 

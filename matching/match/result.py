@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 from matching.match.case import Case
-from matching.match.in_time import TruthInTime, truth_of
+from matching.match.in_time import InTime, simulate_deviations
 from matching.match.loop import linear_bed
 from matching.match.loop_modes import LoopMode
 from matching.match.responses import ResponseError, Responses, SimpleVehicle
@@ -167,13 +168,15 @@ class MatchResult(Displayed):
         See :mod:`matching.match.verify`.
     objective : float
         Cost of the search, and ``starts`` that of every start.
+    failures : mapping of str to int
+        How many settings that the search tried have no controller, by the reason.
     adapters : tuple of AdapterTrade
         What each adapter that may change gains, and how exactly it has to be what was ordered.
     contributions : tuple of Contribution
         What controller, residual vehicle and adapters contribute, where more than the controller moves.
     simple_vehicle : SimpleVehicle or None
         How near a residual vehicle of the user's own comes; None where it is cut from the vehicle.
-    simulated_in_time : TruthInTime or None
+    simulated_in_time : InTime or None
         What ``in_time`` is, where it was worked out beside the verification; None where only on request.
     """
 
@@ -192,11 +195,12 @@ class MatchResult(Displayed):
     verification: Verification = field(repr=False)
     objective: float = float("nan")
     starts: tuple[float, ...] = ()
+    failures: Mapping[str, int] = field(default_factory=dict)
     adapters: tuple[AdapterTrade, ...] = ()
     contributions: tuple[Contribution, ...] = ()
     seconds: float = 0.0
     simple_vehicle: SimpleVehicle | None = None
-    simulated_in_time: TruthInTime | None = field(default=None, repr=False)
+    simulated_in_time: InTime | None = field(default=None, repr=False)
 
     @property
     def robust(self) -> Verification | None:
@@ -210,9 +214,9 @@ class MatchResult(Displayed):
         return None if traces is None else match_fidelity(linear_bed(self.tuned), traces)
 
     @cached_property
-    def in_time(self) -> TruthInTime:
+    def in_time(self) -> InTime:
         """The tuned controller in time, on beds that are not the model, against the nonlinear vehicle."""
-        return self.simulated_in_time or truth_of(self.tuned)
+        return self.simulated_in_time or simulate_deviations(self.tuned)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``result.json``."""
@@ -243,6 +247,7 @@ class MatchResult(Displayed):
             "contributions": [vars(one) for one in self.contributions],
             "objective": self.objective,
             "starts": list(self.starts),
+            "settings_without_controller": dict(self.failures),
             **_of_beds(checks),
             **({} if self.simple_vehicle is None else {"residual_vehicle": self.simple_vehicle.to_dict()}),
         }

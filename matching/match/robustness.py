@@ -25,7 +25,7 @@ def not_kept(case: Case, robust: Verification) -> list[str]:
         *_unstable(robust),
         *_error("measured torques", robust.errors.after, case.tolerance),
     ]
-    sentences += _damped_too_little(robust)
+    sentences += [*_damped_too_little(robust), *_slow_feed_forward(robust)]
     if case.loop.structure.is_observer:
         sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
     return sentences
@@ -33,14 +33,14 @@ def not_kept(case: Case, robust: Verification) -> list[str]:
 
 def noted(case: Case, robust: Verification) -> list[str]:
     """Sentences on what does not limit a match: a worst bed that is damped too little, the loop of a feedback law."""
-    sentences, worst, required = [], of_beds(robust).worst, robust.required.damping_ratio
+    sentences, worst = [], of_beds(robust).worst
     if not case.loop.structure.is_observer:
         sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
-    if worst is not None and 0 < worst.damping_ratio < required:
+    if worst is not None and worst.mode is not None and 0 < worst.damping_ratio < worst.mode.asked:
         sentences.append(
-            f"the worst bed within [uncertainty] is stable; its least damping ratio is {worst.damping_ratio:.4f}, "
-            f"{worst.damping_ratio / required:.0%} of the {required:.4f} that drawn beds need; it depends most on "
-            f"{', '.join(worst.named)}"
+            f"the worst bed within [uncertainty] is stable; its mode at {worst.mode.words()} has a damping ratio of "
+            f"{worst.damping_ratio:.4f}, {worst.damping_ratio / worst.mode.asked:.0%} of the {worst.mode.asked:.4f} "
+            f"that this mode needs on drawn beds; it depends most on {', '.join(worst.named)}"
         )
     if case.loop.structure.is_observer:
         sentences += _opened(robust)
@@ -55,13 +55,23 @@ def _unstable(robust: Verification) -> list[str]:
 
 
 def _damped_too_little(robust: Verification) -> list[str]:
-    beds, required = of_beds(robust), robust.required
-    if beds.stable < beds.drawn or beds.damped == beds.drawn:
+    """A sentence for every mode that is damped too little on stable beds: where, whose, on how many."""
+    beds = of_beds(robust)
+    return [
+        f"{fault.beds} of {beds.drawn} beds drawn within [uncertainty] damp the mode at {fault.mode.words()} too "
+        f"little: its damping ratio is {fault.mode.damping_ratio:.4f} at worst, {fault.mode.asked:.4f} is asked of it"
+        for fault in beds.faults
+    ]
+
+
+def _slow_feed_forward(robust: Verification) -> list[str]:
+    """That the model which runs on known torques rings on longer than the vehicle; it is the same on every bed."""
+    slowest, asked = robust.slowest_own, robust.required.decay_rate
+    if slowest is None or slowest.rate >= asked:
         return []
     return [
-        f"{beds.drawn - beds.damped} of {beds.drawn} beds drawn within [uncertainty] have a mode damped by less "
-        f"than {required.damping_ratio:.4f}, {required.damping_share:.3g} times the least damping of the target modes; "
-        f"the least is {beds.smallest_damping_ratio:.4f}"
+        f"the controller's model that runs on known torques has a mode at {slowest.frequency:.3g} Hz that decays with "
+        f"{slowest.rate:.3g} 1/s, {asked:.3g} 1/s is asked of it; it is the same on every bed"
     ]
 
 

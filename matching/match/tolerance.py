@@ -19,22 +19,24 @@ import numpy as np
 import scipy
 
 from matching.match.beds import loop_frequencies, margins_of
-from matching.match.case import Case, apply, requirements
+from matching.match.case import Case, apply
 from matching.match.case_file import case_files, movable
+from matching.match.damping import is_stable_loop, rates, stable_loops
 from matching.match.loop import (
     SampledController,
     bed_of,
+    can_be_unmeasured,
     closed_poles,
     controller_of,
     controller_on,
     frequency_response,
     linear_bed,
-    rates,
     responses,
     responses_of,
     side_by_side,
 )
-from matching.match.loop_modes import ClosedLoop, LoopMode, inside_unit_circle, neutral_motions
+from matching.match.loop_modes import ClosedLoop, LoopMode, neutral_motions
+from matching.match.requirements import requirements
 from matching.match.responses import ComparedBed, log_squares, nodes_of
 from matching.match.verify import candidates_of, target_modes_of
 from matching.studies import run
@@ -229,12 +231,15 @@ class Prepared:
         poles = closed_poles(side_by_side(beds), controller)
         figures = {
             "modulus_margin": margins_of(responses_of(case, beds, values, self._grid), controller),
-            "stable": np.array([inside_unit_circle(z, self.neutral) for z in poles], float),
+            "stable": stable_loops(poles, self.neutral).astype(float),
         }
         of_band = responses_of(case, beds, values, self.nodes.frequencies)
         acting = frequency_response(controller, self.nodes.frequencies)
-        for name, known in (("response_error", case.loop.measured), ("response_error_unmeasured", ())):
-            squares = log_squares(responses(of_band, acting, known), of_band.vehicle).mean(axis=2)
+        every = np.ones(len(case.compared), bool)
+        for name, known, pairs in (
+            ("response_error", case.loop.measured, every), ("response_error_unmeasured", (), can_be_unmeasured(case)),
+        ):  # fmt: skip
+            squares = log_squares(responses(of_band, acting, known), of_band.vehicle)[:, :, pairs].mean(axis=2)
             figures[name] = np.sqrt(squares @ self.nodes.weights)
         for name, mode in self.modes.items():
             s = np.full(len(beds), mode.eigenvalue)  # no bed moves what known torques alone excite
@@ -391,7 +396,7 @@ def tolerance(
     varied = what_varies(case, added)
     case = tuned(case)
     bed = linear_bed(case)
-    if not inside_unit_circle(ClosedLoop.of(bed, controller_on(bed)).poles, neutral_motions(bed)):
+    if not is_stable_loop(ClosedLoop.of(bed, controller_on(bed)).poles, neutral_motions(bed)):
         raise InputError(case.path, "the loop is unstable as it stands", "match first and give DIR/case.toml")
     chunks = [[number, min(CHUNK, draws - CHUNK * number)] for number in range(-(-draws // CHUNK))]
     content = [VERSION, str(seed), *(str(vars(quantity)) for quantity in varied)]

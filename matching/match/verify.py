@@ -19,7 +19,8 @@ from matching.match.beds import (
     planned,
     sensor_noise,
 )
-from matching.match.case import Case, Requirements, requirements, target_modes
+from matching.match.case import Case
+from matching.match.damping import decay_rates, is_stable_loop, rates, stable_loops, without_resting
 from matching.match.loop import (
     Body,
     LinearBed,
@@ -34,6 +35,7 @@ from matching.match.loop import (
     interface_speed,
     linear_bed,
     shaft_torque,
+    side_by_side,
     watched,
 )
 from matching.match.loop_modes import (
@@ -42,12 +44,13 @@ from matching.match.loop_modes import (
     LoopMode,
     eigenvalue_of,
     emulated,
-    inside_unit_circle,
     match_mode,
     neutral_motions,
     on_emulated_side,
 )
+from matching.match.requirements import Requirements, requirements
 from matching.match.responses import ResponseError, error_figures
+from matching.match.targets import target_modes
 from modelling.bed.manoeuvres import Kick
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
 from modelling.equations.casadi_code import compiled
@@ -401,6 +404,14 @@ class Violation:
     allowed: float
 
 
+class LeastDamped(NamedTuple):
+    """A mode by its damping ratio and frequency, Hz, and the damping ratio that it is asked for."""
+
+    damping_ratio: float
+    frequency: float
+    asked: float
+
+
 def peaks_of(parts: LinearBed, traces: Traces) -> dict[str, float]:
     """Largest magnitudes of the matched rig's dynamometer and shaft traces, operating point included, by name.
 
@@ -418,7 +429,7 @@ def peaks_of(parts: LinearBed, traces: Traces) -> dict[str, float]:
 
 
 def violations_of(
-    case: Case, peaks: Mapping[str, float], margin: float, least_damping: tuple[float, float]
+    case: Case, peaks: Mapping[str, float], margin: float, least: LeastDamped | None
 ) -> tuple[Violation, ...]:
     """Broken limits, furthest off first."""
     violations = []
@@ -427,8 +438,9 @@ def violations_of(
             if margin < allowed:
                 violations.append(Violation(limit, "feedback loop", margin, allowed))
         elif limit == "damping_ratio":
-            if least_damping[0] < allowed:
-                violations.append(Violation(limit, f"mode at {least_damping[1]:.3g} Hz", least_damping[0], allowed))
+            if least is not None and least.damping_ratio < least.asked:
+                where = f"mode at {least.frequency:.3g} Hz"
+                violations.append(Violation(limit, where, least.damping_ratio, least.asked))
         elif limit.startswith("dynamometer_"):
             what = limit.removeprefix("dynamometer_")
             values = {
@@ -619,7 +631,6 @@ def _kick(parts: LinearBed, vehicle: Body, mode: Mode) -> tuple[str, Mapping[str
 RELATIVE_CHANGE = 0.05  # of a stiffness or inertia: what is usually known of one that was not identified
 DEAD_TIME_CHANGE = 5e-4  # s: half a sample time of 1 ms
 DEVIATION_POINTS = 100  # log-spaced frequencies over the band
-NEUTRAL = 1e-9  # of z: a rigid motion that nothing slows stands at 1
 
 
 @dataclass(frozen=True)
@@ -647,7 +658,9 @@ class Deviation:
     response_error: float
 
 
-def simulate_deviations(case: Case, controller: SampledController, required: Requirements) -> tuple[Deviation, ...]:
+def response_deviations(
+    case: Case, controller: SampledController, required: Requirements, neutral: int
+) -> tuple[Deviation, ...]:
     """Every stiffness and inertia of the rig 5 % off either way, the dead time 0.5 ms; worst first."""
     rows: list[tuple[str, float, dict[str, float]]] = []
     done: set[str] = set()
@@ -664,7 +677,8 @@ def simulate_deviations(case: Case, controller: SampledController, required: Req
         if late != case.loop["dead_time"]:
             rows.append(("loop.dead_time", late - case.loop["dead_time"], {"loop.dead_time": late}))
     beds = bed_set(case, [values for _, _, values in rows], np.geomspace(*case.band, DEVIATION_POINTS))
-    largest = np.abs(closed_poles(beds.sampled, controller)).max(axis=1)
+    poles = closed_poles(beds.sampled, controller)
+    largest, stable = np.abs(poles).max(axis=1), stable_loops(poles, neutral)
     acting = frequency_response(controller, beds.frequencies)
     response_errors = np.sqrt(errors(beds, acting, case.loop.measured).mean(axis=1))
     every = loop_frequencies(case)
@@ -672,10 +686,11 @@ def simulate_deviations(case: Case, controller: SampledController, required: Req
     margins = margins_of(bed_set(case, [values for _, _, values in rows], counted), controller)
     deviations = [
         Deviation(
-            name, change, bool(size < 1 + NEUTRAL), float(np.log(size) / controller.sample_time), float(margin),
-            float(error),
+            name, change, bool(kept), float(np.log(size) / controller.sample_time), float(margin), float(error),
         )
-        for (name, change, _), size, margin, error in zip(rows, largest, margins, response_errors, strict=True)
+        for (name, change, _), kept, size, margin, error in zip(
+            rows, stable, largest, margins, response_errors, strict=True
+        )
     ]  # fmt: skip
     return tuple(sorted(deviations, key=lambda deviation: (deviation.stable, -deviation.response_error)))
 
@@ -691,6 +706,13 @@ class ReachedTarget(NamedTuple):
     vehicle_mode: int
     mode: LoopMode | None
     mac: float
+
+
+class OwnMode(NamedTuple):
+    """A mode of what runs on known torques alone: its frequency, Hz, and rate of decay, 1/s."""
+
+    frequency: float
+    rate: float
 
 
 @dataclass(frozen=True)
@@ -717,6 +739,8 @@ class Verification:
         The mode that each target became: where a model runs on known torques, among its modes.
     least_damping : tuple of (damping ratio, Hz)
         The smallest of all modes.
+    slowest_own : OwnMode or None
+        The slowest mode of what runs on known torques alone; None where nothing does or nothing swings.
     identified : tuple of IdentifiedMode
         Read off the simulation.
     peaks : dict of str to float
@@ -744,6 +768,7 @@ class Verification:
     modes: tuple[LoopMode, ...] = field(repr=False)
     targets: tuple[ReachedTarget, ...]
     least_damping: tuple[float, float]
+    slowest_own: OwnMode | None
     identified: tuple[IdentifiedMode, ...]
     peaks: dict[str, float]
     violations: tuple[Violation, ...]
@@ -775,6 +800,7 @@ class Verification:
             "largest_sampled_pole": float(np.abs(self.poles).max()),
             "largest_feed_forward_pole": max(np.abs(self.own_poles).tolist(), default=None),
             "least_damping": {"damping_ratio": self.least_damping[0], "frequency": self.least_damping[1]},
+            "slowest_feed_forward": None if self.slowest_own is None else self.slowest_own._asdict(),
             "targets": [
                 {
                     "vehicle_mode": target.vehicle_mode,
@@ -810,9 +836,9 @@ def verify(
     loop = ClosedLoop.of(bed, controller)
     poles, own_poles, modes = loop.poles, loop.own_poles, loop.modes()
     figures = loop_figures(planned(case, sensor_noise(case, controller.sensors)), controller, required)
-    checks = {"sampled loop": inside_unit_circle(poles, neutral)}
+    checks = {"sampled loop": is_stable_loop(poles, neutral)}
     if len(own_poles):
-        checks["feed-forward poles"] = inside_unit_circle(own_poles, neutral)
+        checks["feed-forward poles"] = is_stable_loop(own_poles, neutral)
     notes: list[str] = []
     traces, identified = _simulated(bed, notes)
     checks["simulation"] = traces is not None
@@ -823,13 +849,42 @@ def verify(
     every = np.concatenate([poles, own_poles])
     return Verification(
         all(checks.values()), checks, float(np.log(np.abs(every).max()) / controller.sample_time), required, figures,
-        poles, own_poles, modes, targets, least,
+        poles, own_poles, modes, targets, least, slowest_own(own_poles, neutral, controller.sample_time),
         modes_of_targets(identified, (target.mode for target in targets), modes), peaks,
-        violations_of(case, peaks, figures.modulus_margin, least), error_figures(case, bed),
-        simulate_deviations(case, controller, required) if deviations else (), traces,
+        violations_of(case, peaks, figures.modulus_margin, least_damped(bed, modes, required)),
+        error_figures(case, bed),
+        response_deviations(case, controller, required, neutral) if deviations else (), traces,
         (*notes, *remarks_on(case, neutral)),
         check_beds(case, controller, neutral, required, beds, seed + FRESH) if beds else None,
     )  # fmt: skip
+
+
+def slowest_own(own_poles: np.ndarray, neutral: int, step: float) -> OwnMode | None:
+    """The slowest of the poles z of what runs on known torques alone that swings; ``step`` in s."""
+    if not len(own_poles):
+        return None
+    z = without_resting(own_poles[None], neutral)
+    decay = decay_rates(z, step)[0]
+    number = int(decay.argmin())
+    if not np.isfinite(decay[number]):
+        return None
+    return OwnMode(float(abs(rates(z, step)[0, number])) / (2 * np.pi), float(decay[number]))
+
+
+def least_damped(bed: LinearBed, modes: Sequence[LoopMode], required: Requirements) -> LeastDamped | None:
+    """The mode of the feedback loop that has least of what ``limits.damping_ratio`` asks of it.
+
+    That of a mode of the vehicle, or of the bed's own, is no more than :mod:`matching.match.damping` says.
+    """
+    swinging = [mode for mode in modes if mode.belongs_to == "feedback" and mode.frequency > 0]
+    if not swinging:
+        return None
+    step, limit = bed.case.loop["sample_time"], replace(required, damping_ratio=bed.case.limits["damping_ratio"])
+    z = np.exp(np.array([[mode.eigenvalue for mode in swinging]]) * step)
+    asked = side_by_side([bed.bed]).asked_damping(z, step, limit)[0]
+    ratios = np.array([mode.damping_ratio for mode in swinging])
+    worst = int((ratios / asked).argmin())
+    return LeastDamped(float(ratios[worst]), swinging[worst].frequency, float(asked[worst]))
 
 
 def _simulated(bed: LinearBed, notes: list[str]) -> tuple[Traces | None, tuple[IdentifiedMode, ...]]:

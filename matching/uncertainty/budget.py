@@ -371,8 +371,6 @@ def parse_formula(text: str, names: Iterable[str], where: str) -> Any:
         wrong = f"'{text[:60]}' has too many operations one after the other, or in one another"
         raise InputError(where, wrong, "write a shorter formula, or several measurands") from error
     except (SyntaxError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(where, f"'{text[:60]}' is no formula", "write it like a*x + sqrt(b)") from error
 
 

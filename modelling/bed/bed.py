@@ -186,7 +186,7 @@ class ControlStructure(ABC):
 
         Raises
         ------
-        InputError
+        NoDesign
             If there is no stabilising solution.
         """
         return None
@@ -202,7 +202,9 @@ class ControlStructure(ABC):
         Raises
         ------
         InputError
-            If a model cannot be made linear or a Riccati equation has no stabilising solution.
+            If a model cannot be made linear.
+        NoDesign
+            If a Riccati equation has no stabilising solution.
         """
         return None
 

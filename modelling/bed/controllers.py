@@ -50,7 +50,7 @@ def design_feed_forward(
 
     Raises
     ------
-    InputError
+    NoDesign
         If the H2 problem has no stabilising solution.
     """
     step = loop["sample_time"]

@@ -297,12 +297,15 @@ def driven(system: System, torques: Mapping[str, Manoeuvre], rate: float = 1000.
     Raises
     ------
     InputError
-        If the system lacks an input, or none is named.
+        If the system lacks an input, none is named, or what stands for one is no manoeuvre.
     """
     names = [part.name for part in system.inputs]
     for name in torques:
         if name not in names:
             raise InputError(name, "is no input of the model", f"its inputs are {', '.join(names)}")
+        if not hasattr(torques[name], "torque"):
+            wrong = f"{torques[name]!r} is no manoeuvre"
+            raise InputError(name, wrong, "write one, such as rm.Step(amplitude=5) or rm.TipIn(amplitude=100)")
     if not torques:
         raise InputError("recording", "no input is named", f"write one of {', '.join(names)} with its manoeuvre")
     time = max(torques.values(), key=lambda torque: torque.duration).time(rate)

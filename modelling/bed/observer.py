@@ -19,7 +19,7 @@ from modelling.bed.bed import (
     delayed_bed,
 )
 from modelling.bed.vehicle import ResidualVehicle
-from modelling.errors import InputError
+from modelling.errors import InputError, NoDesign
 from modelling.modal.modes import damped_modes
 from modelling.system import System
 
@@ -191,7 +191,7 @@ def riccati(
 
     Raises
     ------
-    InputError
+    NoDesign
         If there is none.
     """
     try:
@@ -203,10 +203,8 @@ def riccati(
         closed = A - B @ F
         return summed(closed.T, closed, Q - across @ F - F.T @ across.T + F.T @ R @ F)
     except (np.linalg.LinAlgError, ValueError) as fault:
-        raise InputError(
-            "loop",
-            f"there is no stable {what} ({fault})",
-            "check that each dynamometer reaches its cut and what the sensors see",
+        raise NoDesign(
+            f"there is no stable {what} ({fault}); check that each dynamometer reaches its cut and what the sensors see"
         ) from None
 
 
@@ -264,7 +262,7 @@ def filter_of(model: ObserverModel, weights: Mapping[str, float]) -> Filter:
 
     Raises
     ------
-    InputError
+    NoDesign
         If the filter's Riccati equation has no stabilising solution.
     """
     bed, n, e, root = model.bed, model.states, model.estimated, np.sqrt(model.sample_time)
@@ -332,7 +330,7 @@ def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | No
 
     Raises
     ------
-    InputError
+    NoDesign
         If a Riccati equation has no stabilising solution.
     """
     ahead = runs_ahead(model) if ahead is None else ahead
@@ -456,7 +454,7 @@ def feedback_on_all(model: ObserverModel, command_weight: float, change: float) 
 
     Raises
     ------
-    InputError
+    NoDesign
         If the design's Riccati equation has no stabilising solution.
     """
     A, B = _arriving(model)
@@ -491,7 +489,7 @@ def state_feedback(model: ObserverModel, command_weight: float, change: float) -
 
     Raises
     ------
-    InputError
+    NoDesign
         If the design's Riccati equation has no stabilising solution.
     """
     made = feedback_on_all(model, command_weight, change)

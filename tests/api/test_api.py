@@ -132,10 +132,23 @@ def test_quantities_may_be_texts_with_units():
 
 def test_every_command_has_its_function_and_every_function_is_offered():
     assert set(COMMANDS) - {"new"} <= set(rm.__all__)
-    assert set(rm.__all__) <= set(dir(rm))
+    assert dir(rm) == sorted([*rm.__all__, "__version__"])
     assert all(callable(getattr(rm, name)) and getattr(rm, name).__doc__ for name in rm.__all__)
     with pytest.raises(AttributeError, match="it has BackOut, DiagnosisSettings, DriveAway"):
         getattr(rm, "matches")  # noqa: B009
+
+
+def test_the_error_of_bad_input_is_public_and_no_other_error_passes_for_it():
+    with pytest.raises(rm.InputError, match=r"inertias\.motor"):
+        rm.load(VEHICLE)["inertias.moter"]
+    assert not issubclass(rm.InputError, ValueError)  # a fault of the program would pass for a mistake of the user
+    with pytest.raises(rm.InputError, match=r"motor_torque: 5 is no manoeuvre; write one, such as rm.Step"):
+        rm.simulate(VEHICLE, {"motor_torque": 5})
+
+
+def test_a_quantity_is_found_under_its_name():
+    vehicle = rm.load(VEHICLE)
+    assert vehicle["inertias.motor.J"] is vehicle["inertias.motor"].J
 
 
 def test_labelled_arrays():

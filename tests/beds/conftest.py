@@ -8,9 +8,10 @@ from small_bed import write
 from matching.match.case import Case
 from matching.match.case_file import load_case
 from matching.match.match import match
+from matching.match.objective import Search, search_for
 from matching.match.problem import problem_of
 from matching.match.result import MatchResult
-from matching.match.search import Search, SearchSettings, search_for
+from matching.match.variables import SearchSettings
 
 
 @pytest.fixture(scope="session")

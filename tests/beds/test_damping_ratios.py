@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from matching.match.loop import damping_ratios
+from matching.match.damping import damping_ratios
 
 STEP = 1e-3
 

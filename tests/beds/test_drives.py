@@ -10,7 +10,7 @@ from small_bed import AXLE, CASE, RIG, VEHICLE
 
 from matching.match.case_file import load_case
 from matching.match.match import match
-from matching.match.search import SearchSettings
+from matching.match.variables import SearchSettings
 
 pytestmark = pytest.mark.long
 EFFORT = SearchSettings(drawn=2, rounds=1, steps=1)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from matching.match.in_time import EVERYTHING_DRAWN, EVERYTHING_STATED, Imperfection, flawed, imperfections
+from matching.match.in_time import EVERYTHING_DRAWN, EVERYTHING_STATED, Imperfection, imperfections, perturbed_system
 from modelling.system import Effect, Quantity
 
 NOTHING = Imperfection("")
@@ -56,7 +56,9 @@ def test_a_flaw_of_a_shared_part_is_in_vehicle_and_rig_and_one_of_the_bed_in_the
     flaw = Imperfection(
         "", {"rig.shafts.side.stiffness": 3000.0, "rig.shafts.flange.stiffness": 2e4, "loop.dead_time": 9e-3}
     )
-    rig, vehicle = (flawed(system, flaw, small_case).parameters for system in (small_case.rig, small_case.vehicle))
+    rig, vehicle = (
+        perturbed_system(system, flaw, small_case).parameters for system in (small_case.rig, small_case.vehicle)
+    )
     assert rig["shafts.side.stiffness"].value == vehicle["shafts.side.stiffness"].value == 3000.0
     assert rig["shafts.flange.stiffness"].value == 2e4
     assert vehicle["shafts.tyre.stiffness"].value == 8000.0
@@ -65,7 +67,7 @@ def test_a_flaw_of_a_shared_part_is_in_vehicle_and_rig_and_one_of_the_bed_in_the
 @pytest.mark.parametrize("gap", [0.0, 0.02])
 def test_lash_is_in_the_cut_shaft_and_friction_on_the_beds_side_of_it(small_case, gap):
     for system in (small_case.rig, small_case.vehicle):
-        effects = flawed(system, Imperfection("", gap=gap, friction=3.0), small_case).effects
+        effects = perturbed_system(system, Imperfection("", gap=gap, friction=3.0), small_case).effects
         friction = [(effect.at, dict(effect.parameters)) for effect in effects if effect.kind == "coulomb_friction"]
         assert friction == [("inertias.motor", {"torque": Quantity(3.0)})]
         lash = [(effect.at, dict(effect.parameters)) for effect in effects if effect.kind == "backlash"]
@@ -77,5 +79,5 @@ def test_parts_with_an_effect_of_their_own_keep_it(small_case):
         Effect("backlash", "shafts.side", (("gap", Quantity(0.5)),)),
         Effect("coulomb_friction", "inertias.motor", (("torque", Quantity(9.0)),)),
     )
-    made = flawed(laden, Imperfection("", gap=0.02, friction=3.0), small_case)
+    made = perturbed_system(laden, Imperfection("", gap=0.02, friction=3.0), small_case)
     assert made.effects == laden.effects

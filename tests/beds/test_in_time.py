@@ -9,7 +9,7 @@ from beds.plant_loop import bed_run, plant_model, vehicle_run
 from plant.marks import needs_compiler
 
 from matching.match import in_time
-from matching.match.case import DEFAULT_LIMITS, of_system
+from matching.match.box import of_system
 from matching.match.case_file import load_case
 from matching.match.in_time import (
     ANGLE_OF_A_COUNT,
@@ -21,16 +21,17 @@ from matching.match.in_time import (
     PoorSensors,
     acting,
     bed_motions,
+    errors_in_time,
     imperfections,
     lash_runs,
     open_lash,
+    simulate_deviations,
     standstill,
-    truth_in_time,
-    truth_of,
     vehicle_motions,
 )
 from matching.match.loop import control_law, linear_bed
 from matching.match.match import match
+from matching.match.requirements import DEFAULT_LIMITS
 from modelling.bed.nonlinear import _refine_friction
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
@@ -92,7 +93,7 @@ def test_vehicle_and_bed_move_as_on_the_truth_plant(small_case, law, wrong):
 
 @pytest.fixture(scope="module")
 def table(small_case, law):
-    return truth_in_time(small_case, law, pulse(small_case, 600))
+    return errors_in_time(small_case, law, pulse(small_case, 600))
 
 
 def test_the_table_has_every_row(table):
@@ -202,7 +203,9 @@ def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, law, tabl
         for system in (small_case.vehicle, small_case.rig)
     )
     compared = tuple(pair for pair in small_case.compared if pair.sensor != "side_torque")
-    blind = truth_in_time(replace(small_case, vehicle=vehicle, rig=rig, compared=compared), law, pulse(small_case, 600))
+    blind = errors_in_time(
+        replace(small_case, vehicle=vehicle, rig=rig, compared=compared), law, pulse(small_case, 600)
+    )
     assert blind.lash == table.lash
     assert [row.measured["motor_speed"] for row in blind.rows[:-1]] == pytest.approx(
         [row.measured["motor_speed"] for row in table.rows[:-1]]
@@ -211,7 +214,7 @@ def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, law, tabl
 
 def test_a_bed_that_cannot_be_simulated_says_why(small_case):
     loop = replace(small_case.loop, values={**small_case.loop.values, "command_weight": -1.0})
-    assert truth_of(replace(small_case, loop=loop)).not_simulated
+    assert simulate_deviations(replace(small_case, loop=loop)).not_simulated
 
 
 def test_a_bed_that_was_simulated_gives_no_reason(table):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from result_schema import check_schema
 
+from matching.match.beds import DampingFault, NamedMode
 from matching.match.bounds import estimator_bound
 from matching.match.loop import bed_set, controller_on, frequency_response, linear_bed
 from matching.match.loop import responses as controlled
@@ -15,6 +16,8 @@ from matching.match.robustness import not_kept, noted
 from matching.match.verify import matched_motion
 from matching.report.match import content, summary
 from modelling.bed.controllers import STRUCTURES
+
+FAULT = DampingFault(3, NamedMode(5.2, 0.01, 0.03, "inertias.rotor", 0.7, "kinetic"))
 
 
 @pytest.fixture
@@ -41,7 +44,7 @@ def test_with_40_ms_the_dead_time_is_named_first_and_the_search_is_short(small_c
     assert late.response_error.bound > case.unmeasured_tolerance
     assert late.limits[0].startswith("with every torque measured, dead time and sampling alone leave")
     assert any("response error to measured torques" in sentence for sentence in late.limits[1:])
-    assert any("the search over the observer's weights is short, and 3 drawn beds" in note for note in late.notes)
+    assert any("the search is short" in note for note in late.notes)
     json.dumps(content(late), allow_nan=False)
     assert "sampling alone leave" in summary(content(late)).splitlines()[1]
 
@@ -77,7 +80,7 @@ def test_an_ideal_estimator_does_as_well_as_noise_and_dead_time_allow(small_case
 def test_what_is_not_kept_is_named(result):
     robust = replace(result.robust, required=replace(result.robust.required, command_noise=1e-3, rolled_off_from=40.0))
     robust = replace(robust, loop=replace(robust.loop, largest_rolled_off=0.7))
-    robust = replace(robust, beds=replace(robust.beds, damped=5))
+    robust = replace(robust, beds=replace(robust.beds, damped=5, faults=(FAULT,)))
     strict = replace(result.case, unmeasured_tolerance=1e-4)
     said = not_kept(strict, robust)
     assert said[0].startswith("3 of 8 beds")
@@ -104,15 +107,15 @@ def test_a_feedback_law_is_held_to_damped_beds_and_to_measured_torques_alone(res
     assert notes[0].startswith("the worst bed within [uncertainty] is not stable (damping ratio -0.0100)")
     assert any("unmeasured torques" in words for words in notes)
     assert any("|T| is 0.70" in words for words in notes)
-    damped = replace(result.robust, beds=replace(result.robust.beds, damped=5))
+    damped = replace(result.robust, beds=replace(result.robust.beds, damped=5, faults=(FAULT,)))
     (missed,) = not_kept(replace(result.case, loop=loop), damped)
-    assert missed.startswith("3 of 8 beds drawn within [uncertainty] have a mode damped by less")
+    assert missed.startswith("3 of 8 beds drawn within [uncertainty] damp the mode at 5.2 Hz (inertias.rotor, 70%")
     assert not noted(replace(result.case, loop=loop), damped)
 
 
 def test_a_worst_bed_damped_too_little_is_noted_with_how_much_it_has(result):
-    required = result.robust.required.damping_ratio
-    worst = replace(result.robust.beds.worst, damping_ratio=0.8 * required)
+    mode = FAULT.mode
+    worst = replace(result.robust.beds.worst, damping_ratio=0.8 * mode.asked, mode=mode)
     robust = replace(result.robust, beds=replace(result.robust.beds, worst=worst, opened={}))
     assert not not_kept(result.case, robust)
     (note,) = noted(result.case, robust)

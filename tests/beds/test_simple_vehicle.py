@@ -15,7 +15,7 @@ from matching.match.loop import control_law, linear_bed
 from matching.match.match import match, with_simple_vehicle
 from matching.match.problem import problem_of
 from matching.match.responses import SimpleVehicle, fitted_simple_vehicle
-from matching.match.search import SearchSettings
+from matching.match.variables import SearchSettings
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
 from modelling.linear.state_space import state_space

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from matching.match.case import apply, read_uncertainty, uncertainty_table
+from matching.match.box import read_uncertainty, uncertainty_table
+from matching.match.case import apply
 from modelling.errors import InputError
 
 

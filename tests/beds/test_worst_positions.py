@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from matching.match.search import add_scenarios, end_at, worst_positions
+from matching.match.rounds import end_at
+from matching.match.worst import add_scenarios, worst_positions
 
 NOWHERE_HZ = 1e6  # a loop that need not roll off: every mode needs all of the damping that is asked for here
 
@@ -20,7 +21,7 @@ def test_the_search_sees_the_worst_beds_where_they_miss_what_they_need(small_sea
     start = end_at(search, search.begin())
     assert not add_scenarios(search, start)  # every bed of the box is stable with a reserve
     count = len(search.positions)
-    room = search.rooms_at(start.x, search.positions)
+    room = search.damping_margins_at(start.x, search.positions)
     # a reserve as large as the least damped bed of the pool has
     needed = (1 + room.min()) * search.required.damping_ratio / search.settings.stable_share
     search.required = replace(search.required, damping_ratio=needed, rolled_off_from=NOWHERE_HZ)
@@ -29,7 +30,7 @@ def test_the_search_sees_the_worst_beds_where_they_miss_what_they_need(small_sea
     added = search.positions[count:]
     assert len(added)
     assert set(range(count, len(search.positions))) <= set(search.active)
-    assert (search.rooms_at(start.x, added) < search.settings.stable_share - 1).all()
+    assert (search.damping_margins_at(start.x, added) < search.settings.stable_share - 1).all()
     _, slopes = search.slopes(start.x)
     assert np.isfinite(slopes).all()
 

@@ -17,9 +17,12 @@ import numpy as np
 import rigmatch as rm
 from matching.match.case import Case, apply
 from matching.match.case_file import load_case
+from matching.match.objective import Search, search_for
 from matching.match.order import Delivered, Fresh, _held, _rank, ordered
 from matching.match.problem import problem_of
-from matching.match.search import Found, Search, SearchSettings, end_at, search_for, solve
+from matching.match.rounds import end_at
+from matching.match.search import Found, solve
+from matching.match.variables import SearchSettings
 from modelling.bed.controllers import STRUCTURES
 from tests.match.drawn import draw
 

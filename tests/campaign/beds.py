@@ -21,7 +21,8 @@ from matching.bed.proof import plan_proof
 from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording, with_faults
 from matching.bed.verify import judge, read_recordings
 from matching.export import exported_controller, tuned_case
-from matching.match.case import Box, Case
+from matching.match.box import Box
+from matching.match.case import Case
 from matching.match.case_file import case_files, load_case
 from matching.studies import append, rows
 from modelling.bed.vehicle import cut

@@ -14,7 +14,7 @@ from matching.bed.measured import MeasuredFunction
 from matching.bed.simulated_bed import with_quantities
 from matching.bed.verify import Figures, drawn_vehicles, judged
 from matching.cli import main
-from matching.match.case import Box, Uncertain
+from matching.match.box import Box, Uncertain
 from matching.match.case_file import load_case
 from matching.match.loop import vehicle_response
 from modelling.errors import InputError

@@ -19,7 +19,8 @@ from matching.bed.identify import (
 )
 from matching.bed.simulated_bed import FIT_RANGE_RATIO
 from matching.diagnosis.statistics import Estimate
-from matching.match.case import LARGEST_SHARE, Box, Move, Uncertain
+from matching.match.box import LARGEST_SHARE, Box, Uncertain
+from matching.match.case import Move
 from matching.match.case_file import load_case
 from matching.report.bed import gain
 from modelling.system import Effect, Quantity

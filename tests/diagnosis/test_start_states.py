@@ -93,16 +93,33 @@ def with_sensors(**sensors):
     })  # fmt: skip
 
 
-def test_measured_speeds_are_taken_and_others_are_their_mean() -> None:
+def test_measured_speeds_are_taken_and_others_turn_with_their_mean() -> None:
+    """The side shaft halves: 30 rad/s at the motor and 10 at the load are 25 at the hub."""
     found = start_of(with_sensors(a=("speed", "motor"), t=("torque", "link"), b=("speed", "load")), [30.0, 7.0, 10.0])
-    assert found == {"motor": (0.0, 30.0), "hub": (0.0, 20.0), "load": (0.0, 10.0)}
+    assert found == {"motor": (0.0, 30.0), "hub": (0.0, 25.0), "load": (0.0, 10.0)}
+
+
+@pytest.mark.parametrize("measured", ["motor", "pinion", "left"])
+def test_a_drivetrain_with_ratios_and_a_differential_starts_without_twist(measured) -> None:
+    """Motor at 200 rad/s: behind a ratio of 10, a gear of 2 and a differential the wheels turn at 10 rad/s."""
+    system = from_dict({
+        "inertias": {name: {"J": 0.1} for name in ("motor", "pinion", "cage", "left", "right")},
+        "shafts": {"input": {"between": ["motor", "pinion"], "stiffness": 4e5, "ratio": 10.0}},
+        "gears": {"final": {"between": ["pinion", "cage"], "ratio": 2.0}},
+        "differentials": {"axle": {"cage": "cage", "left": "left", "right": "right"}},
+        "inputs": {"torque": {"on": "motor"}},
+        "sensors": {"n": {"measures": "speed", "of": measured, "uncertainty": 0.01}},
+    })  # fmt: skip
+    truth = {"motor": 200.0, "pinion": 20.0, "cage": 10.0, "left": 10.0, "right": 10.0}
+    found = start_of(system, [truth[measured]])
+    assert {name: speed for name, (_, speed) in found.items()} == pytest.approx({name: truth[name] for name in found})
 
 
 def test_an_angle_gives_the_whole_part_its_angle_and_no_speed() -> None:
     """The side shaft halves: where the motor stands at 0.6 rad the load stands at 0.3."""
     found = start_of(with_sensors(a=("angle", "motor"), b=("angle", "load"), n=("speed", "hub")), [0.6, 5.0, 4.0])
     assert {name: angle for name, (angle, _) in found.items()} == pytest.approx({"motor": 0.6, "hub": 0.6, "load": 0.3})
-    assert {speed for _, speed in found.values()} == {4.0}
+    assert {name: speed for name, (_, speed) in found.items()} == {"motor": 4.0, "hub": 4.0, "load": 2.0}
 
 
 def test_readings_that_are_missing_leave_rest() -> None:

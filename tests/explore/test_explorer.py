@@ -109,8 +109,8 @@ def test_a_value_that_a_slider_tries_is_kept_for_all_tabs(tmp_path):
 
 
 def test_quantities_that_are_zero_have_no_slider_and_a_value_is_tried_before_it_is_kept(tmp_path):
-    from matching.explore.common import WhatIf
     from matching.explore.files import ModelDocument
+    from matching.explore.live import WhatIf
 
     path = tmp_path / "rig.toml"
     path.write_text(
@@ -129,7 +129,7 @@ def test_quantities_that_are_zero_have_no_slider_and_a_value_is_tried_before_it_
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 def test_a_budget_in_the_explorer_shows_its_result_and_is_saved_with_what_was_entered(tmp_path):
     pytest.importorskip("panel")
-    from matching.explore.common import Equivalent
+    from matching.explore.elements import Equivalent
     from matching.explore.files import fields, opened
     from matching.explore.page import EditedTable
 

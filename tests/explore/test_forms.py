@@ -11,13 +11,7 @@ pytest.importorskip("tomlkit", reason="the packages of the explorer are not inst
 
 from structure.imports import ROOT
 
-from matching.explore.common import (
-    interpolated_error,
-    nearest_point,
-    opened_measurement,
-    read_as_suggested,
-    suggestions,
-)
+from matching.channel_names import suggestions
 from matching.explore.files import (
     CaseForm,
     Document,
@@ -28,6 +22,8 @@ from matching.explore.files import (
     write_case_at,
     write_model,
 )
+from matching.explore.live import interpolated_error, nearest_point
+from matching.explore.signals import opened_measurement, read_as_suggested
 from matching.match.case_file import load_case
 from modelling.errors import InputError
 from modelling.model_file import from_dict

@@ -33,7 +33,7 @@ ANSWERED = """
 import sys
 import rigmatch as rm
 from matching.explore import page
-from matching.explore.common import Ended
+from matching.explore.jobs import Ended
 
 class ComputedMap(page.MapView):
     def panel(self):

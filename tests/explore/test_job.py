@@ -3,8 +3,8 @@
 import pytest
 from structure.imports import ROOT
 
-from matching.explore import common as equivalents
-from matching.explore.common import Job
+from matching.explore import elements as equivalents
+from matching.explore.jobs import Job, Task
 
 MODEL = str(ROOT / "matching" / "starter" / "vehicle.toml")
 CASE = str(ROOT / "matching" / "starter" / "case.toml")
@@ -48,3 +48,22 @@ def test_commands_and_python_name_the_same_and_quote_what_needs_it():
     assert len(same.python.splitlines()) == 3
     with pytest.raises(AttributeError):
         same.command = ""
+
+
+def test_an_answer_that_cannot_be_read_is_an_end_too():
+    ended = Job(["--version"]).wait(60)  # it writes a line that is no JSON, and exit code 0
+    assert ended.code == 1
+    assert "gave no answer that can be read" in ended.line
+
+
+def test_a_command_is_followed_from_several_windows_until_it_ends():
+    heard: list[list[str]] = [[], []]
+    task = Task(["modes", MODEL, "--check"])
+    followers = [lambda told=told: told.append("ended" if task.ended else task.line) for told in heard]
+    for follower in followers:
+        task.follow(follower)
+    task.forget(followers[1])
+    assert task.job.wait(60).code == 0
+    task.follow(followers[1])  # a window that is opened afterwards
+    assert [told[-1] for told in heard] == ["ended", "ended"]
+    assert heard[1].count("ended") == 1

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from matching.explore.common import LiveModel, measured_curves, opened_measurement, slider_range
+from matching.explore.live import LiveModel, slider_range
+from matching.explore.signals import measured_curves, opened_measurement
 from modelling.model_file import from_dict
 from modelling.recordings.recording import Recording
 from modelling.system import Quantity

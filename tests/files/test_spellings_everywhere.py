@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from matching.match.case import read_limits
+from matching.match.requirements import read_limits
 from matching.uncertainty.budget import budget_from_tables
 from modelling.errors import InputError
 from modelling.model_file import from_dict

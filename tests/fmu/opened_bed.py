@@ -6,7 +6,8 @@ import numpy as np
 from beds.plant_loop import air_gap, behind_lag, plant_model
 from plant.engine import simulate
 
-from matching.match.case import Case, of_system
+from matching.match.box import of_system
+from matching.match.case import Case
 from modelling.controller.law import EMULATION, ExportedController
 
 FINE = 2  # parts of a sample

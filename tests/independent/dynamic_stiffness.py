@@ -384,7 +384,7 @@ POLYNOMIAL = 1e-9  # relative: so well must M·s² + D·s + K give the dynamic s
 class DrawnBed:
     """A bed with values of its own; n coordinates, k dynamometers, y sensors of the controller.
 
-    ``values`` are named as :class:`matching.match.case.Uncertain` has them.
+    ``values`` are named as :class:`matching.match.box.Uncertain` has them.
     """
 
     case: Case
@@ -670,7 +670,8 @@ class Judge:
             of_rig = alone[:, row, on_rig.index(pair.input)] if pair.input in on_rig else 0.0
             for known, first in ((True, 0), (False, i)):
                 response = of_rig + answered[:, row, first + column]
-                squares[known].append(np.abs(np.log(response / wanted[:, row, column])) ** 2)
+                if known or pair.input in on_rig or not on_rig:  # what acts in the residual vehicle is always known
+                    squares[known].append(np.abs(np.log(response / wanted[:, row, column])) ** 2)
         return float(np.sqrt(np.mean(squares[True]))), float(np.sqrt(np.mean(squares[False])))
 
     def _commands(self, sensed: np.ndarray, on_rig: list[str], known: bool) -> np.ndarray:

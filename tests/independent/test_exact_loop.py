@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from beds.drawn_cases import draw
 from independent.dynamic_stiffness import Judge as Independent
-from independent.dynamic_stiffness import NotCovered, check_loop
+from independent.dynamic_stiffness import check_loop
 
 from matching.match.beds import Judge, loop_figures, planned, sensor_noise
-from matching.match.case import requirements
 from matching.match.case_file import load_case
-from matching.match.loop import LinearBed, control_law, controller_on, damping_ratios, linear_bed
+from matching.match.damping import damping_ratios
+from matching.match.loop import LinearBed, control_law, controller_on, linear_bed
 from matching.match.loop_modes import neutral_motions
+from matching.match.requirements import requirements
 from modelling.bed.controllers import STRUCTURES
-from modelling.errors import InputError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 BEDS = 3  # variants of each bed, beside the bed as planned
@@ -29,11 +29,15 @@ def assert_alike(case, bed: LinearBed, seed: int) -> None:
     positions = case.uncertainty.draw(BEDS, seed)
     values = [{}, *(case.uncertainty.at(position) for position in positions)]
     found, own_poles = own.verdicts(values), np.linalg.eigvals(controller.own_matrix)
-    least = damping_ratios(own_poles, law.sample_time).min(initial=1.0)
+    alone = damping_ratios(own_poles[None], law.sample_time).min(initial=1.0)  # judged once, not on every bed
     for i, of_bed in enumerate(values):
         wanted = other.verdict(of_bed)
         assert found.stable[i] == (wanted.stable and bool((np.abs(own_poles) < 1).all()))
-        assert found.damping_ratio[i] == pytest.approx(min(wanted.damping_ratio, least), rel=1e-6, abs=1e-9)
+        if found.stable[i]:
+            least = min(wanted.damping_ratio, alone)
+            assert min(found.damping_ratio[i], alone) == pytest.approx(least, rel=1e-6, abs=1e-9)
+        else:
+            assert found.damping_ratio[i] < 0
         if found.stable[i]:  # an error is a difference of responses of size 1, which both have to some 1e-10
             assert found.measured[i] == pytest.approx(wanted.measured, rel=1e-6, abs=1e-9)
             assert found.unmeasured[i] == pytest.approx(wanted.unmeasured, rel=1e-6, abs=1e-9)
@@ -76,7 +80,4 @@ def test_without_control():
 def test_drives_drawn_at_random(seed, tmp_path):
     """One to four dynamometers, chains, axles and independent motors, 0.5 to 20 ms, every structure."""
     case = read_alike(load_case(draw(seed, tmp_path)))
-    try:
-        assert_alike(case, linear_bed(case), seed)
-    except (NotCovered, InputError) as reason:
-        pytest.skip(str(reason))
+    assert_alike(case, linear_bed(case), seed)

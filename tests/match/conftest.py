@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from matching.match.case_file import load_case
-from matching.match.in_time import TruthInTime
+from matching.match.in_time import InTime
 from matching.match.match import match
-from matching.match.search import SearchSettings
+from matching.match.variables import SearchSettings
 
-NOT_ASKED = TruthInTime(not_simulated="left out here, tested in tests/beds/test_in_time.py")
+NOT_ASKED = InTime(not_simulated="left out here, tested in tests/beds/test_in_time.py")
 LITTLE = SearchSettings(drawn=4, pool=8, rounds=1, steps=6, joint_rounds=1, scenarios=0, blind=0, starts=1, fresh=20)
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from matching.match.case import target_modes
 from matching.match.case_file import load_case
+from matching.match.targets import target_modes
 from modelling.errors import InputError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

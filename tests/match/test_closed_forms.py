@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from match import drawn
 
-from matching.match.case import Demands, DynamometerChain
 from matching.match.case_file import load_case
+from matching.match.demands import BehindCut, CutMotion, Demands
 from matching.match.limits import DeadTimeTrial, Relaxations, _delay
 from matching.match.loop import linear_bed
 from matching.match.problem import (
@@ -23,6 +23,7 @@ from modelling.bed.vehicle import cut
 from modelling.errors import InputError
 from modelling.linear.state_space import state_space
 from modelling.system import Sensor
+from modelling.topology import Joint
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 WANTED = SimpleNamespace(frequency=2.0, damping_ratio=0.05)
@@ -69,9 +70,9 @@ def test_a_dead_time_is_named_only_where_it_was_solved_and_did(small):
 
 def test_dynamometer_demands_by_hand():
     """Torque 10 N·m less 2 kg·m² · 3 rad/s² is 4 N·m; at 5 rad/s that takes 20 W."""
-    chain = DynamometerChain(
-        "left", (("flange", ("adapter",)),), ("adapter", "rotor"), *(np.array([x]) for x in (10.0, 3.0, 5.0))
-    )
+    motion = CutMotion("adapter", *(np.array([x]) for x in (10.0, 3.0, 5.0)))
+    flange = Joint("shafts.flange", ("adapter", "rotor"))
+    part = BehindCut(("adapter", "rotor"), (flange,), (motion,), {"left": "rotor"})
     limits = {
         "dynamometer_torque": 1.0,
         "dynamometer_power": 1.0,
@@ -80,14 +81,15 @@ def test_dynamometer_demands_by_hand():
     }
     limits["shafts.flange.twist"] = 1e-3
     values = {"rig.inertias.adapter.J": 0.5, "rig.inertias.rotor.J": 1.5, "rig.shafts.flange.stiffness": 1000.0}
-    demand = {limit: value for _, limit, value, _ in Demands((chain,), limits).broken(values)}
+    values |= {"rig.inertias.adapter.drag": 0.0, "rig.inertias.rotor.drag": 0.0}
+    demand = {limit: value for _, limit, value, _ in Demands((part,), limits).broken(values)}
     assert demand == pytest.approx(
         {
             "dynamometer_torque": 4.0, "dynamometer_power": 20.0, "dynamometer_speed": 5.0,
             "shafts.flange.torque": 8.5, "shafts.flange.twist": 8.5e-3,
         }
     )  # fmt: skip
-    shares = Demands((chain,), {"dynamometer_power": 40.0}).shares(values)
+    shares = Demands((part,), {"dynamometer_power": 40.0}).shares(values)
     assert shares.tolist() == pytest.approx([0.5])  # 20 W of 40 W
 
 

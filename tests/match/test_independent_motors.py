@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from reference.beds import twins
 
-from matching.match.case import demands
 from matching.match.case_file import load_case
+from matching.match.damping import is_stable_loop
+from matching.match.demands import demands
 from matching.match.loop import bed_set, controller_on, frequency_response, linear_bed, responses
-from matching.match.loop_modes import ClosedLoop, inside_unit_circle
+from matching.match.loop_modes import ClosedLoop
 from matching.match.responses import error_figures
 from matching.report.drivetrain import layout
 from modelling.errors import InputError
@@ -67,14 +68,14 @@ def test_one_motor_moves_the_other_side_through_the_emulated_body(case):
     outputs, inputs = parts.rig.space.outputs, parts.rig.space.inputs
     assert abs(alone[outputs.index("speed_right"), inputs.index("torque_left")]) < 1e-12
     controller = controller_on(parts)
-    assert inside_unit_circle(ClosedLoop.of(parts, controller).poles, 0)
+    assert is_stable_loop(ClosedLoop.of(parts, controller).poles, 0)
     figures = error_figures(case, parts)
     assert figures.after < 0.05
     beds = bed_set(case, [{}], np.array([2.0]))
     answers = responses(beds, frequency_response(controller, beds.frequencies), case.loop.measured)[0, 0]
     crossed = [pair.input == "torque_left" and pair.sensor == "speed_right" for pair in case.compared].index(True)
     assert abs(answers[crossed]) > 1e-3
-    left, right = demands(case).chains
+    left, right = (part.cuts[0] for part in demands(case).behind)
     assert left.speed.max() > right.speed.max() > right.speed[0] * 1.01
 
 

@@ -10,11 +10,13 @@ from match import drawn
 from match.conftest import LITTLE
 
 from matching.match import limits
-from matching.match.case import Target, demands
+from matching.match.case import Target
 from matching.match.case_file import load_case
+from matching.match.demands import BehindCut, CutMotion, Demands, demands
 from matching.match.match import match
 from matching.match.problem import infeasible_limits
 from modelling.bed.controllers import STRUCTURES
+from modelling.topology import Joint
 
 FEW = replace(LITTLE, drawn=3, steps=4, blind=8)  # what binds does not depend on more beds
 
@@ -92,11 +94,13 @@ def test_the_rest_is_kept_where_the_dynamometer_is_too_small(too_small):
 def test_what_mechanics_alone_would_take_names_both_ways_or_that_one_is_none(inertia, monkeypatch):
     """A flange of 2000 N·m/rad that would have to be ten times softer under 100 N·m: half a radian."""
     monkeypatch.setattr(limits, "_needed", lambda case, names, *_: 0.1 if names[0].startswith("shafts") else inertia)
-    values = {"shafts.flange.stiffness": 2000.0, "inertias.adapter.J": 0.5}
+    values = {"shafts.flange.stiffness": 2000.0, "inertias.adapter.J": 0.4, "inertias.rotor.J": 0.1}
     rig = SimpleNamespace(parameters={name: SimpleNamespace(value=value) for name, value in values.items()})
-    chain = SimpleNamespace(torque=np.array([-100.0, 40.0]), shafts=[("flange", 1.0)], inertias=("adapter",))
+    motion = CutMotion("adapter", np.array([-100.0, 40.0]), np.zeros(2), np.zeros(2))
+    flange = Joint("shafts.flange", ("adapter", "rotor"))
+    part = BehindCut(("adapter", "rotor"), (flange,), (motion,), {"left": "rotor"})
     case = SimpleNamespace(moves=(), targets=(Target(2),), limits={}, rig=rig)
-    question = SimpleNamespace(case=case, on_rig=["mode"], demands=SimpleNamespace(chains=[chain]))
+    question = SimpleNamespace(case=case, on_rig=["mode"], demands=Demands((part,), {}))
     (said,) = limits._mechanics(question, [SimpleNamespace(vehicle_mode=2, vehicle=5.0)])
     assert "200 N·m/rad in flange, which twists 29° (0.1 turns) at 100 N·m" in said
     assert ("no inertia behind the cuts, however large, does it alone" in said) == (inertia is None)

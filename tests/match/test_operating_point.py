@@ -10,8 +10,8 @@ import pytest
 import tomli_w
 from scipy.signal import lsim
 
-from matching.match.case import Demands, DynamometerChain, demands
 from matching.match.case_file import case_files, load_case
+from matching.match.demands import BehindCut, CutMotion, Demands, demands
 from matching.match.limits import Relaxations, Solution, limits
 from matching.match.problem import problem_of, standstill
 from matching.report.match import content, operating_point, report
@@ -186,8 +186,7 @@ def test_manoeuvres_of_segments_and_of_a_record_are_written_again(tmp_path):
     for name, text in case_files(case).items():
         (again / name).write_text(text)
     assert load_case(again / "case.toml").manoeuvre == case.manoeuvre
-    (chain, _) = demands(case).chains
-    speeds = PER_MINUTE * chain.speed
+    speeds = PER_MINUTE * demands(case).behind[0].cuts[0].speed
     assert speeds.max() > 300  # over all of both manoeuvres, up to 3.5 s
     held = torques_of(case.vehicle)["motor_torque"]
     (tmp_path / "drive.csv").write_text(f"time [s],motor_torque [N*m]\n0,{held!r}\n1,{held + 50!r}\n")
@@ -200,14 +199,15 @@ def test_manoeuvres_of_segments_and_of_a_record_are_written_again(tmp_path):
 def test_torque_that_falls_with_speed():
     """4 N·m at 5 rad/s where 10 N·m at rest fall to 2 N·m at 10 rad/s: two thirds of 6 N·m."""
     curve = TorqueCurve((0.0, 10.0), (10.0, 2.0))
-    chain = DynamometerChain("left", (), ("rotor",), *(np.array([x]) for x in (10.0, 3.0, 5.0)))
-    falling = Demands((chain,), {"dynamometer_torque_over_speed": 0.5}, curve)
-    ((_, limit, share, _),) = falling.broken({"rig.inertias.rotor.J": 2.0})
+    motion = CutMotion("rotor", *(np.array([x]) for x in (10.0, 3.0, 5.0)))
+    part = BehindCut(("rotor",), (), (motion,), {"left": "rotor"})
+    falling = Demands((part,), {"dynamometer_torque_over_speed": 0.5}, curve)
+    values = {"rig.inertias.rotor.J": 2.0, "rig.inertias.rotor.drag": 0.0}
+    ((_, limit, share, _),) = falling.broken(values)
     assert limit == "dynamometer_torque_over_speed"
     assert share == pytest.approx(2 / 3)
-    assert falling.shares({"rig.inertias.rotor.J": 2.0}).tolist() == pytest.approx([2 / 3 / 0.5])
-    dragged = replace(chain, drag={"rotor": 0.2})
-    assert dragged.peak(("rotor",), 2.0) == pytest.approx(3.0)
+    assert falling.shares(values).tolist() == pytest.approx([2 / 3 / 0.5])
+    assert falling.shares({**values, "rig.inertias.rotor.drag": 0.2}).tolist() == pytest.approx([3 / 6 / 0.5])
 
 
 def test_the_result_states_it(compact):

@@ -8,15 +8,21 @@ import numpy as np
 import pytest
 
 from matching.match.beds import SHARES, Judge, with_reduced_stiffness
-from matching.match.case import apply, requirements, target_modes
+from matching.match.case import apply
 from matching.match.case_file import load_case
 from matching.match.loop import controller_on, linear_bed
 from matching.match.loop_modes import neutral_motions
+from matching.match.objective import Search, search_for
 from matching.match.order import Delivered, Fresh, contributions, is_better
 from matching.match.problem import problem_of
+from matching.match.requirements import requirements
 from matching.match.responses import error_figures
-from matching.match.search import Found, Search, SearchSettings, end_at, search_for, solve
+from matching.match.rounds import end_at
+from matching.match.search import Found, solve
+from matching.match.targets import target_modes
+from matching.match.variables import SearchSettings
 from modelling.bed.controllers import STRUCTURES
+from modelling.errors import NoDesign
 from modelling.linear.resolvent import resolvent
 
 ROAD = Path(__file__).parents[2] / "examples" / "road_to_rig"
@@ -64,13 +70,13 @@ def test_first_derivatives_of_cost_and_requirements(structure):
     cost, room = search.slopes(x)
     kinds = {one.name.split(".")[0] for one in search.variables}
     assert kinds == {"loop", "residual_vehicle", "rig"}
-    steering = search.judged(x).room < search.settings.largest_room
-    inside = steering & (search.judged(x).room > -50)  # what is missed by more is cut off
+    steering = search.judged(x).margins < search.settings.largest_room
+    inside = steering & (search.judged(x).margins > -50)  # what is missed by more is cut off
     for i, step in enumerate(HALF_STEP * np.eye(len(x))):
-        there, back = (search._judged(side, search.point(side)) for side in (x + step, x - step))
+        there, back = (search.evaluated_at(side, search.point(side)) for side in (x + step, x - step))
         wanted = (there.cost - back.cost) / (2 * HALF_STEP)
         assert cost[i] == pytest.approx(wanted, rel=2e-3, abs=1e-4 * np.abs(cost).max()), search.names[i]
-        rooms = (there.room - back.room)[inside] / (2 * HALF_STEP)
+        rooms = (there.margins - back.margins)[inside] / (2 * HALF_STEP)
         np.testing.assert_allclose(
             room[inside, i], rooms, rtol=5e-3, atol=2e-3 * np.abs(rooms).max() + 1e-6, err_msg=search.names[i]
         )
@@ -86,7 +92,7 @@ def solved(structure: str) -> tuple[Search, Found]:
 def test_the_answer_is_not_worse_than_what_was_given(structure):
     search, found = solved(structure)
     given = end_at(search, search.begin())
-    assert found.end.merit <= search.judged(given.x).merit * (1 + 1e-9)
+    assert found.end.penalised_cost <= search.judged(given.x).penalised_cost * (1 + 1e-9)
 
 
 def test_the_answer_is_the_same_whenever_it_is_asked():
@@ -104,12 +110,12 @@ def test_the_search_sees_the_damping_that_the_judge_sees_with_opened_shafts_too(
     values = [with_reduced_stiffness(case, {}, left) for left in SHARES]
     ratios = judge.dampings_of(values)[:, 0]
     for left, ratio in zip(SHARES, ratios, strict=True):
-        room = search.rooms_at(x, np.zeros((1, search.positions.shape[1])), left)[0]
+        room = search.damping_margins_at(x, np.zeros((1, search.positions.shape[1])), left)[0]
         assert (room > -1) == (ratio > 0)
     assert 0 < sum(ratio > 0 for ratio in ratios) < len(SHARES)
     before = search.judged(x)
     search.keep_first(count)
-    assert len(search.judged(x).least) == len(before.least) - len(SHARES)
+    assert len(search.judged(x).least_margins) == len(before.least_margins) - len(SHARES)
 
 
 def test_a_stated_requirement_is_what_the_search_keeps():
@@ -123,9 +129,9 @@ def test_a_stated_requirement_is_what_the_search_keeps():
     stated = {"damping_share": 1 / 6, "rolled_off": 0.25, "command_noise": 10.0}
     other = requirements(replace(search.case, limits={**search.case.limits, **stated}))
     assert other.damping_ratio == pytest.approx(least / 6)
-    rooms = search._rooms(x, at)
+    rooms = search.requirement_margins(x, at)
     search.required = other
-    halved = search._rooms(x, at)
+    halved = search.requirement_margins(x, at)
     for part in (3, 4):  # noise, roll-off: 1 − figure/allowed
         np.testing.assert_allclose(1 - halved[part], 2 * (1 - rooms[part]), rtol=1e-12)
 
@@ -139,7 +145,7 @@ def test_a_fixed_observer_stays_and_the_rest_is_tuned_with_it():
     assert {name.split(".")[0] for name in search.names} == {"residual_vehicle", "rig"}
     found = solve(search)
     assert apply(case, found.values).loop.values == case.loop.values
-    assert found.end.merit < end_at(search, search.begin()).merit
+    assert found.end.penalised_cost < end_at(search, search.begin()).penalised_cost
 
 
 def test_contributions_are_the_errors_of_what_has_moved():
@@ -169,3 +175,36 @@ def test_better_is_what_gains_more_than_its_scatter():
     unstable = np.where(np.arange(400) == 7, np.inf, 0.5 * planned)
     assert not is_better(delivered(unstable), delivered(planned))
     assert is_better(delivered(planned), delivered(unstable))
+
+
+def test_a_difference_that_has_no_controller_leaves_the_other_slopes():
+    """A rig quantity whose larger value has no controller is differenced downwards; the others stay as they are."""
+    whole, search = search_in("observer"), search_in("observer")
+    x = begun(whole)
+    cost, rows = whole.slopes(x)
+    i = next(number for number, one in enumerate(search.variables) if one.name.startswith("rig."))
+    controller = search.controller
+
+    def only_below(at: np.ndarray):
+        if at[i] > x[i]:
+            raise NoDesign("there is none here")
+        return controller(at)
+
+    search.controller = only_below
+    partly, rest = search.slopes(x)
+    others = np.arange(len(x)) != i
+    np.testing.assert_array_equal(partly[others], cost[others])
+    np.testing.assert_array_equal(rest[:, others], rows[:, others])
+    assert partly[i] == pytest.approx(cost[i], rel=0.05, abs=1e-3 * np.abs(cost).max())
+    assert search.failures == {"there is none here": 1}
+
+
+def test_a_fault_of_the_program_is_no_missing_controller():
+    search = search_in("observer")
+
+    def wrong(at: np.ndarray):
+        raise ValueError("a shape that does not fit")
+
+    search.controller = wrong
+    with pytest.raises(ValueError, match="a shape"):
+        search.judged(begun(search))

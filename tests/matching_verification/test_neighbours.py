@@ -7,10 +7,10 @@ import pytest
 import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
-from matching.match.case import target_modes
 from matching.match.case_file import load_case
 from matching.match.loop import linear_bed
 from matching.match.loop_modes import modes_of
+from matching.match.targets import target_modes
 from matching.match.verify import candidates_of, identified_modes, manoeuvre_torques, simulate_case, target_modes_of
 from modelling.modal.modes import damped_modes
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from matching.match.verify import Violation, violations_of
+from matching.match.verify import LeastDamped, Violation, violations_of
 
 PEAKS = {
     "dynamometers.left.torque": 900.0, "dynamometers.right.torque": 1100.0, "dynamometers.left.speed": 200.0,
@@ -15,7 +15,9 @@ PEAKS = {
 def broken(margin=1.0, damping=0.1, **limits):
     """Broken limits; a point in a name is written as two underscores."""
     limits = {name.replace("__", "."): value for name, value in limits.items()}
-    return violations_of(SimpleNamespace(limits=limits), PEAKS, margin, (damping, 8.437))
+    return violations_of(
+        SimpleNamespace(limits=limits), PEAKS, margin, LeastDamped(damping, 8.437, limits.get("damping_ratio", 0.0))
+    )
 
 
 def test_a_limit_of_dynamometers_holds_for_each_of_them_and_not_for_shafts():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from small_drives import chain
 
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import derive
@@ -13,10 +14,9 @@ from modelling.model_file import from_dict
 from modelling.system import MOST_COMPONENTS
 
 
-def chain(count, **more):
-    parts = {f"i{i}": {"J": 1.0} for i in range(count)}
-    shafts = {f"s{i}": {"between": [f"i{i}", f"i{i + 1}"], "stiffness": 1.0} for i in range(count - 1)}
-    return from_dict({"inertias": parts, "shafts": shafts, **more})
+def even_chain(count):
+    """1 kg·m² each, on shafts of 1 N·m/rad."""
+    return chain([1.0] * count, [1.0] * (count - 1))
 
 
 def gear_train(count):
@@ -37,7 +37,7 @@ def few(monkeypatch):
 def test_a_long_chain_against_the_closed_form(few):
     """n equal discs and springs, both ends free: ω = 2·sin(kπ/2n), k = 0 … (Dresig and Holzweissig)."""
     n = 90
-    found = modes(chain(n))
+    found = modes(even_chain(n))
     assert len(found) == 20
     exact = 2 * np.sin(np.arange(20) * np.pi / (2 * n)) / (2 * np.pi)
     np.testing.assert_allclose(found.frequencies, exact, rtol=1e-9, atol=0)
@@ -102,7 +102,7 @@ def test_a_long_loop_of_gears_that_closes_is_said_to_repeat_and_another_to_lock(
 
 
 def test_matrices_hold_only_what_is_not_zero():
-    model = compiled(chain(60))
+    model = compiled(even_chain(60))
     assert model.elements.nnz_out(1) == 60
     assert model.elements.nnz_out(3) == 2 * 59
     assert model.mass.nnz_out(0) == 60
@@ -112,11 +112,11 @@ def test_matrices_hold_only_what_is_not_zero():
 
 def test_dense_calculations_state_their_limit(monkeypatch):
     monkeypatch.setattr("modelling.linear.elements.LARGEST_DENSE", 5)
-    linearise(chain(5))
+    linearise(even_chain(5))
     with pytest.raises(InputError, match=r"6 degrees of freedom.*at most 5"):
-        linearise(chain(6))
+        linearise(even_chain(6))
 
 
 def test_a_model_of_too_many_components_is_one_line():
     with pytest.raises(InputError, match=f"at most {MOST_COMPONENTS}"):
-        chain(MOST_COMPONENTS // 2 + 2)
+        even_chain(MOST_COMPONENTS // 2 + 2)

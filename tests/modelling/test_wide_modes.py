@@ -3,19 +3,12 @@
 import numpy as np
 import pytest
 from mpmath import mp
+from small_drives import chain
 
 from modelling.errors import InputError
 from modelling.linear.linearise import linearise
 from modelling.modal.modes import damped_modes_of, modes
 from modelling.model_file import from_dict
-
-
-def chain(inertia, stiffness, damping=None):
-    shafts = {
-        f"s{i}": {"between": [f"i{i}", f"i{i + 1}"], "stiffness": float(k), "damping": float(d)}
-        for i, (k, d) in enumerate(zip(stiffness, [0.0] * len(stiffness) if damping is None else damping, strict=True))
-    }
-    return from_dict({"inertias": {f"i{i}": {"J": float(J)} for i, J in enumerate(inertia)}, "shafts": shafts})
 
 
 @pytest.mark.parametrize(("seed", "count"), [*((seed, 4) for seed in range(9)), (9, 20), (10, 60), (11, 160)])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from matching.match.case_file import load_case
-from matching.match.in_time import truth_in_time
+from matching.match.in_time import errors_in_time
 from matching.match.loop import control_law, linear_bed
 from matching.match.responses import ComparedBed
 from matching.match.result import MatchResult, ParameterResult, TargetResult
@@ -68,7 +68,7 @@ def hand_made(case):
     parts = linear_bed(tuned)
     torques, lead = manoeuvre_torques(parts)
     begun = {name: torque[: lead + IN_TIME] for name, torque in torques.items()}
-    in_time = truth_in_time(tuned, control_law(parts), begun, lead)
+    in_time = errors_in_time(tuned, control_law(parts), begun, lead)
     return MatchResult(
         "limited",
         ("Set by hand: nothing was tuned",),

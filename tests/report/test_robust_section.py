@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from matching.match.beds import BedsCheck, LoopFigures
-from matching.match.case import Requirements
+from matching.match.requirements import Requirements
+from matching.match.verify import OwnMode
 from matching.report.match import bed_errors, beds_figure, requirement_rows
 
 BEDS = BedsCheck(4, 3, 3, 0.005, 0.01, (0.1, 0.2, 0.3), (0.2, 0.3, 0.4))
@@ -19,6 +20,7 @@ class Robust:
     beds: BedsCheck = BEDS
     loop: LoopFigures = LOOP
     required: Requirements = REQUIRED
+    slowest_own: OwnMode | None = None
 
 
 def test_every_requirement_stands_with_what_is_asked_and_whether_it_holds():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from small_drives import chain
 
 from matching.diagnosis.data import Segment
 from matching.diagnosis.simulation import simulate_readings
@@ -62,23 +63,21 @@ def test_laws_that_grow_with_the_square_of_speed(J, damping, drag, path):
         assert got.integration_error[name] < 1e-4
 
 
-def chain():
+def stiff_chain():
     """22 inertias with a light one between stiff, overdamped shafts: 3.6 kHz, decays within µs."""
-    inertias = {f"i{k}": {"J": 0.05, "drag": 0.01} for k in range(22)} | {"i7": {"J": 2e-3}}
-    shafts = {f"s{k}": {"between": [f"i{k}", f"i{k + 1}"], "stiffness": 5e4, "damping": 5.0} for k in range(21)}
     omega = 2 * np.pi * 3600
-    for name in ("s6", "s7"):
-        shafts[name] |= {"stiffness": omega**2 * 1e-3, "damping": 12 * omega * 1e-3}
+    J, stiffness, damping = [0.05] * 22, [5e4] * 21, [5.0] * 21
+    J[7], stiffness[6:8], damping[6:8] = 2e-3, [omega**2 * 1e-3] * 2, [12 * omega * 1e-3] * 2
     sensors = {
         "first": {"measures": "speed", "of": "i0"},
         "last": {"measures": "speed", "of": "i21"},
         "torque": {"measures": "torque", "of": "s10"},
     }
-    return from_dict({"inertias": inertias, "shafts": shafts, "inputs": {"motor": {"on": "i0"}}, "sensors": sensors})
+    return chain(J, stiffness, damping, inputs={"motor": {"on": "i0"}}, sensors=sensors)
 
 
 def test_a_stiff_chain_is_stepped_implicitly_and_right():
-    model = compiled(chain())
+    model = compiled(stiff_chain())
     motor = 50 * np.sin(2 * np.pi * 2 * TIME) + 20 * np.sign(np.sin(2 * np.pi * 5 * TIME))
     got = simulate(model, TIME, {"motor": motor})
     fine = simulate(model, TIME, {"motor": motor}, steps_per_second=5e5)
@@ -114,7 +113,7 @@ def test_a_finer_tolerance_gives_smaller_errors():
 
 def test_a_fit_steps_a_stiff_chain_implicitly():
     """With the few steps a sample that a fit takes, explicit ones run away."""
-    model = compiled(chain())
+    model = compiled(stiff_chain())
     motor = 50 * np.sin(2 * np.pi * 2 * TIME)[:, None]
     segment = Segment(TIME, motor, np.zeros((len(TIME), 3)))
     (got,) = simulate_readings(model, [segment], model.p0[None], [np.zeros((1, len(model.states)))], 8000.0)

@@ -1,0 +1,226 @@
+"""What tabs are made of: headings, messages, tables, figures, and elements that Panel does not have."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import panel as pn
+import param
+from bokeh.models import ColumnDataSource, CrosshairTool, HoverTool, Span
+from bokeh.plotting import figure
+from panel.custom import JSComponent
+
+from matching.explore.signals import MeasuredCurves
+from matching.report.common import LIMIT, NOISE, RIG, VEHICLE
+from matching.report.page import table as page_table
+from modelling.escape import html
+
+# --- What does the same without the page: a command for the terminal, and lines of Python.
+
+
+@dataclass(frozen=True)
+class Equivalent:
+    """A command and the lines of Python that do the same."""
+
+    command: str
+    python: str
+
+
+def same(command: str, *given: str | Sequence[str], out: str | Path, **options: str | int) -> Equivalent:
+    """A command with its files and options; options that are empty are left out."""
+    words, options = [command], {name: value for name, value in options.items() if value != ""}
+    for each in given:
+        words += [each] if isinstance(each, str) else each
+    for name, value in options.items():
+        words += [f"--{name}", str(value)]
+    shown = [*map(_text, given), *(f"{name}={_text(value)}" for name, value in options.items())]
+    python = f"import rigmatch as rm\nresult = rm.{command}({', '.join(shown)})\nprint(result)"
+    return Equivalent(shlex.join(("rigmatch", *words, "--out", str(out))), python)
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)
+
+
+# --- Elements of the page that Panel does not have, each with its script and style beside this file.
+
+
+def beside_this(name: str) -> str:
+    """The text of a script or style."""
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")
+
+
+class DrivetrainView(JSComponent):
+    """A drawing whose parts can be picked by mouse and keys: as wide as the page, larger on request.
+
+    ``svg`` and ``marks`` are those of :mod:`matching.report.drivetrain`; ``picked`` is the last part, with a count that
+    makes it new; without ``reacts`` no part is a button.
+    """
+
+    label = param.String(default="the drivetrain")
+    svg = param.String(default="")
+    marks = param.Dict(default={})
+    reacts = param.Boolean(default=False)
+    picked = param.String(default="")
+    _esm = beside_this("drivetrain.js")
+    _stylesheets = [beside_this("drivetrain.css")]
+
+
+class Slider(JSComponent):
+    """The browser's own slider, which says its name and value to screen readers and moves by the arrow keys.
+
+    ``label`` is what it sets, with its unit.
+    """
+
+    label = param.String(default="value")
+    start = param.Number(default=0.0)
+    end = param.Number(default=1.0)
+    step = param.Number(default=0.01)
+    value = param.Number(default=0.0)
+    _esm = beside_this("slider.js")
+    _stylesheets = [beside_this("slider.css")]
+
+
+class TabBar(JSComponent):
+    """A row of buttons that screen readers know as tabs; ``active`` is the number of the one that is open."""
+
+    names = param.List(default=[], item_type=str)
+    active = param.Integer(default=0)
+    _esm = beside_this("tabs.js")
+    _stylesheets = [beside_this("tabs.css")]
+
+
+# --- Pieces that every tab uses: headings, messages, tables, the box with command and Python.
+
+WIDE = "stretch_width"
+# Panes have a shadow tree of their own, which the style sheet of the page does not reach.
+PANE_STYLE = beside_this("pane.css")
+
+
+def heading(text: str, level: int = 2) -> pn.pane.HTML:
+    """A heading."""
+    return pn.pane.HTML(f"<h{level}>{html(text)}</h{level}>", sizing_mode=WIDE, margin=(0, 5), stylesheets=[PANE_STYLE])
+
+
+def paragraph(text: str) -> pn.pane.HTML:
+    """A paragraph."""
+    return pn.pane.HTML(f"<p>{html(text)}</p>", sizing_mode=WIDE, margin=(0, 5), stylesheets=[PANE_STYLE])
+
+
+class Message(pn.pane.HTML):
+    """What just happened, read out by screen readers; an error where ``wrong``."""
+
+    def __init__(self) -> None:
+        super().__init__('<p role="status"></p>', sizing_mode=WIDE, margin=(0, 5), stylesheets=[PANE_STYLE])
+
+    def say(self, text: str, *, wrong: bool = False) -> None:
+        """Show a line."""
+        kind = ' class="wrong"' if wrong else ""
+        self.object = f'<p role="status"{kind}>{html(text)}</p>'
+
+
+def table(rows: Sequence[Mapping[str, str]], caption: str) -> str:
+    """Rows that share their keys as a table (HTML) that scrolls where it is wider than the page."""
+    scrolls = f'class="scrolls" tabindex="0" role="region" aria-label="{html(caption)}"'
+    return f"<div {scrolls}>{page_table(rows, caption)}</div>"
+
+
+def report_frame(title: str, *, address: str = "", page: str = "") -> str:
+    """A report on the page, its first screen in sight: one that is served, or the text of its page."""
+    source = f'src="{html(address)}"' if address else f'srcdoc="{html(page)}"'
+    link = f'<p><a href="{html(address)}" target="_blank">Open the report</a></p>' if address else ""
+    return f'{link}<iframe title="{html(title)}" {source}></iframe>'
+
+
+def beside(main: Sequence[Any], side: Sequence[Any]) -> Any:
+    """Fields at the side of what they change, below it on a narrow screen."""
+    wide = {"flex": "1 1 600px", "min-width": "min(100%, 340px)"}
+    narrow = {"flex": "0 1 340px", "min-width": "min(100%, 320px)"}
+    return pn.FlexBox(
+        pn.Column(*main, styles=wide), pn.Column(*side, styles=narrow), flex_wrap="wrap", gap="0 20px",
+        align_items="flex-start", sizing_mode=WIDE,
+    )  # fmt: skip
+
+
+def offer(chooser: Any, options: dict[str, Any], wanted: Any = None) -> None:
+    """Other options for a chooser; the choice stays where it is one of them, and nothing is wanted."""
+    values = list(options.values())
+    first = values[0] if values else None
+    chosen = wanted if wanted is not None else chooser.value if chooser.value in values else first
+    if options != chooser.options or chosen != chooser.value:
+        chooser.param.update(options=options, value=chosen)
+
+
+class EquivalentBox(pn.pane.HTML):
+    """The command and the lines of Python, to copy."""
+
+    def __init__(self, equivalent: Equivalent) -> None:
+        super().__init__(sizing_mode=WIDE, margin=(10, 5), stylesheets=[PANE_STYLE])
+        self.set(equivalent)
+
+    def set(self, equivalent: Equivalent) -> None:
+        """Show another one."""
+        self.object = (
+            '<details open class="same"><summary>The same without this page</summary>'
+            f'<pre tabindex="0" aria-label="Command">{html(equivalent.command)}</pre>'
+            f'<pre tabindex="0" aria-label="Python">{html(equivalent.python)}</pre></details>'
+        )
+
+
+# --- Bokeh figures of the page: responses with a cursor, signals.
+
+TOOLS = "pan,wheel_zoom,box_zoom,reset,save"
+HEIGHT = 260  # px
+
+
+def plain_figure(title: str, x: str, y: str, **options: Any) -> Any:
+    """An empty figure as wide as the page."""
+    fig = figure(
+        title=title, x_axis_label=x, y_axis_label=y, tools=TOOLS, active_drag="pan", height=HEIGHT,
+        sizing_mode="stretch_width", output_backend="canvas", toolbar_location="above", **options,
+    )  # fmt: skip
+    fig.toolbar.logo = None
+    fig.toolbar.autohide = False
+    return fig
+
+
+class ResponseFigures:
+    """Modulus and phase of one response: of the file, with what is tried, and measured."""
+
+    def __init__(self) -> None:
+        self.before, self.now, self.measured = (ColumnDataSource({"f": [], "size": [], "phase": []}) for _ in range(3))
+        cursor = Span(dimension="height", line_color=LIMIT, line_width=1)
+        self.modulus = plain_figure("Modulus", "frequency [Hz]", "modulus", x_axis_type="log", y_axis_type="log")
+        self.phase = plain_figure(
+            "Phase", "frequency [Hz]", "phase [°]", x_axis_type="log", x_range=self.modulus.x_range
+        )
+        for fig, key, unit in ((self.modulus, "size", ""), (self.phase, "phase", "°")):
+            fig.line("f", key, source=self.before, color=VEHICLE, line_width=4, alpha=0.4, legend_label="file")
+            line = fig.line("f", key, source=self.now, color=RIG, line_width=1.6, legend_label="tried")
+            fig.scatter("f", key, source=self.measured, color=NOISE, size=5, legend_label="measured")
+            tips = [("f", "@f{0.000} Hz"), (key, f"@{key}{{0.0000}} {unit}")]
+            fig.add_tools(HoverTool(renderers=[line], mode="vline", tooltips=tips), CrosshairTool(overlay=cursor))
+            fig.legend.click_policy = "hide"
+            fig.legend.location = "bottom_left"
+
+    def show(self, source: ColumnDataSource, frequencies: np.ndarray, values: np.ndarray) -> None:
+        """Put ``values`` (f,) at ``frequencies`` (f,), Hz, into one of the sources."""
+        source.data = {"f": frequencies, "size": np.abs(values), "phase": np.degrees(np.angle(values))}
+
+    def show_measured(self, curves: MeasuredCurves | None, sensor: str, source: str) -> None:
+        """Put a measured response into its source, or nothing."""
+        known = curves is not None and sensor in curves.sensors and source in curves.inputs
+        for fig in (self.modulus, self.phase):
+            fig.legend.items[-1].visible = known
+        if curves is None or not known:
+            self.show(self.measured, np.empty(0), np.empty(0, complex))
+            return
+        values = curves.values[:, curves.sensors.index(sensor), curves.inputs.index(source)]
+        kept = np.isfinite(values)
+        self.show(self.measured, curves.frequencies[kept], values[kept])
