@@ -55,6 +55,9 @@ class DiagnosisSettings:
         Of a whole search: five rounds and as many exchanges.
     search_share : float
         Of the time that a diagnosis may take; the rest is for the final fit of the best and its rivals.
+    processor_seconds : float
+        Time of the processor that a diagnosis may take where the caller sets no other limit, s: what somebody waits for
+        at a bench. Recordings that one of the known effects explains take a tenth of it.
     left_by_model : float
         Times the noise that the best hypothesis leaves in a sensor, from which the model is taken as
         imperfect and sensors are weighted by what it leaves: more than a noise that is stated too small.
@@ -97,6 +100,7 @@ class DiagnosisSettings:
     windowed: int = 4
     refits: int = 60
     search_share: float = 0.7
+    processor_seconds: float = 120.0
     left_by_model: float = 3.0
     far_from_noise: float = 100.0
     base_iterations: int = 80

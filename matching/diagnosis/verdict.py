@@ -453,7 +453,8 @@ def named_causes(
                 + _in_words(alike),
                 [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
                 judgement.without.chi_square / final.chi_square,
-                max(place, whole), whole > LEAST_CONFIDENCE and _beyond_its_uncertainty(system, cause, parameters),
+                max(place, whole),
+                whole > LEAST_CONFIDENCE and (unseen is None or _beyond_its_uncertainty(system, cause, parameters)),
             )
         )  # fmt: skip
     return causes

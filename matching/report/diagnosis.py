@@ -556,6 +556,11 @@ LEAST_SHOWN = 2.5e-5  # of a fidelity's standard uncertainty: twice that is 0.00
 
 def answer(result: Mapping[str, Any]) -> str:
     """The answer in one sentence."""
+    moved = [row["name"] for row in result.get("channels", []) if row["exchanged_with"]]
+    if moved:
+        rest = answer({**result, "channels": []})
+        names = f"{', '.join(moved[:-1])} and {moved[-1]}"
+        return f"The channels {names} look exchanged. Put in order: {rest[:1].lower()}{rest[1:]}"
     causes, worst = certain(result), _worst(result["errors"])
     if result["verdict"] == "adequate":
         largest = max((_in_noise(error, "after_holdout") or 0.0 for error in result["errors"].values()), default=0.0)
@@ -688,9 +693,13 @@ def shape(curve: Mapping[str, Any]) -> str:
 
 
 def to_correct(result: Mapping[str, Any]) -> list[str]:
-    """What to correct in the model or channel file before the causes are believed: channels with a reversed sign, and
+    """What to correct in the model or channel file before the causes are believed: exchanged or reversed channels, and
     ranges that are too narrow, for what a quantity at its bound cannot take a false cause may have taken."""
-    steps = []
+    steps = [
+        f"{row['name']} has the readings of {row['exchanged_with']}: exchange them in the channel file"
+        for row in result.get("channels", [])
+        if row["exchanged_with"]
+    ]
     for cause in result["causes"]:
         if _sign_is_reversed(cause, result["errors"]):
             steps.append(f"the sign of {place(cause['at'])} is probably reversed: change it in the channel file")
@@ -745,6 +754,11 @@ REASONS = {
 }
 NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
 NOTHING_NAMED = "No cause is named and no effect is added: extended.toml is the base model with its fitted values."
+HOW_CHANNELS = (
+    "Every channel against the simulation of the model as given, fitted: times from the peak of the cross-correlation "
+    "in blocks of the recording (nothing where it is open), gain from least squares. A wrong model shows here as well: "
+    "compare the channels with each other."
+)
 HOW_ERRORS = (
     "Root mean square of measured minus simulated; the simulation starts from fitted states and uses no measured "
     "sensor afterwards."
@@ -786,6 +800,7 @@ def report(
         lists={"What to do next": [Step(step) for step in _to_do(result)]},
         table=Table([_cause(cause) for cause in causes], ""),
         folds=[
+            Fold("The channels, before any physics", _channels(result.get("channels", []), units), told=True),
             Fold("What the verdict means", [NO_CAUSE if verdict == "unexplained" and not causes else MEANING[verdict]]),
             Fold("Evidence for the causes", [_evidence(cause) for cause in causes] or [NOTHING_NAMED], told=True),
             Fold("Errors before and after, on fitted and on held-out data",
@@ -802,6 +817,21 @@ def report(
         ],
         notes=result["notes"],
     )  # fmt: skip
+
+
+def _channels(channels: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[Any]:
+    """The audit of the channels, a row each."""
+    rows = []
+    for row in channels:
+        late, step = row["delay"], row["resolution"]
+        rows.append({
+            "channel": row["name"], "readings of": row["exchanged_with"],
+            "late": "" if late is None else f"{number(1e3 * late, 3)} ± {number(1e3 * row['delay_uncertainty'], 2)} ms",
+            "measured over simulated": "" if row["gain"] is None else number(row["gain"], 4),
+            "rounded to": f"{number(step, 3)} {units.get(row['name'], '')}".rstrip() if step else "",
+            "between samples": row["between"], "hum": row["hum"],
+        })  # fmt: skip
+    return [Table(rows, HOW_CHANNELS)] if rows else []
 
 
 def _spans(spans: Mapping[str, Sequence[float]]) -> str:
