@@ -470,11 +470,16 @@ def screened_pairs(
     best = [candidate for candidate in candidates if candidate.guess is not None][: settings.paired]
     rows = [_signatures(screening, candidate) for candidate in best]
     pairs = []
+    alone = best[0].reduction if best else 0.0
+    rest = float(screening.residual @ screening.residual) - float(np.count_nonzero(screening.mask)) - alone
+    if rest <= 0:  # the best leaves no more than noise
+        return []
+    least = settings.pair_gain * min(alone, rest)
     for i, j in combinations(range(len(best)), 2):
         if best[i].at == best[j].at and best[i].kind == best[j].kind:
             continue
         pair = _pair(screening, best[i], best[j], (rows[i], rows[j]))
-        if pair is not None and pair.reduction > settings.pair_gain * best[0].reduction:
+        if pair is not None and pair.reduction - best[0].reduction > least:
             pairs.append(pair)
     return sorted(pairs, key=lambda pair: -pair.reduction)
 

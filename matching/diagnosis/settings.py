@@ -30,7 +30,8 @@ class DiagnosisSettings:
     paired : int
         Best candidates of which pairs are screened.
     pair_gain : float
-        Decrease of χ² that a pair promises over that of the best candidate alone, from which it is looked at. Trial.
+        Decrease of χ² that a pair promises beyond that of the best candidate alone, from which it is looked at: over
+        the best candidate's own, or over what that leaves beyond noise, whichever is less. Trial.
     wider_gaps : tuple of float
         Times the fitted free play, from which a fit over short windows begins again. Trial.
     least_share : float
@@ -87,7 +88,7 @@ class DiagnosisSettings:
     exchanged: int = 4
     pairs: int = 2
     paired: int = 10
-    pair_gain: float = 1.2
+    pair_gain: float = 0.2
     wider_gaps: tuple[float, ...] = (1.6, 4.0)
     least_share: float = 0.15
     judged: int = 6
