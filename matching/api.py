@@ -409,8 +409,10 @@ def simulate(
     >>> print(f"{simulated.readings['link_torque'].max():.1f} N·m")
     17.8 N·m
     """
+    from dataclasses import replace
+
     from modelling.equations.casadi_code import compiled
-    from modelling.simulation.simulate import check_speed_units, recorded_start, with_stick_speed
+    from modelling.simulation.simulate import check_speed_units, recorded_start, undetermined_note, with_stick_speed
     from modelling.simulation.simulate import simulate as run
 
     system = system_of(model)
@@ -424,9 +426,11 @@ def simulate(
     measured.check_continuous()
     check_speed_units(built, measured)
     inputs = measured.inputs(built.system)
+    notes: list[str] = []
     if isinstance(start, str) and start == "recorded":
         start = recorded_start(built, measured, with_stick_speed(built, measured.time, inputs, built.p0))
-    return run(built, measured.time, inputs, start=start, tolerance=tolerance)
+        notes = [undetermined_note(start.undetermined)] if start.undetermined else []
+    return replace(run(built, measured.time, inputs, start=start, tolerance=tolerance), notes=notes)
 
 
 # --- What measurements say: causes that a model lacks, measurement uncertainty, XiL fidelity.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from modelling.errors import InputError
+from modelling.errors import InputError, listed
 from modelling.escape import toml_string
 from modelling.recordings.readers import read_table
 from modelling.recordings.table import TIME_NAMES, Column, time_hint
@@ -93,11 +93,11 @@ def time_column(columns: Sequence[str]) -> str:
 
 
 def channel_file(chosen: Mapping[str, tuple[str, str]], time: str) -> str:
-    """The text of a channel file from column and unit by channel; empty columns are left out."""
+    """The text of a channel file from column and unit by channel; where no column is known, a comment to be edited."""
     rows = [
-        f"{toml_string(name)} = {{ channel = {toml_string(column)}, unit = {toml_string(unit)} }}"
+        f"{'' if column else '# '}{toml_string(name)} = "
+        f"{{ channel = {toml_string(column or 'NAME')}, unit = {toml_string(unit)} }}"
         for name, (column, unit) in chosen.items()
-        if column
     ]
     return "\n".join(["[channels]", f"time = {toml_string(time)}", *rows]) + "\n"
 
@@ -127,6 +127,8 @@ def _similarity(wanted: Wanted, column: str, unit: str) -> float:
     return alike + bonus
 
 
+SEVERAL = "+"  # between the files of several loggers
+
 # --- What a measurement file holds: its channels in a table, and a channel file that fits a model.
 
 
@@ -136,28 +138,41 @@ def channel_list(path: str | Path, system: System | None = None) -> dict[str, An
     Parameters
     ----------
     path : path
-        CSV, MDF, ``.mat`` or Parquet.
+        CSV, MDF, ``.mat`` or Parquet; the files of several loggers joined by ``+``.
     system : System, optional
         A model for which a channel file is suggested.
 
     Returns
     -------
     dict
-        ``channels``: name, unit, samples, from, to (as time stands in the file), least and largest of each; ``notes``
+        ``channels``: file (of several), name, unit, samples, from, to (as time stands there), least, largest; ``notes``
         of the reader; ``channel_file``: its text, empty without a model.
     """
-    table = read_table(path)
-    time = time_column(table.names)
-    notes = list(table.notes)
-    if not time:
-        notes.append(f"no channel is called time: {time_hint(table.names)}")
-    stamps = table[time].values if time else np.arange(table.rows, dtype=float)
-    channels = [_channel(column, stamps) for column in table.columns]
+    path = str(path)
+    paths = [path] if Path(path).exists() or SEVERAL not in path else path.split(SEVERAL)
+    tables = {each: read_table(each) for each in paths}
+    channels: list[dict[str, Any]] = []
+    notes: list[str] = []
+    times: list[str] = []
+    columns: dict[str, str] = {}
+    for each, table in tables.items():
+        if not table.columns:
+            there = f"; there are {listed(list(table.others))}" if table.others else ""
+            raise InputError(each, f"has no channels{there}", "a channel is a column or vector of two numbers at least")
+        time = time_column(table.names)
+        begin = f"{each}: " if len(tables) > 1 else ""
+        notes += [f"{begin}{note}" for note in table.notes]
+        if not time:
+            notes.append(f"{begin}no channel is called time: {time_hint(table.names)}")
+        times.append(time)
+        stamps = table[time].values if time else np.arange(table.rows, dtype=float)
+        own = [_channel(column, stamps) for column in table.columns]
+        channels += [{"file": each, **row} for row in own] if len(tables) > 1 else own
+        columns |= {column.name: column.unit for column in table.columns if column.name not in (time, *columns)}
     suggested = ""
     if system is not None:
-        columns = {column.name: column.unit for column in table.columns if column.name != time}
         chosen = {name: (found.column, found.unit) for name, found in suggestions(system, columns).items()}
-        suggested = channel_file(chosen, time or "NAME")
+        suggested = channel_file(chosen, next(filter(None, times), "NAME"))
     return {"channels": channels, "notes": notes, "channel_file": suggested}
 
 

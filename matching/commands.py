@@ -72,14 +72,14 @@ def written(
 
 def made_of(arguments: Arguments, copies: Mapping[str, Any] | None = None) -> Any:
     """What a command reads: its first file with those that it names, channel file and recordings (or their copies)."""
-    from matching.diagnosis.loggers import SEVERAL_LOGGERS
+    from matching.channel_names import SEVERAL
     from matching.report.page import made_from, with_recordings
 
     named = vars(arguments)
     file = Path(next(named[key] for key in ("case", "model", "budget") if named.get(key)))
     made = made_from(file / "case.toml" if file.is_dir() else file, named.get("seed"), ("vehicle", "rig"))
     several = [name for key in ("recordings", "holdout") for name in named.get(key) or ()]
-    paths = [path for each in several for path in ([each] if Path(each).exists() else each.split(SEVERAL_LOGGERS))]
+    paths = [path for each in several for path in ([each] if Path(each).exists() else each.split(SEVERAL))]
     if named.get("channels"):
         paths.insert(0, arguments.channels)
     return with_recordings(made, ((path, (copies or {}).get(path, path)) for path in paths))
@@ -312,6 +312,9 @@ def run_simulate(arguments: Arguments) -> dict[str, Any]:
         right = f"give a share of the range, {SMALLEST_TOLERANCE:g} to 1"
         raise InputError("--tolerance", f"{tolerance:g} is not possible", right)
     system = api.load(arguments.model)
+    if not system.sensors:
+        right = "add what is to be simulated, for example [sensors.speed] with measures and of"
+        raise InputError(arguments.model, "has no sensor, so there is nothing to write", right)
     recording = api.read_recording(arguments.recording, system, arguments.channels)
     done = api.simulate(system, recording, start=arguments.start, tolerance=tolerance)
     misfit = {name: _misfit(done[name], recording[name], done.units[name]) for name in recording.sensors(system)}
@@ -328,20 +331,21 @@ def run_simulate(arguments: Arguments) -> dict[str, Any]:
         "tolerance": tolerance,
         "integration_error": done.integration_error,
         "misfit": misfit,
-        "notes": [*recording.notes, *_inaccurate(done.integration_error, tolerance, is_linear(system))],
+        "notes": [*recording.notes, *done.notes, *_inaccurate(done.integration_error, tolerance, is_linear(system))],
         "files": sorted(files),
     }
 
 
 def _inaccurate(errors: dict[str, float], tolerance: float, linear: bool) -> list[str]:
-    """A note on every reading whose estimated error is beyond the tolerance."""
-    chaotic = "" if linear else ", or a motion that is chaotic"
-    return [
-        f"{name}: the steps leave an estimated error of {error:.2g} of its range: they do not resolve its fastest "
-        f"vibration{chaotic}"
-        for name, error in errors.items()
-        if error > tolerance
-    ]
+    """A note on the readings whose estimated error is beyond the tolerance."""
+    beyond = {name: error for name, error in errors.items() if error > tolerance}
+    if not beyond:
+        return []
+    shares = ", ".join(f"{name} {error:.2g}" for name, error in beyond.items())
+    why = "the steps do not resolve the fastest vibration"
+    if not linear:
+        why += ", a flank or dry friction acts between two samples, or the motion is chaotic"
+    return [f"the estimated error of the integration is larger than asked for ({shares} of the range): {why}"]
 
 
 def _misfit(simulated: np.ndarray, recorded: np.ndarray, unit: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -38,7 +39,10 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         note_input(path)
         if len(content) > LARGEST_FILE:
             raise InputError(str(path), "is too large for a model or case file", "at most 5 MB are read")
-        if deep := _DEEP_KEY.search(written := content.decode().replace("\r\n", "\n")):
+        if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            raise InputError(str(path), "is saved as UTF-16", "save the file as UTF-8 text")
+        # Windows' editor begins UTF-8 with a mark of its own
+        if deep := _DEEP_KEY.search(written := content.decode("utf-8-sig").replace("\r\n", "\n")):
             raise InputError(
                 f"{path}, line {written.count(chr(10), 0, deep.start()) + 1}",
                 "has a key of too many parts",
@@ -66,16 +70,60 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def _not_toml(path: str | Path, content: bytes, fault: tomllib.TOMLDecodeError) -> InputError:
-    """The error for a text that is not TOML: a recording, a decimal comma, or a line to be corrected."""
+    """The error for a text that is not TOML: what it is instead, or what its first wrong line lacks."""
     if os.path.splitext(path)[1].lower() in RECORDINGS:
         return InputError(
             str(path), "is a recording, where a model or case file is expected", "check the order of files"
         )
-    for count, line in enumerate(content.decode("utf-8", "replace").splitlines(), 1):
+    text = content.decode("utf-8-sig", "replace")
+    if text.lstrip().startswith(("{", "[")) and _is_json(text):
+        right = "write TOML; a result.json of a match is read by export, excite, identify and verify"
+        return InputError(str(path), "is JSON, where a model or case file (TOML) is expected", right)
+    lines = text.splitlines()
+    for count, line in enumerate(lines, 1):
         if comma := _DECIMAL_COMMA.search(line):
             right = f"write a decimal point: {comma[1]}.{comma[2]}"
             return InputError(f"{path}, line {count}", f"{comma[0].lstrip('= ')!r} has a decimal comma", right)
+    place = _FAULTY_LINE.search(str(fault))
+    number = min(int(place[1]), len(lines)) if place else len(lines)
+    line = lines[number - 1].partition("#")[0].strip() if lines else ""
+    if "overwrite" in str(fault) or "declare" in str(fault):
+        name = line.partition("=")[0].strip()
+        return InputError(f"{path}, line {number}", f"{name} is there twice", "keep one of them")
+    for pattern, wrong, right in _SLIPS:
+        if slip := pattern.search(line):
+            return InputError(f"{path}, line {number}", wrong.format(*slip.groups()), right.format(*slip.groups()))
     return InputError(str(path), f"is not TOML: {fault}", "correct that line")
+
+
+_FAULTY_LINE = re.compile(r"at line (\d+)")
+_SLIPS = [  # what a line that is not TOML shows, what is wrong and what would be right
+    (re.compile(r"[\u201c\u201d\u201e\u2018\u2019]"), "has typographic quotes", 'write straight ones: "'),
+    (
+        re.compile(r'("[^"]*\\[^"]*")'),
+        "a backslash between double quotes begins a special character",
+        "write single quotes, as 'C:\\Users\\…', or slashes: C:/Users/…",
+    ),
+    (
+        re.compile(r"=\s*(-?[\d.]+(?:[eE][+-]?\d+)?)\s*([A-Za-z°µΩ%][^\s,}}\]]*(?: ?[*/·^] ?[^\s,}}\]]+)*)"),
+        "{0} {1} is a number with a unit, which needs quotes",
+        'write "{0} {1}"',
+    ),
+    (re.compile(r"=\s*(True|False|TRUE|FALSE)\b"), "{0} is no value of TOML", "write true or false"),
+    (re.compile(r"=\s*([A-Za-z_][^\s,}}\]\"']*)"), "{0} is text, which needs quotes", 'write "{0}"'),
+    (re.compile(r"^([\w.\"-]+)\s*:\s*(\S.*)$"), "a key is followed by a colon", "write {0} = {1}"),
+    (re.compile(r"^([\w.\"-]+)\s*=\s*$"), "{0} has no value", "write one behind the equals sign"),
+    (re.compile(r"^(\[+)([^\[\]]*)$"), "a heading is not closed", "write {0}{1}]"),
+    (re.compile(r"^(//.*|;.*|%.*|/\*.*)$"), "a comment begins with #", "write # before it"),
+]
+
+
+def _is_json(text: str) -> bool:
+    try:
+        json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return True
 
 
 def no_pipe(path: Path, where: str) -> Path:

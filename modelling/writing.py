@@ -17,6 +17,7 @@ from modelling.errors import InputError
 WRITING = ".writing-"  # prefix of the hidden folder that files are written to before they are moved
 PICTURES_AND_PAGES = (".svg", ".png", ".html")
 LARGEST_BYTES = 50_000_000  # of a result file that is read for its list
+LARGEST_RESULT = 1e100  # in SI; what is beyond comes from a division by something that rounding left of 0
 
 
 def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
@@ -206,7 +207,7 @@ def strict_json(value: Any) -> str:
     Raises
     ------
     FloatingPointError
-        A number is not finite; the message names where it sits, e.g. ``modes[2].frequency``.
+        A number is not finite or beyond 1e100; the message names where it sits, e.g. ``modes[2].frequency``.
     TypeError
         A value has no counterpart in JSON.
     """
@@ -243,6 +244,8 @@ def _plain(value: Any, where: str) -> Any:
         return [_plain(each, f"{where}[{number}]") for number, each in enumerate(value)]
     if isinstance(value, float) and not math.isfinite(value):
         raise FloatingPointError(f"{where or 'the result'} is {value}, not a finite number")
+    if isinstance(value, int | float) and abs(value) > LARGEST_RESULT:
+        raise FloatingPointError(f"{where or 'the result'} is {float(value):.3g}, no result of a drivetrain")
     if value is None or isinstance(value, str | bool | int | float):
         return value
     if isinstance(value, os.PathLike):

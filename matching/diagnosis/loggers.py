@@ -7,44 +7,91 @@ best, as far as their shape goes, is that logger's clock to within a sample; a f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy import fft
 
+from matching.channel_names import SEVERAL, time_column
 from matching.diagnosis.data import Segment
 from matching.diagnosis.problem import first_state
 from matching.diagnosis.simulation import simulate_readings, steps_and_stick_speed
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
-from modelling.errors import InputError
-from modelling.recordings.read import Channel, read_recording, read_signals
+from modelling.errors import InputError, listed, unknown
+from modelling.recordings.read import Channel, ChannelFile, names_in_file, read_recording, read_signals
+from modelling.recordings.readers import read_table
 from modelling.recordings.recording import Recording
 from modelling.system import System, clock_error
 
-SEVERAL_LOGGERS = "+"  # between the files of one motion
 LARGEST_SHARE = 0.25  # of the shorter recording: the largest offset that is looked for
 FEWEST_SAMPLES = 128  # that both loggers recorded
-LEFT_STEPS = 10.0  # sampling steps that the correlation may be wrong by: the model it is with is not fitted yet
-LEFT_SECONDS = 0.03  # the same in s: a phase of 0.1 rad at 0.5 Hz
+RIVAL = (
+    0.9  # of the largest correlation: another offset with so much is as likely, as a period later under periodic load
+)
+LEFT_STEPS = 1.0  # sampling steps that the correlation may be wrong by at least
 STEPS_PER_RADIAN = 3.0  # of the fastest mode
 
 
 def read_loggers(paths: str, system: System, channels: Mapping[str, Channel] | None = None) -> Recording:
-    """A recording from a file, or from the files of several loggers joined by ``+``."""
-    if SEVERAL_LOGGERS not in paths or Path(paths).exists():
+    """A recording from a file, or from the files of several loggers joined by ``+``.
+
+    Raises
+    ------
+    InputError
+        As :func:`modelling.recordings.read.read_recording`; if a channel of the channel file is in none of several
+        files, or in more than one.
+    """
+    if SEVERAL not in paths or Path(paths).exists():
         return read_recording(paths, system, channels)
     names = [*(part.name for part in system.inputs), *(part.name for part in system.sensors)]
     names += system.input_references
-    return joined(system, [read_signals(Path(path), names, channels) for path in paths.split(SEVERAL_LOGGERS)])
+    files = [Path(path) for path in paths.split(SEVERAL)]
+    stated = _by_file(files, channels) if channels else [None] * len(files)
+    same_clock = isinstance(channels, ChannelFile) and channels.same_clock
+    parts = [read_signals(path, names, own) for path, own in zip(files, stated, strict=True)]
+    return joined(system, parts, same_clock)
 
 
-def joined(system: System, parts: Sequence[Recording]) -> Recording:
+def _by_file(files: Sequence[Path], channels: Mapping[str, Channel]) -> list[ChannelFile]:
+    """The entries of a channel file that are of each file: of that which has the channel.
+
+    The column of time may be in several files.
+    """
+    header = channels.header if isinstance(channels, ChannelFile) else None
+    there = []
+    for path in files:
+        table = read_table(path, names_in_file(channels, channels), None, header)
+        there.append({*table.names, *table.others})
+    out = [ChannelFile() for _ in files]
+    for own in out:
+        if isinstance(channels, ChannelFile):
+            own.header, own.sampling_rate = channels.header, channels.sampling_rate
+    for name, channel in channels.items():
+        having = [i for i, columns in enumerate(there) if channel.name in columns]
+        where = channel.where or f"channels.{name}"
+        if not having:
+            known = sorted(set().union(*there))
+            fault = unknown(channel.name, known, where)
+            raise InputError(where, f"{channel.name!r} is in none of {listed([*map(str, files)])}", fault.right)
+        if len(having) > 1 and name != "time":
+            both = " and ".join(str(files[i]) for i in having)
+            raise InputError(where, f"{channel.name!r} is in {both}", "rename or drop the column in one of them")
+        for i in having:
+            out[i][name] = channel
+    for own, columns in zip(out, there, strict=True):
+        # each file has a time of its own, and the channel file names one
+        if own.sampling_rate is None and not ({"time"} | {own[key].name for key in own if key == "time"}) & columns:
+            own["time"] = Channel(time_column(sorted(columns)) or "time")
+    return out
+
+
+def joined(system: System, parts: Sequence[Recording], same_clock: bool = False) -> Recording:
     """Recordings of the same motion by several loggers as one, on the clock of the one that recorded the inputs.
 
-    Its ``clock_groups`` hold the sensors of each further logger, its notes their offsets. The reference of a controller
-    is taken from any of them.
+    Its ``clock_groups`` hold the sensors of each further logger, its notes their offsets; of loggers with the
+    ``same_clock`` there are none. The reference of a controller is taken from any of them.
     """
     inputs = {part.name for part in system.inputs}
     leading = next((part for part in parts if inputs <= set(part.channels)), None)
@@ -55,24 +102,28 @@ def joined(system: System, parts: Sequence[Recording]) -> Recording:
     whole = leading
     for part in parts:
         if part is not leading:
-            whole = _with_logger(system, whole, part)
+            whole = _with_logger(system, whole, part, same_clock)
     return whole
 
 
 def with_clocks(system: System, recordings: Sequence[Recording]) -> System:
     """A system whose further loggers are late by what joining may have left, to be fitted too."""
-    steps = [float(np.median(np.diff(recording.time))) for recording in recordings]
-    groups = dict.fromkeys(group for recording in recordings for group in recording.clock_groups)
-    largest = max(LEFT_STEPS * max(steps), LEFT_SECONDS)
-    return system.with_effects(*(clock_error([f"sensors.{name}" for name in group], largest) for group in groups))
+    largest: dict[tuple[str, ...], float] = {}
+    for recording in recordings:
+        for group, limit in zip(recording.clock_groups, recording.clock_limits, strict=True):
+            largest[group] = max(limit, largest.get(group, 0.0))
+    return system.with_effects(
+        *(clock_error([f"sensors.{name}" for name in group], limit) for group, limit in largest.items())
+    )
 
 
-def _with_logger(system: System, leading: Recording, part: Recording) -> Recording:
+def _with_logger(system: System, leading: Recording, part: Recording, same_clock: bool) -> Recording:
     """A recording with the sensors of a further logger."""
     names = [s.name for s in system.sensors if s.name in part.channels and s.name not in leading.channels]
     if not names:
         raise InputError(part.source, "has no sensor that the other logger lacks", "leave it out")
-    offset = clock_offset(system, leading, part, names)
+    found = None if same_clock else clock_offset(system, leading, part, names)
+    offset = found.offset if found is not None and found.rival is None else 0.0
     time = part.time - offset
     inside = (leading.time >= time[0]) & (leading.time <= time[-1])
     if inside.sum() < FEWEST_SAMPLES:
@@ -85,12 +136,14 @@ def _with_logger(system: System, leading: Recording, part: Recording) -> Recordi
         for name in system.input_references
         if name in part.channels and name not in channels
     }
-    how = f"{abs(offset):.4g} s {'late' if offset > 0 else 'early'}"
-    note = f"{part.source}: its clock is {how}, found from {', '.join(names)}; taken out"
+    note = f"{part.source}: its clock is that of {leading.source} by the channel file"
+    if found is not None:
+        note = f"{part.source}: {found.words} (from {', '.join(names)})"
     return replace(
         leading, time=kept, channels=channels, notes=(*leading.notes, *part.notes, note),
         source=f"{leading.source}+{part.source}", units={**leading.units, **part.units},
-        clock_groups=(*leading.clock_groups, tuple(names)),
+        clock_groups=(*leading.clock_groups, *([tuple(names)] if found else [])),
+        clock_limits=(*leading.clock_limits, *([found.uncertainty] if found else [])),
     )  # fmt: skip
 
 
@@ -103,8 +156,44 @@ def _at(kept: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     return out
 
 
-def clock_offset(system: System, leading: Recording, part: Recording, names: Sequence[str]) -> float:
-    """By how much (s) the clock of a logger is late, from the cross-correlation of its sensors with the simulation.
+@dataclass(frozen=True)
+class ClockOffset:
+    """By how much the clock of a logger is late.
+
+    Attributes
+    ----------
+    offset, uncertainty : float
+        s. A model whose readings correlate by ρ with the measured ones errs in phase by up to arccos ρ: the uncertainty
+        is that phase at the mean frequency of the readings.
+    correlation : float
+        Of the measured and the simulated changes at this offset.
+    rival : tuple of float or None
+        Another offset that is nearly as likely, and its correlation.
+    """
+
+    offset: float
+    uncertainty: float
+    correlation: float
+    rival: tuple[float, float] | None
+
+    @property
+    def words(self) -> str:
+        """What was found, in a sentence."""
+        if self.rival is None:
+            return f"its clock is {_late(self.offset)} ± {self.uncertainty:.2g} s; taken out"
+        return (
+            f"its clock is {_late(self.offset)} (correlation {self.correlation:.3f}) or {_late(self.rival[0])} "
+            f"({self.rival[1]:.3f}), which this motion does not tell apart; nothing is taken out. Set the clocks "
+            "before, or write same_clock = true into the channel file"
+        )
+
+
+def _late(offset: float) -> str:
+    return f"{abs(offset):.4g} s {'late' if offset > 0 else 'early'}"
+
+
+def clock_offset(system: System, leading: Recording, part: Recording, names: Sequence[str]) -> ClockOffset:
+    """By how much the clock of a logger is late, from the cross-correlation of its sensors with the simulation.
 
     Parameters
     ----------
@@ -120,6 +209,7 @@ def clock_offset(system: System, leading: Recording, part: Recording, names: Seq
     size = fft.next_fast_len(len(even) + len(other), real=True)
     total = np.zeros(size)
     index = [sensor.name for sensor in system.sensors]
+    columns = [index.index(name) for name in names]
     for name in names:
         known = np.isfinite(part.channels[name])
         measured = np.interp(other, part.time[known], part.channels[name][known])
@@ -129,10 +219,37 @@ def clock_offset(system: System, leading: Recording, part: Recording, names: Seq
     lags[lags > size // 2] -= size
     offsets = lags * step + other[0] - even[0]
     longest = LARGEST_SHARE * min(np.ptp(even), np.ptp(other))
-    best = int(np.argmax(np.where(np.abs(offsets) <= longest, total, -np.inf)))
-    before, at, after = total[best - 1], total[best], total[(best + 1) % size]
-    curvature = before - 2 * at + after
-    return float(offsets[best] + (step * 0.5 * (before - after) / curvature if curvature < 0 else 0.0))
+    order = np.argsort(offsets)
+    order = order[np.abs(offsets[order]) <= longest]
+    offsets, total = offsets[order], total[order] / len(names)
+    best = int(np.argmax(total))
+    at = float(np.clip(total[best], 1e-3, 1.0))
+    offset = float(offsets[best])
+    if 0 < best < len(total) - 1:
+        before, after = total[best - 1], total[best + 1]
+        curvature = before - 2 * total[best] + after
+        offset += float(step * 0.5 * (before - after) / curvature) if curvature < 0 else 0.0
+    uncertainty = max(LEFT_STEPS * step, float(np.arccos(at)) / _mean_frequency(simulated[:, columns], leading.time))
+    return ClockOffset(offset, uncertainty, at, _rival(offsets, total, best))
+
+
+def _rival(offsets: np.ndarray, total: np.ndarray, best: int) -> tuple[float, float] | None:
+    """Another peak of the correlation (k,) that is nearly as high as the best one, which falls below it in between."""
+    below = np.flatnonzero(total < RIVAL * total[best])
+    beyond = np.ones(len(total), dtype=bool)
+    first, last = below[below < best].max(initial=-1), below[below > best].min(initial=len(total))
+    beyond[first + 1 : last] = False
+    if not beyond.any():
+        return None
+    other = int(np.argmax(np.where(beyond, total, -np.inf)))
+    return (float(offsets[other]), float(total[other])) if total[other] > RIVAL * total[best] else None
+
+
+def _mean_frequency(readings: np.ndarray, time: np.ndarray) -> float:
+    """Root mean square of the angular frequency (rad/s) in the changes of readings (t, k)."""
+    change = np.gradient(readings, time, axis=0)
+    steepness, size = np.gradient(change, time, axis=0), change - change.mean(axis=0)
+    return float(np.sqrt(np.sum(steepness**2) / max(np.sum(size**2), 1e-300)) or 1.0)
 
 
 def _correlation(measured: np.ndarray, expected: np.ndarray, size: int) -> np.ndarray:

@@ -26,7 +26,7 @@ from matching.diagnosis.problem import STEPS_PER_RADIAN, FitProblem
 from matching.diagnosis.simulation import simulate_readings, steps_and_stick_speed
 from matching.diagnosis.statistics import Estimate
 from modelling.effects import EFFECTS
-from modelling.effects.effect import Guess, members
+from modelling.effects.effect import FittedMotion, Guess, members
 from modelling.equations.casadi_code import compiled
 from modelling.system import Input, System
 
@@ -307,6 +307,23 @@ class ScreenedCandidate:
         return self.kind, self.at
 
 
+def _typical_torque(fit: Fit, motion: FittedMotion) -> float:
+    """A torque (N·m) typical of the drivetrain: of inputs and shafts, or where there is none, of its coming to rest."""
+    torques = [float(np.std(torque)) for torque in (*motion.torque.values(), *motion.input.values())]
+    if max(torques, default=0.0) > 0:
+        return max(torques)
+    inertia = sum(value for name, value in motion.value.items() if name.endswith(".J"))
+    over = {"angle": 2, "speed": 1, "acceleration": 0}  # how often the time divides
+    changes = []
+    for segment in fit.problem.data.segments:
+        duration = float(np.ptp(segment.time)) or 1.0
+        for sensor, readings in zip(fit.problem.system.sensors, segment.readings.T, strict=True):
+            there = readings[np.isfinite(readings)]
+            if sensor.measures in over and there.size:
+                changes.append(float(np.ptp(there)) / duration ** over[sensor.measures])
+    return inertia * max(changes, default=0.0) or 1.0
+
+
 class Screening:
     """The residual of a fit, what base parameters can take of it, and what further effects could.
 
@@ -336,8 +353,9 @@ class Screening:
         self.residual = self.free(fit.residual)
         motion = simulated_motion(fit)
         self.response = TorqueResponse(fit, motion.segments)
-        torques = [float(np.std(torque)) for torque in (*motion.torque.values(), *motion.input.values())]
-        self.balance = torque_balance(fit, without_effects(self.system), dict(motion.value), max(torques, default=1.0))
+        self.balance = torque_balance(
+            fit, without_effects(self.system), dict(motion.value), _typical_torque(fit, motion)
+        )
         lacking = {part.name: self.balance.inertias[:, i] for i, part in enumerate(self.system.inertias)}
         gradient = self.response.correlation(self._gradient_by_readings() / self.noise)
         self.motion = replace(simulated_motion(fit, self.balance), torque_gradient=gradient, torque_lacking=lacking)

@@ -320,7 +320,7 @@ class PositionTorque(Kind):
         "amplitude_3": Parameter("N*m", optional=True), "phase_3": Parameter("rad", optional=True),
     }  # fmt: skip
     state_dependent = True
-    zero_mean = ("amplitude",)
+    zero_mean = ("amplitude", "amplitude_2", "amplitude_3")
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         for k, suffix in SUFFIXES.items():

@@ -31,7 +31,9 @@ def _placeholder(number: int) -> sm.Symbol:
 
 @functools.lru_cache(maxsize=4096)
 def _plain_diff(expression: sm.Expr, symbol: sm.Symbol) -> sm.Expr:
-    return sm.diff(expression, symbol)
+    # A kink of a law has no slope; beside it the impulse that SymPy writes there is 0.
+    slope = sm.diff(expression, symbol)
+    return slope.replace(sm.DiracDelta, lambda *_: sm.Integer(0)) if slope.has(sm.DiracDelta) else slope
 
 
 # --- Shaft law

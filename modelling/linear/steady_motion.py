@@ -120,7 +120,8 @@ def without_ripple(model: Model, p: np.ndarray) -> np.ndarray:
     p = np.array(p, float)
     for effect in model.system.effects:
         for key in effect.law.zero_mean:
-            p[model.parameters.index(f"{effect.name}.{key}")] = 0.0
+            if (name := f"{effect.name}.{key}") in model.parameters:  # harmonics are optional
+                p[model.parameters.index(name)] = 0.0
     return p
 
 

@@ -51,10 +51,10 @@ from modelling.units import LARGEST, factor, signal_unit, to_si
 # motor_angle = { channel = "phi", period = 360 }               # starts anew after so much, in the file's unit
 #
 # Above [channels] may stand ``header = 3``, the line of a table's header, and ``sampling_rate = 1000`` (Hz) of a file
-# without a column of time.
+# without a column of time, and ``same_clock = true`` of files joined by + that were recorded on one clock.
 
 KEYS = ("channel", "unit", "sign", "factor", "group", "period")
-FILE_KEYS = ("channels", "header", "sampling_rate")
+FILE_KEYS = ("channels", "header", "sampling_rate", "same_clock")
 CHANNEL_UNITS = ("rad/s", "N*m", "rad", "rad/s^2", "s")  # SI units of sensors, inputs and time
 
 
@@ -73,10 +73,14 @@ class Channel:
 
 
 class ChannelFile(dict[str, Channel]):
-    """Channel by the model's name; the line of the header and the sampling rate (Hz) where the file states them."""
+    """Channel by the model's name; the line of the header and the sampling rate (Hz) where the file states them.
+
+    ``same_clock``: joined files were recorded on one clock.
+    """
 
     header: int | None = None
     sampling_rate: float | None = None
+    same_clock: bool = False
 
 
 def read_channels(path: str | PathLike[str]) -> ChannelFile:
@@ -101,6 +105,10 @@ def read_channels(path: str | PathLike[str]) -> ChannelFile:
         if rate <= 0:
             raise InputError(f"{path}: sampling_rate", "is not positive", "write samples per second, in Hz")
         channels.sampling_rate = rate
+    if "same_clock" in data:
+        if not isinstance(data["same_clock"], bool):
+            raise InputError(f"{path}: same_clock", f"{data['same_clock']!r} is neither true nor false", "write true")
+        channels.same_clock = data["same_clock"]
     if "header" in data:
         header = data["header"]
         if isinstance(header, bool) or not isinstance(header, int) or not 1 <= header <= 100_000:
@@ -188,7 +196,10 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
     for name, channel in channels.items():
         index = next((i for i, column in enumerate(table.columns) if column.name == channel.name), None)
         if index is None:
-            if channel.name in others or (name == "time" and name in table):
+            if channel.name in others:  # of which no numbers could be read
+                others = tuple(name if each == channel.name else each for each in others)
+                continue
+            if name == "time" and name in table:
                 continue
             fault = unknown(channel.name, [*table.names, *others], channel.where or f"channels.{name}")
             raise InputError(fault.where, f"{channel.name!r} does not exist in {source}", fault.right)
@@ -659,6 +670,8 @@ def _check_inputs(table: Table, system: System, source: str) -> None:
     known = _units(system)
     columns = [name for name in (*table.names, *table.others) if name != "time"]
     for part in system.inputs:
+        if part.name in table.others and part.name not in table:
+            raise InputError(f"{source}: column {part.name!r}", "holds no numbers", "write it as numbers")
         if part.name not in table.names:
             unused = [name for name in columns if name not in known]
             hint = unknown(part.name, unused or list(columns), source).right
@@ -728,9 +741,12 @@ def _unused_notes(table: Table, system: System) -> list[str]:
     """Notes of columns that the model does not have, and of sensors that may be among them."""
     known = {*_units(system), *system.input_references}
     unused = [name for name in (*table.names, *table.others) if name not in known and name != "time"]
+    notes = [
+        f"{name} is unused: its column holds no numbers" for name in table.others if name in known and name not in table
+    ]
     if not unused:
-        return []
-    notes = [f"not in the model, unused: {listed(unused)}"]
+        return notes
+    notes.append(f"not in the model, unused: {listed(unused)}")
     for sensor in system.sensors:
         similar = get_close_matches(sensor.name, unused, n=1, cutoff=0.75)
         if sensor.name not in table.names and similar:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -23,203 +22,9 @@ from typing import Any
 import numpy as np
 
 from modelling.errors import InputError, listed
+from modelling.recordings.matlab import read_matlab
 from modelling.recordings.table import Column, Table, name_and_unit
-from modelling.recordings.text import is_text, read_csv
-
-# --- MATLAB .mat files: one vector a channel, or one struct of them; version 7.3, which is HDF5, by h5py.
-
-
-def _is_version_7_3(path: Path) -> bool:
-    with path.open("rb") as file:
-        header = file.read(128)
-    return header.startswith(b"MATLAB") and header[124:126] in (b"\x00\x02", b"\x02\x00")
-
-
-def read_matlab(path: Path, used: Collection[str] | None = None) -> Table:
-    """Read a .mat file with a vector ``time`` and one a channel, of one length; only structs and what is used is read.
-
-    Names in MATLAB hold no brackets, so values are in SI, unless a struct ``units`` gives a text by channel.
-
-    Raises
-    ------
-    InputError
-        If it is no such file, a used channel has another length than time, or h5py is missing for version 7.3.
-    """
-    known = set(used or ()) | {"time"}
-    columns_of = {name: place for name in sorted(known) if (place := _column_of_matrix(name))}
-    wanted = None if used is None else known | {matrix for matrix, _ in columns_of.values()}
-    try:
-        variables, others = (_version_7_3 if _is_version_7_3(path) else _version_5)(path, wanted)
-    except (InputError, MemoryError):
-        raise
-    except Exception as fault:  # the libraries raise many kinds for what is not a .mat file
-        if isinstance(fault, OSError) and fault.strerror:
-            raise
-        raise InputError(str(path), f"is no .mat file: {fault}", "save it with MATLAB's save -v7") from None
-    structs = [
-        value for name, value in variables.items() if isinstance(value, dict) and name != "units" and known & {*value}
-    ]
-    if not known & {*variables} and len(structs) == 1:
-        variables = structs[0]
-    variables |= {
-        name: _column(path, name, variables[matrix], number)
-        for name, (matrix, number) in columns_of.items()
-        if name not in variables and matrix in variables
-    }
-    units = _units(variables.get("units"))
-    sizes = [np.size(variables[name]) for name in known & {*variables}]
-    length = np.size(variables["time"]) if "time" in variables else max(sizes, key=sizes.count, default=0)
-    for name in sorted(known & {*variables}):
-        if np.size(variables[name]) != length:
-            raise InputError(
-                f"{path}: {name!r}",
-                f"has {np.size(variables[name])} values, time {length}",
-                "save channels of one length, or leave it out",
-            )
-    columns = {
-        name: np.asarray(value, dtype=float).ravel()
-        for name, value in variables.items()
-        if (used is None or name in known)
-        and isinstance(value, np.ndarray)
-        and np.size(value) == length
-        and np.issubdtype(value.dtype, np.number)
-        and value.dtype.kind != "c"
-    }
-    if "time" in variables and "time" not in columns:
-        raise InputError(str(path), "'time' holds no real numbers", "save it as a vector of seconds")
-    others = tuple(name for name in (*others, *variables) if name not in columns and name != "units")
-    return Table(tuple(Column(name, units.get(name, ""), own) for name, own in columns.items()), others=others)
-
-
-def _units(struct: Any) -> dict[str, str]:
-    """Unit by channel of a struct ``units``, where the file has one."""
-    entries = struct.items() if isinstance(struct, dict) else ()
-    return {name: unit for name, unit in entries if isinstance(unit, str) and unit}
-
-
-def _column_of_matrix(name: str) -> tuple[str, int] | None:
-    """Matrix and column, from 0: ``data[:,2]`` counts from 0, as NumPy does, ``data(:,3)`` from 1, as MATLAB does."""
-    if place := re.fullmatch(r"(.+)\[ *: *, *(\d{1,6}) *\]", name):
-        return place[1].strip(), int(place[2])
-    if place := re.fullmatch(r"(.+)\( *: *, *([1-9]\d{0,5}) *\)", name):
-        return place[1].strip(), int(place[2]) - 1
-    return None
-
-
-def _column(path: Path, name: str, matrix: Any, number: int) -> np.ndarray:
-    """A column (t,) of a matrix (t, columns).
-
-    Raises
-    ------
-    InputError
-        If it is no matrix, or has not so many columns.
-    """
-    if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or number >= matrix.shape[1]:
-        size = " × ".join(map(str, np.shape(matrix))) or "1"
-        right = "columns are data[:,0], data[:,1], … or data(:,1), data(:,2), …"
-        raise InputError(f"{path}: {name!r}", f"is no column of a {size} matrix", right)
-    return np.asarray(matrix[:, number])
-
-
-def _version_5(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Values by name, structs as dicts, and the names of what is not read."""
-    from scipy.io import loadmat, whosmat  # for the process that reads alone
-
-    try:
-        kinds = {name: kind for name, _, kind in whosmat(path)}
-    except TypeError:  # an object (a string "…", a table, a datetime) is in the file: SciPy cannot list it
-        kinds = {}
-    if not kinds:
-        return _beside_objects(path, loadmat(path, simplify_cells=True)), ()
-    read = [name for name, kind in kinds.items() if wanted is None or name in wanted or kind == "struct"]
-    variables = loadmat(path, simplify_cells=True, variable_names=read) if read else {}
-    return {name: variables[name] for name in read if name in variables}, tuple(
-        name for name in kinds if name not in read
-    )
-
-
-OBJECTS = "save plain vectors, for example time = seconds(tt.Time - tt.Time(1)); motor_torque = tt.motor_torque; …"
-
-
-def _beside_objects(path: Path, variables: dict[str, Any]) -> dict[str, Any]:
-    """The vectors and structs in a file that holds MATLAB objects too.
-
-    Raises
-    ------
-    InputError
-        If there are objects alone.
-    """
-    plain = {
-        name: value
-        for name, value in variables.items()
-        if isinstance(value, dict | str) or (isinstance(value, np.ndarray) and value.dtype.kind in "fiub")
-    }
-    plain = {name: value for name, value in plain.items() if not name.startswith("__")}
-    if not any(isinstance(value, dict) or np.size(np.asarray(value)) > 1 for value in plain.values()):
-        raise InputError(str(path), "holds MATLAB objects only (timetable, table or timeseries)", OBJECTS)
-    return plain
-
-
-def _version_7_3(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tuple[str, ...]]:
-    try:
-        import h5py
-    except ImportError:
-        right = 'in rigmatch\'s folder: pip install -e ".[measurement]", or save it with -v7'
-        raise InputError(str(path), "is a .mat file of version 7.3, which needs h5py", right) from None
-    with h5py.File(path) as file:
-        others: list[str] = []
-        members = _members(path, file, wanted, others)
-        if not members and not others and any("MATLAB_object_decode" in item.attrs for item in file.values()):
-            raise InputError(str(path), "holds MATLAB objects only (timetable, table or timeseries)", OBJECTS)
-        return members, tuple(others)
-
-
-NUMBERS = {"", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
-
-
-def _member(path: Path, group: Any, name: str) -> Any:
-    """A member of a group.
-
-    Raises
-    ------
-    InputError
-        If its values lie outside the file: another file's content is nobody's recording.
-    """
-    import h5py
-
-    link = group.get(name, getlink=True)
-    if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
-        raise InputError(f"{path}: {name!r}", "is a link", "save the values themselves")
-    member = group[name]
-    if isinstance(member, h5py.Dataset) and (member.external or member.is_virtual):
-        raise InputError(f"{path}: {name!r}", "has its values in another file", "save the values themselves")
-    return member
-
-
-def _members(path: Path, group: Any, wanted: set[str] | None, others: list[str]) -> dict[str, Any]:
-    """Numbers, texts and structs of a group, as ``loadmat`` would give them; other classes are left out.
-
-    Names of numbers that are not ``wanted`` are added to ``others``.
-    """
-    import h5py
-
-    members: dict[str, Any] = {}
-    for name in group:
-        member = _member(path, group, name)
-        kind = member.attrs.get("MATLAB_class", b"")
-        kind = kind.decode() if isinstance(kind, bytes) else str(kind)
-        if isinstance(member, h5py.Group):
-            if not name.startswith("#"):
-                members[name] = _members(path, member, wanted, others)
-        elif kind == "char":
-            members[name] = "" if "MATLAB_empty" in member.attrs else member[()].tobytes().decode("utf-16-le")
-        elif kind in NUMBERS and member.dtype.kind in "fiu" and "MATLAB_empty" not in member.attrs:
-            if wanted is None or name in wanted:
-                members[name] = np.asarray(member)
-            else:
-                others.append(name)
-    return members
-
+from modelling.recordings.text import is_text, number_in, read_csv
 
 # --- MDF measurement files, versions 3 and 4, by asammdf: channels by name, units as they stand, on one time base.
 
@@ -462,17 +267,43 @@ def read_parquet(path: Path, used: Collection[str] | None = None) -> Table:
         if pyarrow.types.is_duration(field.type) or pyarrow.types.is_timestamp(field.type):
             ticks = values.cast(pyarrow.int64()).to_numpy()
             values, unit = (ticks - ticks[:1]) / TICKS_PER_SECOND[field.type.unit], "s"
-        elif pyarrow.types.is_integer(field.type) or pyarrow.types.is_floating(field.type):
+        elif (numbers := _numbers(field.type, values, used is None or name in used)) is not None:
             unit = unit or (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
-            values = values.to_numpy().astype(float)
+            values = numbers
         elif name == "time":
             raise InputError(str(path), f"column {field.name!r} holds {field.type}", "write time as seconds")
         else:
-            continue  # e.g. a comment; a channel of the model that is missing is reported later
+            continue  # e.g. a comment
         columns.append(Column(name, unit, values))
     read = {column.name for column in columns}
     others = tuple(name for name in (name_and_unit(field)[0] for field in fields) if name not in read)
     return Table(tuple(columns), others=others)
+
+
+def _numbers(kind: Any, values: Any, wanted: bool) -> np.ndarray | None:
+    """Values (t,) of a column of numbers, of decimals, or of numbers that were written as text; else None.
+
+    A text is looked at only if its channel is ``wanted``; all of them have to be numbers or stand for missing ones.
+    """
+    import pyarrow
+
+    types = pyarrow.types
+    if types.is_integer(kind) or types.is_floating(kind):
+        return np.asarray(values.to_numpy(), dtype=float)
+    if types.is_dictionary(kind) and wanted:
+        return _numbers(kind.value_type, values.cast(kind.value_type), wanted)
+    if types.is_decimal(kind):
+        return np.asarray(values.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=float)
+    if wanted and (types.is_string(kind) or types.is_large_string(kind)):
+        texts = [text for text in values.to_pylist() if text is not None]
+        comma = any("," in text for text in texts) and not any("." in text for text in texts)
+        read = [number_in(text.replace(",", ".") if comma else text) for text in texts]
+        if texts and None not in read:
+            there = np.array([text is not None for text in values.to_pylist()])
+            out = np.full(len(there), math.nan)
+            out[there] = read
+            return out
+    return None
 
 
 # --- Libraries in C read in a process of their own
@@ -527,7 +358,8 @@ def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str
         raise ModuleNotFoundError(name=head["needs"])
     if "memory" in head:
         raise InputError(str(path), f"needs more than {most / 1e9:.1f} GB to be read", DAMAGED)
-    values = np.frombuffer(numbers, dtype=np.float64).reshape(len(head["columns"]), -1).copy()
+    count = len(head["columns"])
+    values = np.frombuffer(numbers, dtype=np.float64).reshape(count, -1 if count else 0).copy()
     columns = [Column(name, unit, own) for (name, unit), own in zip(head["columns"], values, strict=True)]
     return Table(tuple(columns), notes=tuple(head["notes"]), others=tuple(head["others"]))
 

@@ -107,6 +107,8 @@ class Recording:
         The unit that the file states for a channel; empty or absent where it states none.
     clock_groups : tuple of tuple of str
         Sensors of each further logger, whose clock was set to that of the first.
+    clock_limits : tuple of float
+        How far (s) each of these clocks may still be off.
     """
 
     time: np.ndarray
@@ -115,6 +117,7 @@ class Recording:
     source: str = ""
     units: Mapping[str, str] = field(default_factory=dict, repr=False)
     clock_groups: tuple[tuple[str, ...], ...] = ()
+    clock_limits: tuple[float, ...] = ()
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A channel, (t,)."""

@@ -277,7 +277,7 @@ def _above_numbers(lines: list[_Line], stated: str) -> bool:
 def is_number_or_date(cell: str) -> bool:
     """Whether a cell is a number, also with a decimal comma, a date or a time of day."""
     plain = cell.strip().replace(",", ".", 1)
-    number = _number(plain)
+    number = number_in(plain)
     return (number is not None and not np.isnan(number)) or clock(cell) is not None
 
 
@@ -339,7 +339,7 @@ def _labview(path: Path, file: TextIO, lines: list[_Line], used: Collection[str]
     step = None
     if keys.get("X_Columns", ["One"])[0] == "No":
         names[0] = ""
-        step = _number(keys.get("Delta_X", [""])[0].strip().replace(",", "."))
+        step = number_in(keys.get("Delta_X", [""])[0].strip().replace(",", "."))
     columns = [i for i, name in enumerate(names) if name and (used is None or name in used)]
     file.seek(head.after)
     return _Layout(path, separator, names, units, columns, head.number + 1, (), step)
@@ -406,7 +406,7 @@ def _read_row_by_row(file: TextIO, layout: _Layout) -> Table:
             used = [cell.replace(",", ".") for cell in used]
         elif "." in marks and layout.separator == ",":
             decimal.add(".")
-        row = [_number(cell) for cell in used]
+        row = [number_in(cell) for cell in used]
         if None in row:
             wrong = row.index(None)
             text = used[wrong] if len(used[wrong]) <= 30 else used[wrong][:27] + "..."
@@ -452,7 +452,7 @@ def _is_missing(cell: str) -> bool:
     return cell.lstrip("+-") in MISSING or _MISSING_NUMBER.fullmatch(cell) is not None
 
 
-def _number(cell: str) -> float | None:
+def number_in(cell: str) -> float | None:
     """The number in a cell, NaN where it is missing, None if it is text."""
     cell = cell.strip().lower()
     if _is_missing(cell):

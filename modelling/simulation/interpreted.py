@@ -103,9 +103,9 @@ def _evaluated(
     s = by_columns[0].shape[2]
     if not s:
         return [part.full() for part in results], [np.empty((*part.shape, 0)) for part in results]
-    seeds = [part.transpose(0, 2, 1).reshape(len(part), -1) for part in by_columns]
+    seeds = [part.transpose(0, 2, 1).reshape(len(part), s * part.shape[1]) for part in by_columns]
     derivatives = _forward(function, s).call([*arguments, *results, *seeds])
-    shaped = [part.full().reshape(part.shape[0], s, -1).transpose(0, 2, 1) for part in derivatives]
+    shaped = [part.full().reshape(part.shape[0], s, part.shape[1] // s).transpose(0, 2, 1) for part in derivatives]
     return [part.full() for part in results], shaped
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import STICK_SPEED
-from modelling.errors import InputError, unknown
+from modelling.errors import InputError, listed, unknown
 from modelling.linear.elements import elements, rest_state
 from modelling.recordings.recording import Recording, long_gaps
 from modelling.simulation.start import Inputs, Start, checked, start_state, stick_speed
@@ -30,13 +30,16 @@ from modelling.simulation.stepping import (
     Stepping,
     explicit_stepping,
     first_run,
+    is_rough,
     raise_if_failed,
     run,
     run_to_tolerance,
     sharp_enough,
+    with_stated_error,
 )
 from modelling.simulation.task import Trajectories, make_task
 from modelling.system import System
+from modelling.writing import LARGEST_RESULT
 
 # --- Simulate
 
@@ -89,7 +92,11 @@ def simulate(
     problem = InitialValueProblem(model, time, u, p[None], start_state(model, p, u[0], start)[None])
     fixed = steps_per_second is not None or STICK_SPEED in (values or ())
     blunt = _controlled(problem, tolerance, steps_per_second, compile)
-    done, stick = sharp_enough(problem, blunt, tolerance, compile, most_runs=0 if fixed else MOST_RUNS)
+    sharpened = sharp_enough(problem, blunt, tolerance, compile, most_runs=0 if fixed else MOST_RUNS)
+    done = sharpened.controlled
+    if is_rough(model) and steps_per_second is None:
+        done = with_stated_error(sharpened, compile)
+    _check_size(model, time, done.trajectories.states[0])
     return Simulation(
         time,
         {name: done.trajectories.readings[0, :, j].copy() for name, j in columns.items()},
@@ -97,10 +104,22 @@ def simulate(
         list(model.states),
         {part.name: part.unit for part in model.system.sensors if part.name in columns},
         done.stepping.mean_rate(time),
-        stick,
+        sharpened.stick_speed,
         done.stepping.implicit,
         {name: float(done.error[j]) for name, j in columns.items()},
     )
+
+
+def _check_size(model: Model, time: np.ndarray, states: np.ndarray) -> None:
+    """Raise for states (t, x) that ran away although they are finite."""
+    beyond = np.argwhere(np.abs(states) > LARGEST_RESULT)
+    if len(beyond):
+        sample, state = beyond[0]
+        raise SimulationError(
+            "simulation",
+            f"{model.states[state]} is {states[sample, state]:.3g} at {time[sample]:g} s",
+            "check parameters, start and inputs: the motion grows without end",
+        )
 
 
 def _columns(model: Model, sensors: Sequence[str] | None) -> dict[str, int]:
@@ -250,13 +269,29 @@ MEDIAN_OF = 9  # samples, from which a speed to begin with is taken
 ROUNDS = 6  # of Gauss-Newton
 SHARE_OF_RANGE = 1e-3  # taken for the uncertainty of a sensor that states none
 WORTHWHILE = 1e-6  # relative decrease of the misfit
+INSENSITIVE = 1e-9  # of the largest derivative by an angle or by a speed: below, it is what rounding leaves of none
+UNSEEN = 1e-6  # of the largest singular value of the scaled derivatives: below, a direction is not determined
+MOSTLY = 0.5  # share of a state in the directions that are not determined, from which on it is said
 
 
-def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[str, float]:
-    """Angles and speeds (rad, rad/s, by state name) from which the model fits the first quarter second best.
+class RecordedStart(dict[str, float]):
+    """Angles and speeds (rad, rad/s, by state name) of a start.
 
-    Gauss-Newton on all recorded sensors, each weighted by its uncertainty; what the sensors do not determine stays near
-    rest. Lash is tried open and on either flank. A model that is wrong there shifts the start.
+    Attributes
+    ----------
+    undetermined : list of str
+        States that the recorded sensors do not determine although the motion depends on them.
+    """
+
+    undetermined: list[str]
+
+
+def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> RecordedStart:
+    """The start from which the model fits the first quarter second best.
+
+    Gauss-Newton on all recorded sensors, each weighted by its uncertainty. What the sensors do not determine stays near
+    rest, and what nothing depends on is 0. Lash is tried open and on either flank. A model that is wrong there shifts
+    the start.
 
     Parameters
     ----------
@@ -265,17 +300,22 @@ def recorded_start(model: Model, recording: Recording, p: np.ndarray) -> dict[st
     """
     names = model.states[: 2 * model.n]
     closed = np.atleast_2d(rest_state(model, p))[0][: len(names)]
+    out = RecordedStart((name, 0.0) for name in names)
+    out.undetermined = []
     if not recording.sensors(model.system):
-        return dict.fromkeys(names, 0.0)
+        return out
     turning = _measured_speeds(model, recording, p)
-    candidates: list[tuple[float, np.ndarray]] = []
+    candidates: list[tuple[float, np.ndarray, _StartWindow]] = []
     for side in (0.0, 1.0, -1.0) if closed.any() else (0.0,):
         start, misfit = side * closed + turning, np.inf
         for seconds in WINDOWS:
-            start, misfit = _fitted(_window(model, recording, p, seconds, start), start)
-        candidates.append((misfit, start))
-    best = min(candidates, key=lambda candidate: candidate[0])[1]
-    return dict(zip(names, best.tolist(), strict=True))
+            window = _window(model, recording, p, seconds, start)
+            start, misfit = _fitted(window, start)
+        candidates.append((misfit, start, window))
+    _, best, window = min(candidates, key=lambda candidate: candidate[0])
+    out.update(zip(names, best.tolist(), strict=True))
+    out.undetermined = [name for name, unseen in zip(names, _undetermined(window, best), strict=True) if unseen]
+    return out
 
 
 def _measured_speeds(model: Model, recording: Recording, p: np.ndarray) -> np.ndarray:
@@ -296,6 +336,14 @@ def _measured_speeds(model: Model, recording: Recording, p: np.ndarray) -> np.nd
     together = np.vstack([twists.reshape(-1, model.n), weight * np.array(rows)])
     values = np.concatenate([np.zeros(len(together) - len(rows)), weight * np.array(speeds)])
     return np.concatenate([np.zeros(model.n), np.linalg.lstsq(together, values)[0]])
+
+
+def undetermined_note(names: list[str]) -> str:
+    """The sentence that says which states of a start the recording leaves open."""
+    return (
+        f"start: the recorded sensors do not determine {listed(names)}; the simulation starts there near rest "
+        "(a sensor on that part, or another --start, would say more)"
+    )
 
 
 @dataclass(frozen=True)
@@ -371,8 +419,8 @@ def _fitted(window: _StartWindow, start: np.ndarray) -> tuple[np.ndarray, float]
     best = window.misfit(start)
     for _ in range(ROUNDS if np.isfinite(best) else 0):
         residual, by_start = window.linearised(start)
-        size = np.maximum(np.linalg.norm(by_start, axis=0), 1e-300)
-        step = -np.linalg.lstsq(by_start / size, residual, rcond=1e-6)[0] / size
+        scaled, size = _scaled(by_start)
+        step = -np.linalg.lstsq(scaled, residual, rcond=UNSEEN)[0] / size
         trials = ((start + share * step) for share in (1.0, 0.3, 0.1))
         better = next(((trial, now) for trial in trials if (now := window.misfit(trial)) < best), None)
         if better is None:
@@ -381,6 +429,34 @@ def _fitted(window: _StartWindow, start: np.ndarray) -> tuple[np.ndarray, float]
         if gain < WORTHWHILE * best:
             break
     return start, best
+
+
+def _scaled(by_start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives (r, 2n) with columns of size one, or 0 where the readings do not depend on a state; those sizes."""
+    size = np.linalg.norm(by_start, axis=0)
+    kinds = size.reshape(2, -1)  # angles and speeds, which have units of their own
+    size = np.where(kinds > INSENSITIVE * kinds.max(axis=1, keepdims=True), kinds, np.inf).ravel()
+    return by_start / size, size
+
+
+def _undetermined(window: _StartWindow, start: np.ndarray) -> np.ndarray:
+    """Which states (2n,) of a start the readings do not determine although the motion depends on them."""
+    scaled, size = _scaled(window.linearised(start)[1])
+    _, singular, rows = np.linalg.svd(scaled)
+    singular = np.pad(singular, (0, len(start) - len(singular)))
+    unseen = rows[singular <= UNSEEN * singular.max(initial=0.0)].T / np.where(np.isfinite(size), size, 1.0)[:, None]
+    unseen = np.linalg.qr(unseen)[0]
+    # of these directions, those that change a rate: about this start, and with every lash closed
+    model, n = window.model, len(start)
+    closed = start + np.atleast_2d(rest_state(model, window.p))[0][:n]
+    u, by_state = window.inputs[0], []
+    for at in (start, closed):
+        x = start_state(model, window.p, u, dict(zip(model.states[:n], at.tolist(), strict=True)))
+        by_state.append(model.jacobians(x, u, window.p, 0.0)[0].full()[n // 2 :, :n])
+    A = np.vstack(by_state)
+    _, effects, directions = np.linalg.svd(A @ unseen, full_matrices=False)
+    acting = unseen @ directions[effects > INSENSITIVE * np.abs(A).max(initial=0.0)].T
+    return np.asarray(np.sum(acting**2, axis=1) > MOSTLY)
 
 
 def _share_of_range(values: np.ndarray) -> float:

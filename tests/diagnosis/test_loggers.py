@@ -1,5 +1,6 @@
 """Two loggers of one motion: the offset of the second one's clock, against an offset put in."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -108,3 +109,77 @@ def test_loggers_that_cannot_be_joined_are_named(loggers):
         joined(drive(), loggers[1:])
     with pytest.raises(InputError, match=r"a\.csv: has no sensor that the other logger lacks"):
         joined(drive(), [loggers[0], replace(loggers[0])])
+
+
+def steady_load(time):
+    """A drive under a load that repeats every 0.25 s, from its own closed form: J·s + d with a sum of sines."""
+    torque, speed = np.zeros_like(time), np.zeros_like(time)
+    for order in (1, 2, 3):
+        w = 2 * np.pi * 4 * order
+        response = 1 / (0.5 + 1j * w * 0.02)
+        torque += np.sin(w * time)
+        speed += np.imag(response * np.exp(1j * w * time))
+    return torque, speed
+
+
+ROTOR = {
+    "inertias": {"rotor": {"J": 0.02, "drag": 0.5}},
+    "inputs": {"torque": {"on": "rotor"}},
+    "sensors": {"speed": {"measures": "speed", "of": "rotor", "uncertainty": 0.02}},
+}
+
+
+def test_a_clock_that_a_periodic_load_leaves_open_is_not_taken_out():
+    """Two offsets a period apart correlate alike: both are said, and the second logger stays where it is."""
+    time = np.arange(2000) * 2e-3
+    torque, speed = steady_load(time)
+    parts = [Recording(time, {"torque": torque}, source="a"), Recording(time + 0.02, {"speed": speed}, source="b")]
+    whole = joined(from_dict(ROTOR), parts)
+    (note,) = whole.notes
+    assert "nothing is taken out" in note
+    said = [
+        float(value) * (1 if late == "late" else -1) for value, late in re.findall(r"([\d.e-]+) s (late|early)", note)
+    ]
+    assert len(said) == 2
+    for value in said:  # 0.02 s late, or so many periods of 0.25 s more or less
+        assert abs((value - 0.02 + 0.125) % 0.25 - 0.125) < 3e-3
+    there = np.isfinite(whole["speed"]) & (whole.time > 0.1)
+    np.testing.assert_allclose(whole["speed"][there], steady_load(whole.time[there] - 0.02)[1], atol=0.02)
+
+
+def test_one_clock_that_is_stated_is_neither_found_nor_fitted(loggers):
+    whole = joined(drive(), loggers, same_clock=True)
+    assert whole.clock_groups == ()
+    assert with_clocks(drive(), [whole]).effects == ()
+    assert "by the channel file" in whole.notes[0]
+    there = np.isfinite(whole["load_speed"])
+    kept = np.interp(whole.time[there], loggers[1].time, loggers[1]["load_speed"])
+    np.testing.assert_allclose(whole["load_speed"][there], kept)
+
+
+@pytest.mark.parametrize("times", [("time", "time"), ("t", "t"), ("Zeit", "time"), ("t", "Zeit")])
+@pytest.mark.parametrize("turned", [False, True])
+def test_two_files_with_names_of_their_own(loggers, tmp_path, times, turned):
+    names = ({"torque": "T real", "motor_speed": "n EM"}, {"load_speed": "n mech"})
+    for path, logger, own, time in zip(("a.csv", "b.csv"), loggers, names, times, strict=True):
+        columns = {own[name]: values for name, values in logger.channels.items()}
+        units = dict.fromkeys(columns, "rad/s") | {"T real": "N*m"}
+        text = csv_text(logger.time, {name: columns[name] for name in columns}, units)
+        (tmp_path / path).write_text(text.replace("time [s]", f"{time} [s]", 1))
+    rows = "".join(f'{name} = "{own}"\n' for part in names for name, own in part.items())
+    (tmp_path / "channels.toml").write_text(f'[channels]\ntime = "{times[0]}"\n{rows}')
+    files = "+".join(str(tmp_path / name) for name in (("b.csv", "a.csv") if turned else ("a.csv", "b.csv")))
+    got = rm.read_recording(files, drive(), tmp_path / "channels.toml")
+    assert {"torque", "motor_speed", "load_speed"} <= set(got.channels)
+    assert got.clock_groups == (("load_speed",),)
+
+
+def test_a_name_that_no_file_has_or_both_have_is_one_line(loggers, tmp_path):
+    for path, logger in zip(("a.csv", "b.csv"), loggers, strict=True):
+        columns = logger.channels | {"n": logger.time}
+        (tmp_path / path).write_text(csv_text(logger.time, columns, dict.fromkeys(columns, "")))
+    files = f"{tmp_path / 'a.csv'}+{tmp_path / 'b.csv'}"
+    for name, line in (("speed", "is in none of"), ("n", "is in .*a.csv and .*b.csv; rename")):
+        (tmp_path / "channels.toml").write_text(f'[channels]\nload_speed = "{name}"\n')
+        with pytest.raises(InputError, match=line):
+            rm.read_recording(files, drive(), tmp_path / "channels.toml")

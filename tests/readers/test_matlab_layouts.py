@@ -1,0 +1,171 @@
+"""The layouts in which MATLAB, Simulink and real-time recorders save a recording, all the same motion."""
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from matching.channel_names import channel_list
+from modelling.errors import InputError
+from modelling.model_file import from_dict
+from modelling.recordings.read import Channel, read_recording
+
+TIME = np.arange(300) * 0.004
+TORQUE, SPEED = np.sin(7 * TIME), 20 + np.cos(3 * TIME)
+SYSTEM = from_dict(
+    {
+        "inertias": {"rotor": {"J": 0.02}},
+        "inputs": {"motor_torque": {"on": "rotor"}},
+        "sensors": {"speed": {"measures": "speed", "of": "rotor"}},
+    }
+)
+
+
+def structs(*entries):
+    """A structure array."""
+    out = np.empty(len(entries), dtype=[(name, object) for name in entries[0]])
+    for i, entry in enumerate(entries):
+        out[i] = tuple(entry.values())
+    return out
+
+
+def scope(names=("motor_torque", "speed"), time=TIME):
+    signals = [
+        {"values": values, "dimensions": 1.0, "label": name, "blockName": "bed/Scope"}
+        for name, values in zip(names, (TORQUE, SPEED), strict=True)
+    ]
+    return {"time": time, "signals": structs(*signals), "blockName": "bed/Scope"}
+
+
+def recorder(names=("motor_torque", "speed")):
+    rows = [
+        {"Name": name, "Path": f"Model Root/{name}", "Unit": "-", "Data": values, "XIndex": 1.0}
+        for name, values in zip(names, (TORQUE, SPEED), strict=True)
+    ]
+    return {"X": {"Name": "Raster", "Data": TIME, "Unit": "s"}, "Y": structs(*rows)}
+
+
+OWN = {"time": Channel("t"), "motor_torque": Channel("M"), "speed": Channel("n")}
+PLACES = {"motor_torque": Channel("log.bed.M"), "speed": Channel("log.bed.n"), "time": Channel("log.bed.t")}
+ROWS = {"time": Channel("ans(1,:)"), "motor_torque": Channel("ans[1,:]"), "speed": Channel("ans(3,:)")}
+COLUMNS = {"time": Channel("d(:,1)"), "motor_torque": Channel("d(:,2)"), "speed": Channel("d[:,2]")}
+SCALAR = {"J": 0.02, "name": "run 7"}
+LAYOUTS = {
+    "vectors t, M, n": ({"t": TIME, "M": TORQUE, "n": SPEED} | SCALAR, OWN),
+    "columns of one matrix": ({"d": np.stack([TIME, TORQUE, SPEED], 1)} | SCALAR, COLUMNS),
+    "rows of one matrix": ({"ans": np.stack([TIME, TORQUE, SPEED])}, ROWS),
+    "structure with time": ({"ScopeData": scope()} | SCALAR, {}),
+    "structure with time, own labels": (
+        {"ScopeData": scope(("M", "n"))},
+        {name: own for name, own in OWN.items() if name != "time"},
+    ),
+    "two scopes of two rates": (
+        {"slow": {"time": TIME[::10], "signals": {"values": TIME[::10], "label": "other"}}, "fast": scope()},
+        {},
+    ),
+    "two runs with the same names": (
+        {"run1": {"time": TIME[:100], "motor_torque": TORQUE[:100], "speed": SPEED[:100]}, "run2": scope()},
+        {"motor_torque": Channel("run2.signals(1).values"), "speed": Channel("run2.signals(2).values"),
+         "time": Channel("run2.time")},
+    ),
+    "recorder": ({"rec001": recorder()}, {}),
+    "recorder with two rasters": (
+        {"rec001": {
+            "X": structs({"Name": "slow", "Data": TIME[::2], "Unit": "s"}, {"Name": "fast", "Data": TIME, "Unit": "s"}),
+            "Y": structs(
+                {"Name": "motor_torque", "Unit": "N*m", "Data": TORQUE, "XIndex": 2.0},
+                {"Name": "speed", "Unit": "1/min", "Data": SPEED * 30 / np.pi, "XIndex": 2.0},
+                {"Name": "temperature", "Unit": "degC", "Data": TIME[::2], "XIndex": 1.0},
+            ),
+        }},
+        {},
+    ),
+    "structs in a struct": ({"log": {"bed": {"t": TIME, "M": TORQUE, "n": SPEED}, "settings": SCALAR}}, PLACES),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_is_the_same_recording(tmp_path, layout):
+    content, channels = LAYOUTS[layout]
+    savemat(tmp_path / "run.mat", content)
+    got = read_recording(tmp_path / "run.mat", SYSTEM, channels)
+    np.testing.assert_allclose(got.time, TIME, atol=1e-12)
+    np.testing.assert_allclose(got["motor_torque"], TORQUE, atol=1e-12)
+    np.testing.assert_allclose(got["speed"], SPEED, rtol=1e-12)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_list_of_channels_has_all_that_a_channel_file_needs(tmp_path, layout):
+    savemat(tmp_path / "run.mat", LAYOUTS[layout][0])
+    listed = channel_list(tmp_path / "run.mat", SYSTEM)
+    seen = " ".join([*(row["name"] for row in listed["channels"]), *listed["notes"]])
+    if "runs" not in layout:
+        assert {row["samples"] for row in listed["channels"]} == {len(TIME)}
+    for name in {"structure with time": ("time", "speed"), "structs in a struct": ("M", "n")}.get(layout, ()):
+        assert name in seen
+    if "matrix" in layout:
+        assert len(listed["channels"]) == 3
+    assert "motor_torque" in listed["channel_file"]
+
+
+def test_what_is_not_there_is_one_line(tmp_path):
+    savemat(tmp_path / "run.mat", {"t": TIME, "u": TORQUE, "n": SPEED})
+    with pytest.raises(InputError, match=r'there are .*t.*write time = "t" into a channel file'):
+        read_recording(tmp_path / "run.mat", SYSTEM)
+    savemat(tmp_path / "numbers.mat", SCALAR)
+    with pytest.raises(InputError, match="has no column 'time'; there are J, name"):
+        read_recording(tmp_path / "numbers.mat", SYSTEM)
+
+
+def test_a_structure_array_of_version_7_3(tmp_path):
+    """As MATLAB lays it out: every field a list of references, numbers transposed, texts as UTF-16."""
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "run.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        refs = file.create_group("#refs#")
+
+        def kept(name, value):
+            if isinstance(value, str):
+                made = refs.create_dataset(name, data=np.frombuffer(value.encode("utf-16-le"), np.uint16)[:, None])
+                made.attrs["MATLAB_class"] = np.bytes_("char")
+            else:
+                made = refs.create_dataset(name, data=value[None, :])
+                made.attrs["MATLAB_class"] = np.bytes_("double")
+            return made.ref
+
+        data = file.create_group("ScopeData")
+        data.attrs["MATLAB_class"] = np.bytes_("struct")
+        data.create_dataset("time", data=TIME[None, :]).attrs["MATLAB_class"] = np.bytes_("double")
+        signals = data.create_group("signals")
+        signals.attrs["MATLAB_class"] = np.bytes_("struct")
+        for field, pair in {"values": (TORQUE, SPEED), "label": ("motor_torque", "speed")}.items():
+            rows = [[kept(f"{field}{i}", value)] for i, value in enumerate(pair)]
+            signals.create_dataset(field, data=rows, dtype=h5py.ref_dtype)
+        matrix = file.create_dataset("d", data=np.stack([TIME, TORQUE, SPEED]))
+        matrix.attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    for channels in ({}, COLUMNS):
+        got = read_recording(path, SYSTEM, channels)
+        np.testing.assert_allclose(got["motor_torque"], TORQUE)
+        np.testing.assert_allclose(got["speed"], SPEED)
+
+
+def test_parquet_holds_numbers_as_decimals_or_text(tmp_path):
+    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    texts = [None if i == 7 else f"{value:.6f}".replace(".", ",") for i, value in enumerate(SPEED)]
+    decimals = pyarrow.array(TORQUE).cast(pyarrow.decimal128(18, 6), safe=False)
+    parquet.write_table(pyarrow.table({"time": TIME, "motor_torque": decimals, "speed": texts}), tmp_path / "a.parquet")
+    got = read_recording(tmp_path / "a.parquet", SYSTEM)
+    np.testing.assert_allclose(got["motor_torque"], TORQUE, atol=1e-6)
+    assert np.isnan(got["speed"][7])
+    np.testing.assert_allclose(np.delete(got["speed"], 7), np.delete(SPEED, 7), atol=1e-6)
+
+
+def test_parquet_with_words_is_said(tmp_path):
+    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    words = ["on"] * len(TIME)
+    parquet.write_table(pyarrow.table({"time": TIME, "motor_torque": TORQUE, "speed": words}), tmp_path / "a.parquet")
+    assert "speed is unused: its column holds no numbers" in read_recording(tmp_path / "a.parquet", SYSTEM).notes
+    parquet.write_table(pyarrow.table({"time": TIME, "M": words, "speed": SPEED}), tmp_path / "b.parquet")
+    with pytest.raises(InputError, match="'motor_torque': holds no numbers"):
+        read_recording(tmp_path / "b.parquet", SYSTEM, {"motor_torque": Channel("M")})
