@@ -64,8 +64,11 @@ def _alike(system: System, measured: np.ndarray) -> Iterator[list[int]]:
 
 
 def reordered(data: FitData, order: Sequence[int]) -> FitData:
-    """Data whose sensors have the readings of others."""
-    return replace(data, segments=tuple(replace(s, readings=s.readings[:, list(order)]) for s in data.segments))
+    """Data whose sensors have the readings of others; whether noise belongs to the sensor or to its channel is not
+    known, so the larger one is taken."""
+    order = list(order)
+    segments = tuple(replace(s, readings=s.readings[:, order]) for s in data.segments)
+    return replace(data, segments=segments, noise=np.maximum(data.noise, data.noise[order]))
 
 
 def _both(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
