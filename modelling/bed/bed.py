@@ -223,8 +223,8 @@ class Loop:
     """Structure, dynamometers, measured rig inputs, and values of :data:`HARDWARE` and the structure's quantities (SI).
 
     ``measured`` are the inputs of the rig whose torque is measured, or known as a demand, and reaches the controller;
-    ``further_sensors`` those of the rig that reach it in addition to the dynamometers' own. ``fixed``: the controller is
-    given, and no search moves its quantities.
+    ``further_sensors`` those of the rig that reach it in addition to the dynamometers' own. ``fixed``: the controller
+    is given, and no search moves its quantities.
     """
 
     structure: ControlStructure
