@@ -97,8 +97,8 @@ class Traces:
     Each of the three maps names to traces (t,), less their values at the operating point: sensors by name,
     ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and ``.twist``; of both rigs ``residual_vehicle.SENSOR``, what
     the residual vehicle reads (:func:`.loop_modes.emulated`). Of the matched rig also ``dynamometers.NAME.torque``
-    (air gap), ``.speed``, ``.power`` and ``.command``, which are absolute. ``operating`` holds the values of the matched
-    rig's shafts at the operating point, ``applied_from_start`` the torques with what only leads in.
+    (air gap), ``.speed``, ``.power`` and ``.command``, which are absolute. ``operating`` holds the values of the
+    matched rig's shafts at the operating point, ``applied_from_start`` the torques with what only leads in.
     """
 
     time: np.ndarray
