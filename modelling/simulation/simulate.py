@@ -496,6 +496,33 @@ def check_speed_units(model: System | Model, recording: Recording) -> None:
             _check_unit(model, _longest_part(recording), names, unit, in_si, si)
 
 
+def check_exchanged(model: System | Model, recording: Recording) -> None:
+    """Check that no input and sensor of a recording hold each other's values: called where the model is far off.
+
+    Raises
+    ------
+    InputError
+        If the model fits with two columns exchanged only; names them.
+    """
+    model = compiled(model) if isinstance(model, System) else model
+    recording = _longest_part(recording)
+    sensors = recording.sensors(model.system)
+    as_read = max(_misfits(model, recording, sensors), default=0.0)
+    if as_read <= FAR_OFF:
+        return
+    for name in model.inputs:
+        for sensor in sensors:
+            if not np.isfinite(recording[sensor]).all():
+                continue
+            turned = recording.channels | {name: recording[sensor], sensor: recording[name]}
+            if max(_misfits(model, replace(recording, channels=turned), sensors)) < min(FITS, as_read / CLEARLY):
+                raise InputError(
+                    f"{recording.source}: columns {name!r} and {sensor!r}",
+                    "hold each other's values: only exchanged they fit the model",
+                    "exchange their names, or map them in a channel file (--channels)",
+                )
+
+
 def _check_unit(model: Model, recording: Recording, names: list[str], unit: str, in_si: float, si: str) -> None:
     as_read = min(_misfits(model, recording, names))
     if as_read <= FAR_OFF:
