@@ -491,7 +491,7 @@ def diagnose(
     )
     read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
     for each in read:
-        check_motion(each.time, each.channels, system, each.source or "recording")
+        check_motion(each.channels, system, each.source or "recording")
     if time_limit is not None and not time_limit > 0:
         raise InputError("time_limit", f"{time_limit:g} s is out of range", "give a positive number of seconds")
     computing()

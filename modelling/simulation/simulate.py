@@ -267,6 +267,7 @@ WINDOWS = (0.06, 0.25)  # s; over the short one, which comes first, even a lash 
 LEAST_SAMPLES = 8  # of a window, however seldom they are taken
 MEDIAN_OF = 9  # samples, from which a speed to begin with is taken
 ROUNDS = 6  # of Gauss-Newton
+AT_REST = 1e-12  # SI, or of the largest reading: a sensor whose range is smaller does not move
 SHARE_OF_RANGE = 1e-3  # taken for the uncertainty of a sensor that states none
 WORTHWHILE = 1e-6  # relative decrease of the misfit
 INSENSITIVE = 1e-9  # of the largest derivative by an angle or by a speed: below, it is what rounding leaves of none
@@ -460,7 +461,8 @@ def _undetermined(window: _StartWindow, start: np.ndarray) -> np.ndarray:
 
 
 def _share_of_range(values: np.ndarray) -> float:
-    return float(np.nanmax(values) - np.nanmin(values)) * SHARE_OF_RANGE or 1.0
+    spread = float(np.nanmax(values) - np.nanmin(values))
+    return spread * SHARE_OF_RANGE if spread > AT_REST * max(1.0, float(np.nanmax(np.abs(values)))) else 1.0
 
 
 # --- Speeds and angles without a unit that fit the model in 1/min or degrees and not in SI.

@@ -1,12 +1,15 @@
 """Headers that do not say what their columns hold: torque and speed exchanged, times in another unit, no motion."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import rigmatch as rm
+from matching.cli import main
 from modelling.errors import InputError
-from modelling.model_file import from_dict
+from modelling.model_file import dumps, from_dict, to_dict
 from modelling.recordings.read import read_recording
 
 STEP = 2e-3
@@ -98,3 +101,27 @@ def test_a_recording_in_which_nothing_moves(tmp_path, noise):
     still["torque"] = columns["torque"]
     (note,) = read_recording(written(tmp_path / "pushed.csv", still), system).notes
     assert note.startswith("nothing moves although inputs act: speed, link_torque")
+
+
+@pytest.mark.parametrize("rest", [0.0, 3.3, 1e-40])
+def test_a_sensor_at_rest_has_no_share_of_a_range(tmp_path, capsys, rest):
+    """One without a stated uncertainty tells nothing: it neither decides the start nor ends a diagnosis."""
+    columns, system = plant(2)
+    data = to_dict(system)
+    for sensor in data["sensors"].values():
+        sensor.pop("uncertainty")
+    rng = np.random.default_rng(2)
+    still = columns | {"link_torque": rest * (1 + 1e-3 * rng.normal(size=len(TIME)) * (rest < 1))}
+    path = written(tmp_path / "run.csv", still)
+    (tmp_path / "model.toml").write_text(dumps(from_dict(data)))
+    command = ["simulate", str(tmp_path / "model.toml"), str(path), "--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert max(map(len, told.splitlines())) < 200
+    assert main([*command, "--json"]) == 0
+    misfit = json.loads(capsys.readouterr().out)["misfit"]
+    assert misfit["link_torque"]["of_range"] is None
+    assert misfit["speed"]["of_range"] < 0.01
+    found = rm.diagnose(from_dict(data), path)
+    assert found.verdict == "adequate"
+    assert any("link_torque keeps one value and states no uncertainty" in note for note in found.notes)
