@@ -462,8 +462,8 @@ def diagnose(
     keep_rest : bool
         Keep the torque that no cause explains as a table in the extended model, if unseen data gain by it.
     time_limit : float, optional
-        Seconds that it may take; then it answers the best so far, and a note says so. Without one an answer never
-        depends on the speed of the machine.
+        Seconds that it may take; then it answers the best so far, and a note says so; by default 120 s of processor
+        time.
     progress : callable, optional
         Is called with a line of text at every step; by default a terminal or a notebook shows it.
     settings : DiagnosisSettings, optional

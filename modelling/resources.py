@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from time import monotonic
+from time import monotonic, process_time
 
 
 def cores() -> int:
@@ -47,15 +47,24 @@ class TimeLimit:
         Infinite: no limit.
     ended_at : float
         Largest share of the limit at which a loop was ended; 0: none was.
+    of_processor : bool
+        Whether seconds are those of the processor, which do not depend on what else the machine does.
     """
 
     seconds: float
     ended_at: float = 0.0
-    began: float = field(default_factory=lambda: monotonic())
+    of_processor: bool = False
+    began: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.began = self._now()
+
+    def _now(self) -> float:
+        return process_time() if self.of_processor else monotonic()
 
     def is_over(self, share: float) -> bool:
         """Whether a share of the time has passed; whoever asks ends its loop then."""
-        over = monotonic() - self.began >= share * self.seconds
+        over = self._now() - self.began >= share * self.seconds
         if over:
             self.ended_at = max(self.ended_at, share)
         return over
@@ -65,14 +74,20 @@ _limit: ContextVar[TimeLimit | None] = ContextVar("time_limit", default=None)
 
 
 @contextmanager
-def limited(seconds: float | None) -> Iterator[TimeLimit]:
-    """A block that may take so many seconds; None: what the block around it may, if any."""
-    limit = (_limit.get() or TimeLimit(float("inf"))) if seconds is None else TimeLimit(seconds)
+def limited(seconds: float | None, of_processor: bool = False) -> Iterator[TimeLimit]:
+    """A block that may take so many seconds, by the clock or of the processor; None: what the block around it may, if
+    any."""
+    limit = (_limit.get() or TimeLimit(float("inf"))) if seconds is None else TimeLimit(seconds, 0.0, of_processor)
     token = _limit.set(limit)
     try:
         yield limit
     finally:
         _limit.reset(token)
+
+
+def is_limited() -> bool:
+    """Whether a block around this has a limit."""
+    return _limit.get() is not None
 
 
 def time_is_over(share: float = 1.0) -> bool:

@@ -559,7 +559,8 @@ def why_short(
             return Reason("", (needed,))
     read = [read_recording(path, system, channels) for path in recordings]
     diagnosis = diagnose(system, read, None, progress)
-    causes = [f"{cause['kind']} at {cause['at']}: {cause['evidence']}" for cause in diagnosis.to_dict()["causes"]]
+    named = [cause for cause in diagnosis.to_dict()["causes"] if cause["in_model"]]
+    causes = [f"{cause['kind']} at {cause['at']}: {cause['evidence']}" for cause in named]
     new = identified_case(case, diagnosis)
     gains = [
         f"{after.name} gives {after.torque_gain:.4g} times what it is asked for, not {before.torque_gain:.4g}"

@@ -319,7 +319,7 @@ class Identification:
 
     def to_dict(self) -> dict[str, Any]:
         """Verdict, causes, values and notes as JSON holds them."""
-        causes = self.diagnosis.to_dict()["causes"]
+        causes = [cause for cause in self.diagnosis.to_dict()["causes"] if cause["in_model"]]
         return {
             "verdict": self.diagnosis.verdict,
             "causes": [{key: cause[key] for key in ("kind", "at", "evidence")} for cause in causes],

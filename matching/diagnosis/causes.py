@@ -29,6 +29,7 @@ from modelling.system import Effect, Input, Quantity, Shaft, System
 
 CORRELATION_TIME = 0.01  # s over which an unknown torque may change; faster than the modes of drivability (30 Hz)
 TORQUE_SHARE = 0.2  # standard deviation of an unknown torque, of the largest torque in the drivetrain (rms)
+FORGOTTEN = (0.0, 1e-6, 1e-4)  # share of a state in a sample: without damping the smoother may be ill-conditioned
 ANGLE_SIGMA = 1.0  # rad within which angles are held: no reading tells where a drivetrain as a whole stands
 
 
@@ -123,9 +124,10 @@ def torque_balance(fit: Fit, system: System, value: dict[str, float], scale: flo
     with np.errstate(over="ignore", invalid="ignore"):  # of absurd data, which are refused
         R = np.concatenate([data.noise**2, np.full(n, ANGLE_SIGMA**2)])
         smoother = None
-        if all(np.isfinite(matrix).all() for matrix in (F, H, Q, R)):
-            with contextlib.suppress(np.linalg.LinAlgError):  # the Riccati equation has no stabilising solution
-                smoother = stationary_smoother(F, H, Q, R)
+        for forgotten in FORGOTTEN if all(np.isfinite(matrix).all() for matrix in (F, H, Q, R)) else ():
+            with contextlib.suppress(np.linalg.LinAlgError, ValueError):  # ill-conditioned for SciPy's Riccati solver
+                smoother = stationary_smoother((1 - forgotten) * F, H, Q, R)
+                break
     if smoother is None:
         raise InputError(
             data.segments[0].name or "recording",

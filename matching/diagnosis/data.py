@@ -124,6 +124,8 @@ class Segment:
         The recording it is from.
     recording : int
         Its number, from 1.
+    held : tuple of int
+        Inputs, by index, that keep the value of a sample until the next; others are straight between samples.
     """
 
     time: np.ndarray
@@ -131,6 +133,7 @@ class Segment:
     readings: np.ndarray
     name: str = ""
     recording: int = 1
+    held: tuple[int, ...] = ()
 
     @property
     def measured(self) -> np.ndarray:
@@ -152,10 +155,14 @@ class FitData:
     segments : tuple of Segment
     noise : ndarray (y,)
         Standard uncertainty of each sensor, SI; also the noise that a fit assumes.
+    rounding : ndarray (y, l), optional
+        What the resolution of the inputs adds to a residual beyond white noise, as
+        :attr:`matching.diagnosis.statistics.WhitenessTest.excess`.
     """
 
     segments: tuple[Segment, ...]
     noise: np.ndarray
+    rounding: np.ndarray | None = None
 
     @property
     def readings_by_sensor(self) -> np.ndarray:
@@ -240,6 +247,9 @@ def remove_stuck_values(
     return cleaned, notes
 
 
+ROUNDED_STAMP = 0.025  # of a sampling interval, up to which stamps are taken as those of even steps, rounded
+
+
 # --- From recordings to the data of a fit: segments without gaps, noise, and channels that do not measure.
 
 
@@ -297,8 +307,15 @@ def _segments(system: System, recording: Recording, number: int) -> tuple[list[S
             notes += remarks
     inputs = np.ascontiguousarray(recording.inputs(system))
     parts, remarks = segments_between_gaps(recording.time, recording.source)
-    segments = [Segment(recording.time[p], inputs[p], readings[p], recording.source, number) for p in parts]
+    segments = [Segment(_even(recording.time[p]), inputs[p], readings[p], recording.source, number) for p in parts]
     return segments, notes + remarks
+
+
+def _even(time: np.ndarray) -> np.ndarray:
+    """Times (t,) at even steps where the stamps are so but for their rounding; else as they are."""
+    slope, begin = np.polyfit(np.arange(len(time)), time - time[0], 1)
+    even = time[0] + begin + slope * np.arange(len(time))
+    return even if np.abs(even - time).max() < ROUNDED_STAMP * slope else time
 
 
 def _still(system: System, recording: Recording) -> dict[str, np.ndarray]:
@@ -325,42 +342,6 @@ def _noise(system: System, segments: Sequence[Segment]) -> tuple[np.ndarray, lis
             notes.append(f"{sensor.name} states no uncertainty: {scatter} is estimated from its scatter")
         noise.append(uncertainty)
     return np.array(noise), notes
-
-
-# --- Inputs between their samples.
-#
-# A simulation takes inputs as straight between samples. A signal that is smooth there loses the share 1 − sinc²(f·h) of
-# its component at f that way, 1.4 % at 12 Hz and 187 samples per second: 13 standard uncertainties of an inertia. The
-# samples whose straight lines have the moments of the smooth signal follow from the series of 1/sinc²,
-# 1 + x²/12 + x⁴/240 with x = 2π·f·h, by central differences, −Δ² = x² − x⁴/12.
-
-
-def with_smooth_inputs(data: FitData, columns: Sequence[int]) -> FitData:
-    """Data whose straight lines between the samples of some inputs act like the smooth signals through these samples.
-
-    Parameters
-    ----------
-    columns : sequence of int
-        Inputs, by index.
-    """
-    return replace(data, segments=tuple(_with_smooth_inputs(segment, columns) for segment in data.segments))
-
-
-def _with_smooth_inputs(segment: Segment, columns: Sequence[int]) -> Segment:
-    inputs, step = segment.inputs.copy(), float(np.median(np.diff(segment.time)))
-    for j in columns:
-        second = _second_difference(segment.time, segment.inputs[:, j], step)
-        fourth = _second_difference(segment.time, second, step)
-        inputs[:, j] += -second / 12 + fourth / 90
-    return replace(segment, inputs=inputs)
-
-
-def _second_difference(time: np.ndarray, values: np.ndarray, step: float) -> np.ndarray:
-    """Second derivative (t,) of values (t,) times the square of a step, s; 0 at both ends."""
-    out = np.zeros_like(values)
-    slope = np.diff(values) / np.diff(time)
-    out[1:-1] = 2 * np.diff(slope) / (time[2:] - time[:-2]) * step**2
-    return out
 
 
 # --- How residuals are weighted where the model is not perfect: model error is no white noise.

@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from matching.diagnosis.causes import ExtendedModel, extended_system, simulated_motion
+from matching.diagnosis import audit, inputs
+from matching.diagnosis.base import fit_base
+from matching.diagnosis.causes import extended_system, simulated_motion
 from matching.diagnosis.closed_loop import closed_loop_notes
-from matching.diagnosis.data import FitData, prepare_data, with_smooth_inputs
+from matching.diagnosis.data import FitData, prepare_data
 from matching.diagnosis.descent import Fit, balanced_fit, solve
 from matching.diagnosis.holdout import (
     RESTART_SECONDS,
@@ -30,10 +32,12 @@ from matching.diagnosis.holdout import (
 from matching.diagnosis.loggers import with_clocks
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.result import (
+    Candidate,
     Diagnosis,
     FittedCandidate,
     KeptTable,
     KnownScreening,
+    NamedCause,
     Pictured,
     PlotData,
     correlated_uncertainties,
@@ -53,6 +57,7 @@ from matching.diagnosis.screening import (
 from matching.diagnosis.search import (
     Progress,
     SearchState,
+    Suspected,
     first_readings,
     search_causes,
     search_window,
@@ -89,7 +94,7 @@ from matching.diagnosis.verdict import (
 from matching.diagnosis.windows import window_uncertainties
 from modelling.errors import FitError, InputError
 from modelling.recordings.recording import Recording
-from modelling.resources import limited, time_is_over
+from modelling.resources import is_limited, limited, time_is_over
 from modelling.simulation.simulate import check_exchanged, check_speed_units
 from modelling.system import System
 
@@ -106,7 +111,12 @@ class IdentifiedCauses:
 
 
 def identify_causes(
-    system: System, base: Fit, holdout: Holdout, settings: DiagnosisSettings, progress: Progress
+    system: System,
+    base: Fit,
+    holdout: Holdout,
+    settings: DiagnosisSettings,
+    progress: Progress,
+    suspected: Sequence[Suspected] = (),
 ) -> IdentifiedCauses:
     """The causes that a base fit lacks, and for each its rivals, itself included.
 
@@ -114,20 +124,25 @@ def identify_causes(
     searched for again with each sensor weighted by what the base model leaves of it, and taken if they meet unseen data
     better.
     """
-    identified = _identify(system, base, holdout, settings, progress)
+    identified = _identify(system, base, holdout, settings, progress, suspected)
     best = identified.state.best
     if scatters_only(best) or largest_error(best.fit) < settings.left_by_model or time_is_over(settings.search_share):
         return identified
     progress("sensors weighted by what the model leaves")
     if largest_error(base) < settings.far_from_noise:
         settings = replace(settings, far_from_noise=settings.left_by_model)
-    balanced = _identify(system, _balanced(system, base), holdout, settings, progress)
+    balanced = _identify(system, _balanced(system, base), holdout, settings, progress, suspected)
     unseen = UnseenData(holdout, settings)
     return balanced if unseen.pooled(balanced.state.best) < unseen.pooled(best) else identified
 
 
 def _identify(
-    system: System, base: Fit, holdout: Holdout, settings: DiagnosisSettings, progress: Progress
+    system: System,
+    base: Fit,
+    holdout: Holdout,
+    settings: DiagnosisSettings,
+    progress: Progress,
+    suspected: Sequence[Suspected],
 ) -> IdentifiedCauses:
     """Causes with their rivals, sensors weighted as in the base fit.
 
@@ -138,7 +153,7 @@ def _identify(
     if window is not None:
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
         judge = RememberedHoldout(OtherRecordings(first_readings(holdout.data, settings.window)))
-        identified = _search_and_rate(system, _solved_as(base, system, window), judge, settings, progress)
+        identified = _search_and_rate(system, _solved_as(base, system, window), judge, settings, progress, suspected)
         state = identified.state
         progress("all data")
         best = final_fit_on(state.best, base)
@@ -146,7 +161,7 @@ def _identify(
             state.best, state.base, state.screening = best, replace(state.base, fit=base), Screening(base)
             state.screened = []
             return identified
-    return _search_and_rate(system, base, holdout, settings, progress)
+    return _search_and_rate(system, base, holdout, settings, progress, suspected)
 
 
 def _balanced(system: System, base: Fit) -> Fit:
@@ -160,10 +175,15 @@ def _solved_as(base: Fit, system: System, data: FitData) -> Fit:
 
 
 def _search_and_rate(
-    system: System, base: Fit, holdout: Holdout, settings: DiagnosisSettings, progress: Progress
+    system: System,
+    base: Fit,
+    holdout: Holdout,
+    settings: DiagnosisSettings,
+    progress: Progress,
+    suspected: Sequence[Suspected],
 ) -> IdentifiedCauses:
     unseen = UnseenData(holdout, settings)
-    state = search_causes(system, base, unseen, settings, progress)
+    state = search_causes(system, base, unseen, settings, progress, suspected)
     progress("final fit")
     state.best = simplified(final_fit(state.best))
     _leave_out(state, unseen)
@@ -183,9 +203,11 @@ def _leave_out(state: SearchState, unseen: UnseenData) -> None:
     """Leave out each cause of several, the last first, without which the final fit meets unseen data as well, or whose
     torque is not told from nothing."""
     for index in reversed(range(len(state.best.causes))):
-        rest = without(state.best, index) if len(state.best.causes) > 1 else None
+        rest = without(state.best, index)
         if rest is None:
             continue
+        if not rest.causes and _lower(rest.fit, state.base.fit):
+            state.base = final_fit(rest)
         best = state.best
         parameters = cause_parameters(best.model.base, best.causes[index], _estimates(best, [best.fit]))
         nothing = best.model.negligible(best.fit, index) or acts(parameters) < TOLD_FROM_NOTHING
@@ -194,37 +216,10 @@ def _leave_out(state: SearchState, unseen: UnseenData) -> None:
             del state.rivals[index : index + 1]
 
 
-# --- Inputs between their samples: straight, as recordings have them, or smooth, where that is what the readings say.
-
-NOTICED = 0.05  # change of the readings, root mean square of the worst sensor in times the noise; chosen by trial
-LIKELIER = 25.0  # decrease of χ², over its mean per reading, from which inputs are taken as smooth; chosen by trial
-
-
-def _smooth_between_samples(system: System, fit: Fit) -> Fit | None:
-    """A fit with inputs that are smooth between samples, where it is likelier than with straight ones and leaves
-    nothing but noise; else None.
-
-    It has no parameter more. Where more than noise is left, it could stand for what the model lacks.
-    """
-    data = fit.problem.data
-    problem = replace(fit.problem, data=_with_smooth_inputs(system, data))
-    change = problem.by_sensor(problem.residuals(fit.v[None])[0] - fit.residual)
-    squares = np.sum([np.sum(part**2, axis=0) for part in change], axis=0)
-    if np.sqrt(squares / np.maximum(data.readings_by_sensor, 1)).max(initial=0.0) < NOTICED:
-        return None
-    try:
-        smooth = solve(problem, fit.v)
-    except FitError:
-        return None
-    if fit.cost - smooth.cost < LIKELIER * max(1.0, smooth.cost / data.readings_count):
-        return None
-    model = ExtendedModel(system, (), dict(problem.bounds), smooth.values)
-    return smooth if at_noise(Hypothesis(model, smooth)) else None
-
-
-def _with_smooth_inputs(system: System, data: FitData) -> FitData:
-    """Data with torque inputs that are smooth between samples."""
-    return with_smooth_inputs(data, [j for j, part in enumerate(system.inputs) if part.name not in system.imposed_by])
+def _lower(fit: Fit, other: Fit) -> bool:
+    """Whether a fit leaves less than another one of the same data, in the same weights."""
+    same = fit.residual.shape == other.residual.shape and fit.problem.weighting is other.problem.weighting
+    return same and fit.cost < other.cost
 
 
 # --- Diagnosis
@@ -261,70 +256,96 @@ def diagnose(
         Is given what the figures show before the causes are judged.
     settings : DiagnosisSettings, optional
     time_limit : float, optional
-        Seconds that it may take; then it answers the best so far, and a note says so.
+        Seconds that it may take; then it answers the best so far, and a note says so. Without it
+        ``settings.processor_seconds`` of the processor.
     """
     settings = settings or DiagnosisSettings()
-    with limited(time_limit) as limit:
+    by_default = time_limit is None and not is_limited()
+    with limited(settings.processor_seconds if by_default else time_limit, of_processor=by_default) as limit:
         judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
         stated, system = system, with_clocks(system, [*recordings, *judging])
         whole, train, judge, notes = _data(system, recordings, judging)
         remembered = RememberedHoldout(judge)
         progress("base model")
         compile_models([system])
-        base_fit = _base_fit(system, train, [*recordings, *judging])
-        smooth = _smooth_between_samples(system, base_fit)
-        if smooth is None:
-            identified = identify_causes(system, base_fit, remembered, settings, progress)
-            smooth = (
-                _smooth_between_samples(system, identified.state.best.fit) if identified.state.best.causes else None
-            )
-        if smooth is not None:
-            progress("inputs that are smooth between samples")
-            whole, train = (_with_smooth_inputs(system, data) for data in (whole, train))
-            if isinstance(judge, RestOfRecordings):
-                judge = RestOfRecordings(whole, judge.counts)
-            else:
-                judge = OtherRecordings(_with_smooth_inputs(system, judge.data))
-            remembered = RememberedHoldout(judge)
-            identified = identify_causes(system, solve(*base_problem(system, train)), remembered, settings, progress)
-            notes.append("inputs are taken as smooth between samples, not as straight lines: the model fits better so")
-        state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
-        base, final = state.base, replace(state.best, fit=fits[0])
-        state.best = final
-        judge, restarted = _predictable(final, judge, remembered)
+        base_fit = _base_fit(system, train, [*recordings, *judging], settings)
+        order, base_fit = audit.with_channels_of(system, base_fit, train, settings)
+        hum = audit.find_hum(system, base_fit)
+        whole, train = (_mended(system, data, base_fit, order, hum) for data in (whole, train))
+        judge = _mended_holdout(judge, whole, lambda data: _mended(system, data, base_fit, order, hum))
+        remembered = RememberedHoldout(judge)
+        if hum:
+            base_fit = fit_base(system, train, settings, base_fit)
+        notes += audit.notes_on(system, order, hum)
+        straight = (inputs.STRAIGHT,) * len(system.inputs)
+        kinds, base_fit = inputs.likeliest(system, train, base_fit, straight)
+        recorded = inputs.with_rounding(train, base_fit), judge
+        for last in (False, True):
+            if kinds != straight or recorded[0].rounding is not None:
+                train, judge = inputs.as_taken(recorded[0], kinds), inputs.with_inputs(recorded[1], kinds)
+                remembered = RememberedHoldout(judge)
+                base_fit = fit_base(system, train, settings, base_fit)
+            suspected = audit.time_hypotheses(system, base_fit, audit.channel_times(system, base_fit))
+            identified = identify_causes(system, base_fit, remembered, settings, progress, suspected)
+            best = identified.state.best
+            if last or not best.causes or (at_noise(best) and kinds != straight):
+                break
+            progress("inputs between samples")
+            others, _ = inputs.likeliest(system, recorded[0], best.fit, kinds)
+            if others == kinds:
+                break
+            kinds = others
+        notes += inputs.note_on(system, kinds)
+        recorded_judge, weak, weighed = judge, list[NamedCause](), list[Candidate]()
+        while True:
+            state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
+            base, final = state.base, replace(state.best, fit=fits[0])
+            state.best = final
+            judge, restarted = _predictable(final, recorded_judge, remembered)
+            residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
+            before, after = (rms_by_sensor(parts) for parts in residuals)
+            verdict, unseen = _verdict(final, judge, after, train.rounding), UnseenData(judge, settings)
+            values, judging_data = _estimates(final, fits), None if verdict == "explained" else unseen
+            judged = _judged_causes(identified, final, judging_data)
+            named = named_causes(system, final, values, judged, judging_data)
+            doubtful = [index for index, cause in enumerate(named) if not cause.in_model]
+            if not doubtful:
+                break
+            least = min(doubtful, key=lambda index: named[index].confidence)
+            weak.append(named[least])
+            weighed += refitted_candidates([judged[least]])
+            identified = _without(identified, least)
         notes += restarted + closed_loop_notes(final, recordings) + scatter_notes(final)
-        residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
-        before, after = (rms_by_sensor(parts) for parts in residuals)
-        verdict, rest = _verdict(final, judge, after), remaining_errors(final)
+        rest = remaining_errors(final)
         if verdict == "unexplained" and not final.causes and at_noise(final):
             notes.append(
                 "the fitted data are reproduced to their noise, held-out data are not: something happens in those"
             )
-        unseen = UnseenData(judge, settings)
         held_out = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
         curves = discrepancy_curves(final) if rest else []
         errors = errors_by_sensor(system, base, final, before, after)
         pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, held_out)))
-        values = _estimates(final, fits)
-        judged = _judged_causes(identified, final, None if verdict == "explained" else unseen)
         kept = kept_table(final, curves, unseen) if keep_rest else None
         found = Diagnosis(
-            verdict, named_causes(system, final, values, judged),
+            verdict, [*sorted(named, key=lambda cause: -cause.gain), *reversed(weak)],
             {name: value for name, value in values.items() if name in system.uncertain}, system.units,
-            errors, pooled_errors(whole, before, after), fidelity(system, held_out), refitted_candidates(judged),
-            identified.fitted, rest, curves, recording_to_tell_rivals(final, judged), notes,
+            errors, pooled_errors(whole, before, after), fidelity(system, held_out),
+            refitted_candidates(judged) + weighed, identified.fitted, rest, curves,
+            recording_to_tell_rivals(final, judged), notes,
             _extended(stated, final, kept), plot_data, kept,
+            audit.audited(system, base_fit, order, kinds, hum),
         )  # fmt: skip
-    if time_limit is not None and limit.ended_at:
-        found.notes.append(f"cut short after {time_limit:g} s: the best answer so far")
+    if limit.ended_at and (by_default or time_limit is not None):
+        spent = f"{settings.processor_seconds:g} s of processor time" if by_default else f"{time_limit:g} s"
+        found.notes.append(f"cut short after {spent}: the best answer so far")
     return found
 
 
-def _base_fit(system: System, train: FitData, recordings: Sequence[Recording]) -> Fit:
+def _base_fit(system: System, train: FitData, recordings: Sequence[Recording], settings: DiagnosisSettings) -> Fit:
     """The fit of a system as given. Where it is far off, a speed or an angle without a unit may be in another one than
     taken, or two columns may be exchanged: an InputError then says which."""
     try:
-        fit = solve(*base_problem(system, train))
+        fit = fit_base(system, train, settings)
     except FitError as reason:
         for recording in recordings:
             check_speed_units(system, recording)
@@ -338,6 +359,30 @@ def _base_fit(system: System, train: FitData, recordings: Sequence[Recording]) -
             check_speed_units(system, recording)
             check_exchanged(system, recording)
     return fit
+
+
+def _without(identified: IdentifiedCauses, index: int) -> IdentifiedCauses:
+    """The same without one of the causes of its best hypothesis, which is fitted without it."""
+    state = identified.state
+    rest = best_without(state, index)
+    state.best = final_fit(rest) if rest.causes else rest
+    del state.rivals[index : index + 1]
+    rated = [each for number, each in enumerate(identified.rated) if number != index]
+    return replace(identified, rated=rated)
+
+
+def _mended(system: System, data: FitData, base: Fit, order: list[int], hum: list[audit.Hum]) -> FitData:
+    """Data with exchanged channels where they belong, and without hum."""
+    return audit.without_hum(system, audit.reordered(data, order), base, hum)
+
+
+def _mended_holdout(judge: Holdout, whole: FitData, mended: Callable[[FitData], FitData]) -> Holdout:
+    """Held-out data of mended data."""
+    return (
+        RestOfRecordings(whole, judge.counts)
+        if isinstance(judge, RestOfRecordings)
+        else OtherRecordings(mended(judge.data))
+    )
 
 
 def _by_segment(judge: Holdout, models: Sequence[Hypothesis], residuals: Sequence[list]) -> Iterator[ModelResiduals]:
@@ -393,17 +438,19 @@ def _predictable(final: Hypothesis, judge: Holdout, remembered: RememberedHoldou
     return RestartedRest(judge.whole, judge.counts), [note]
 
 
-def _verdict(final: Hypothesis, judge: Holdout, after_holdout: np.ndarray) -> str:
+def _verdict(final: Hypothesis, judge: Holdout, after_holdout: np.ndarray, rounding: np.ndarray | None = None) -> str:
     """``adequate``, ``explained`` or ``unexplained``; errors (y,) on held-out data in times the noise.
 
-    A model without causes may drift away on held-out data as far as its quantities are uncertain.
+    A model without causes may drift away on held-out data as far as its quantities are uncertain. What the resolution
+    of the inputs adds (y, l) is no error of it.
     """
     if not at_noise(final):
         return "unexplained"
     if not final.causes:
         predicted = prediction(final.fit, judge.simulate(final.fit))
         after_holdout = rms_by_sensor(predicted.updated) if predicted else after_holdout
-    met = np.nanmax(after_holdout, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO
+    added = 0.0 if rounding is None else np.maximum(rounding[:, 0], 0.0)
+    met = np.nanmax(after_holdout**2 - added, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO**2
     return "unexplained" if not met else "explained" if final.causes else "adequate"
 
 

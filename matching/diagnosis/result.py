@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from matching.diagnosis.audit import AuditedChannel
 from matching.diagnosis.causes import Cause, simulated_motion
 from matching.diagnosis.data import FitData
 from matching.diagnosis.descent import Fit, Quadratic, discrepancy, reweighted
@@ -64,7 +65,12 @@ class NamedCause:
     kind, at : str
     parameters : dict of str to CauseParameter
     confidence : float
-        0 … 1.
+        That this kind at this place is right, 0 … 1.
+    place_confidence : float
+        That something acts at this place, of whatever kind, 0 … 1.
+    in_model : bool
+        Whether the extended model has it: of a confidence over 0.5 and a value beyond its uncertainty. Else it only
+        says where something is.
     evidence : str
         One sentence that can be checked in the figures.
     alternatives : list of Alternative
@@ -79,6 +85,8 @@ class NamedCause:
     evidence: str
     alternatives: list[Alternative]
     gain: float
+    place_confidence: float = 1.0
+    in_model: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
@@ -86,7 +94,7 @@ class NamedCause:
             "kind": self.kind, "at": place_in_file(self.at), "confidence": self.confidence, "evidence": self.evidence,
             "parameters": {key: parameter.to_dict() for key, parameter in self.parameters.items()},
             "alternatives": [vars(rival) | {"at": place_in_file(rival.at)} for rival in self.alternatives],
-            "gain": finite(self.gain),
+            "gain": finite(self.gain), "place_confidence": self.place_confidence, "in_model": self.in_model,
         }  # fmt: skip
 
 
@@ -490,6 +498,8 @@ class Diagnosis(Displayed):
     plot_data : PlotData
     kept : KeptTable or None
         The curve of ``discrepancy`` that the extended model keeps.
+    channels : list of AuditedChannel
+        The audit of the channels.
     """
 
     verdict: str
@@ -508,6 +518,7 @@ class Diagnosis(Displayed):
     extended: System = field(repr=False)
     plot_data: PlotData = field(repr=False)
     kept: KeptTable | None = None
+    channels: list[AuditedChannel] = field(default_factory=list)
 
     @property
     def pictured(self) -> Pictured:
@@ -528,6 +539,7 @@ class Diagnosis(Displayed):
             "rest": [remaining.to_dict() for remaining in self.rest],
             "discrepancy": [curve.to_dict() for curve in self.discrepancy],
             "kept_discrepancy": self.kept.to_dict() if self.kept else None, "notes": self.notes,
+            "channels": [channel.to_dict() for channel in self.channels],
         }  # fmt: skip
 
     def _candidates_to_dict(self) -> list[dict[str, Any]]:

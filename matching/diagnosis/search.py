@@ -15,7 +15,7 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel, compilable, recorded_range
 from matching.diagnosis.data import FEWEST_SAMPLES, FitData, Segment
-from matching.diagnosis.descent import FINAL_STEPS, MOST_STEPS_A_SAMPLE, Fit, FitOptions, solve, with_sharper_friction
+from matching.diagnosis.descent import Fit, FitOptions, solve, with_sharper_friction
 from matching.diagnosis.screening import (
     NoiseDraws,
     ScreenedCandidate,
@@ -30,6 +30,7 @@ from matching.diagnosis.selection import (
     scatters_only,
     share_explained,
     with_balanced_sensors,
+    with_sharpest_friction,
 )
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.shared_causes import RefitBudget, with_shared_causes
@@ -38,9 +39,9 @@ from modelling.effects import EFFECTS
 from modelling.errors import FitError
 from modelling.system import System
 
-SMOOTH_FRICTION = 10.0  # times the noise, root mean square: friction that turns too smoothly leaves less (trial)
 SIDE_BY_SIDE = 4  # models that are compiled at once
 Progress = Callable[[str], None]  # is given the name of each step
+Suspected = tuple[str, str, dict[str, float]]  # kind, place and first values of a cause
 
 
 @dataclass
@@ -85,7 +86,12 @@ def best_by_candidate(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCan
 
 
 def search_causes(
-    system: System, base_fit: Fit, unseen: UnseenData, settings: DiagnosisSettings, progress: Progress
+    system: System,
+    base_fit: Fit,
+    unseen: UnseenData,
+    settings: DiagnosisSettings,
+    progress: Progress,
+    suspected: Sequence[Suspected] = (),
 ) -> SearchState:
     """Find the causes that a base fit lacks, as far as the vocabulary has them.
 
@@ -95,16 +101,25 @@ def search_causes(
         Of the system as given.
     unseen : UnseenData
         Decides what is accepted.
+    suspected : sequence of (kind, place, parameters)
+        Causes that are fitted in the first round whatever the screening says: what the audit of the channels suspects.
     """
-    return _Search(system, base_fit, unseen, settings, progress).run()
+    return _Search(system, base_fit, unseen, settings, progress, suspected).run()
 
 
 class _Search:
     """One search; screenings are made once for each set of causes."""
 
     def __init__(
-        self, system: System, base_fit: Fit, unseen: UnseenData, settings: DiagnosisSettings, progress: Progress
+        self,
+        system: System,
+        base_fit: Fit,
+        unseen: UnseenData,
+        settings: DiagnosisSettings,
+        progress: Progress,
+        suspected: Sequence[Suspected],
     ):
+        self.suspected = suspected
         self.unseen, self.settings, self.progress = unseen, settings, progress
         self.budget = RefitBudget(settings.refits, settings.search_share)
         self.windowed = settings.windowed
@@ -154,6 +169,11 @@ class _Search:
         for candidate in candidates[self.settings.candidates :]:
             if candidate.kind not in seen:
                 further.setdefault(candidate.kind, candidate)
+        if best and not hypothesis.causes:
+            known = {candidate.kind_and_place for candidate in best}
+            best = [
+                *(ScreenedCandidate(*one, best[0].reduction) for one in self.suspected if one[:2] not in known), *best
+            ]  # fmt: skip
         return [*best, *list(further.values())[: self.settings.kinds]]
 
     def screened(self, hypothesis: Hypothesis) -> tuple[Screening, list[ScreenedCandidate]]:
@@ -395,24 +415,14 @@ def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:
     )
 
 
-def without(hypothesis: Hypothesis, index: int) -> Hypothesis | None:
+def without(hypothesis: Hypothesis, index: int, iterations: int = 80) -> Hypothesis | None:
     """All causes of a hypothesis but one, fitted; None where they do not simulate without it."""
     model = hypothesis.model.without_cause(index, hypothesis.fit)
     try:
-        return with_sharpest_friction(Hypothesis(model, fit_extended(model, hypothesis.fit)))
+        fit = fit_extended(model, hypothesis.fit, FitOptions(iterations, exact=False))
+        return with_sharpest_friction(Hypothesis(model, fit))
     except FitError:
         return None
-
-
-def with_sharpest_friction(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis that is not at the noise with its friction as sharp as ever pays: no further cause is to be searched
-    for what smooth friction leaves. Far from the noise that is little beside the error of the model."""
-    if at_noise(hypothesis):
-        return hypothesis
-    sharper = replace(hypothesis, fit=with_sharper_friction(hypothesis.fit, FINAL_STEPS))
-    if at_noise(sharper) or sharper.misfit > SMOOTH_FRICTION:
-        return sharper
-    return replace(sharper, fit=with_sharper_friction(sharper.fit, MOST_STEPS_A_SAMPLE))
 
 
 def distinct(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
@@ -460,11 +470,16 @@ def screened_pairs(
     best = [candidate for candidate in candidates if candidate.guess is not None][: settings.paired]
     rows = [_signatures(screening, candidate) for candidate in best]
     pairs = []
+    alone = best[0].reduction if best else 0.0
+    rest = float(screening.residual @ screening.residual) - float(np.count_nonzero(screening.mask)) - alone
+    if rest <= 0:  # the best leaves no more than noise
+        return []
+    least = settings.pair_gain * min(alone, rest)
     for i, j in combinations(range(len(best)), 2):
         if best[i].at == best[j].at and best[i].kind == best[j].kind:
             continue
         pair = _pair(screening, best[i], best[j], (rows[i], rows[j]))
-        if pair is not None and pair.reduction > settings.pair_gain * best[0].reduction:
+        if pair is not None and pair.reduction - best[0].reduction > least:
             pairs.append(pair)
     return sorted(pairs, key=lambda pair: -pair.reduction)
 

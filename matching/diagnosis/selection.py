@@ -12,7 +12,17 @@ from functools import cached_property
 import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel
-from matching.diagnosis.descent import Fit, FitOptions, iteratively_reweighted, polished, power_left_by, solve
+from matching.diagnosis.descent import (
+    FINAL_STEPS,
+    MOST_STEPS_A_SAMPLE,
+    Fit,
+    FitOptions,
+    iteratively_reweighted,
+    polished,
+    power_left_by,
+    solve,
+    with_sharper_friction,
+)
 from matching.diagnosis.holdout import Holdout, holdout_residuals
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.statistics import (
@@ -33,8 +43,10 @@ from modelling.resources import time_is_over
 
 NOISE_SIGMA = 5.0  # standard deviations of a mean square beyond which it is more than noise
 NOISE_EXCESS = 0.006  # power beyond that of the noise, in times it, that matters
+SAME_INSTANT = 0.05  # of a sample: how well the channels of a row belong to the same instant
 INDEPENDENT = 0.8  # share of independent samples in what is white
 NOISE_EXCESS_ABRUPT = 0.02  # the same where torques jump: χ² is too rough to reach its very minimum
+SMOOTH_FRICTION = 10.0  # times the noise, root mean square: friction that turns too smoothly leaves less (trial)
 MOST_LOST = 1.5  # times the pooled error of fitted data that a fit in its own balanced weights may have
 
 
@@ -112,11 +124,26 @@ class Hypothesis:
 
     @cached_property
     def _whiteness(self) -> list[WhitenessTest]:
-        parts = [
-            np.where(segment.measured, errors, np.nan)
-            for errors, segment in zip(self.fit.errors, self.fit.problem.data.segments, strict=True)
-        ]
-        return [whiteness([part[:, j] for part in parts]) for j in range(len(self.fit.problem.data.noise))]
+        data, parts = self.fit.problem.data, of_the_same_instant(self.fit)
+        known = [None] * len(data.noise) if data.rounding is None else list(data.rounding)
+        return [whiteness([part[:, j] for part in parts], known[j]) for j in range(len(data.noise))]
+
+
+def of_the_same_instant(fit: Fit) -> list[np.ndarray]:
+    """Errors (t, y) of every segment, in times the noise, without what a sensor adds that reads up to ``SAME_INSTANT``
+    of a sample early or late; NaN without a reading."""
+    data = fit.problem.data
+    errors = [np.where(s.measured, part, np.nan) for s, part in zip(data.segments, fit.errors, strict=True)]
+    slopes = [
+        np.gradient(segment.readings / data.noise - part, axis=0) if len(part) > 1 else np.zeros_like(part)
+        for segment, part in zip(data.segments, errors, strict=True)
+    ]
+    square, along = (
+        np.sum([np.nansum(a * b, axis=0) for a, b in zip(slopes, other, strict=True)], axis=0)
+        for other in (slopes, errors)
+    )
+    late = np.clip(along / np.maximum(square, 1e-300), -SAME_INSTANT, SAME_INSTANT)
+    return [part - late * np.nan_to_num(slope) for part, slope in zip(errors, slopes, strict=True)]
 
 
 def with_balanced_sensors(hypothesis: Hypothesis, far_from_noise: float) -> Hypothesis:
@@ -170,16 +197,24 @@ def scatters_only(hypothesis: Hypothesis) -> bool:
     """
     if at_noise(hypothesis):
         return True
-    parts = [
-        np.where(segment.measured, errors, np.nan)
-        for errors, segment in zip(hypothesis.fit.errors, hypothesis.fit.problem.data.segments, strict=True)
-    ]
+    parts = of_the_same_instant(hypothesis.fit)
     sizes = np.maximum(np.sqrt(np.nan_to_num(hypothesis.mean_squares)), 1.0)
     tests = [whiteness([part[:, j] / size for part in parts]) for j, size in enumerate(sizes)]
     if any(scales.any() for scales in _beyond_noise(hypothesis.fit, tests)):
         return False
     columns = (part[:, j] for part in parts for j in range(part.shape[1]))
     return all(effective_share(column) > INDEPENDENT for column in columns if np.isfinite(column).any())
+
+
+def with_sharpest_friction(hypothesis: Hypothesis) -> Hypothesis:
+    """A hypothesis that is not at the noise with its friction as sharp as ever pays: no further cause is to be searched
+    for what smooth friction leaves. Far from the noise that is little beside the error of the model."""
+    if at_noise(hypothesis):
+        return hypothesis
+    sharper = replace(hypothesis, fit=with_sharper_friction(hypothesis.fit, FINAL_STEPS))
+    if at_noise(sharper) or sharper.misfit > SMOOTH_FRICTION:
+        return sharper
+    return replace(sharper, fit=with_sharper_friction(sharper.fit, MOST_STEPS_A_SAMPLE))
 
 
 def sensors_beyond_noise(hypothesis: Hypothesis) -> list[tuple[int, int]]:

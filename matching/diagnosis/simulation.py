@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +24,7 @@ FEWEST_SAMPLES_FOR_THREADS = 4000  # of all rows; below, threads cost more than 
 LEAST_STEPS_PER_SAMPLE, MOST_STEPS_PER_SAMPLE = 2.0, 8.0  # of the plan for a model without abrupt torques
 UNSTABLE_RATE = 2.7  # rate times step; the same limit, just reached
 STABLE_RATE = 2.2  # rate times step; classical Runge–Kutta of order 4 is stable up to 2.78 on the negative real axis
+JUMP_SHARE = 1e-6  # of the time between two samples, in which a held input takes its next value
 LOWEST_STICK_SPEED, HIGHEST_STICK_SPEED, STICK_SPEED_FACTOR = 1e-5, 1e3, 1.5  # rad/s, rad/s, between two trials
 
 
@@ -47,7 +49,8 @@ def simulate_readings(
         Start states of each segment.
     """
     tasks = _tasks(model, segments, p, starts, steps_per_second)
-    return [done.readings for done in _run(tasks, states=False)]
+    done = _run(tasks, states=False)
+    return [part.readings[:, :: 2 if segment.held else 1] for part, segment in zip(done, segments, strict=True)]
 
 
 def simulate_states(
@@ -59,20 +62,36 @@ def simulate_states(
 ) -> list[np.ndarray]:
     """States (t, x) of each segment for parameters (p,) and a start state (x,) of each."""
     tasks = _tasks(model, segments, p[None], [start[None] for start in starts], steps_per_second)
-    return [done.states[0] for done in _run(tasks, readings=False)]
+    done = _run(tasks, readings=False)
+    return [part.states[0, :: 2 if segment.held else 1] for part, segment in zip(done, segments, strict=True)]
 
 
 def _tasks(
     model: Model, segments: Sequence[Segment], p: np.ndarray, starts: Sequence[np.ndarray], steps_per_second: float
 ) -> list[IntegrationTask]:
     stiff = _stiff(model, steps_per_second)
-    return [
-        make_task(
+    tasks = []
+    for segment, start in zip(segments, starts, strict=True):
+        task = make_task(
             model, segment.time, segment.inputs, _of_recording(model, p, segment.recording), start, steps_per_second,
             implicit=stiff,
-        )
-        for segment, start in zip(segments, starts, strict=True)
-    ]  # fmt: skip
+        )  # fmt: skip
+        tasks.append(_with_held_inputs(task, segment.held) if segment.held else task)
+    return tasks
+
+
+def _with_held_inputs(task: IntegrationTask, held: Sequence[int]) -> IntegrationTask:
+    """A task whose inputs are straight between samples, with some that are held: a row just before every sample but the
+    first keeps the value until there. The samples are then every second row."""
+    span = np.diff(task.time)
+    time = np.repeat(task.time, 2)[1:]
+    time[1::2] = np.maximum(task.time[1:] - JUMP_SHARE * span, np.nextafter(task.time[:-1], np.inf))
+    inputs = np.repeat(task.inputs, 2, axis=0)[1:]
+    inputs[1::2] = task.inputs[1:]
+    inputs[1::2, list(held)] = task.inputs[:-1, list(held)]
+    steps = np.ones(len(time) - 1, dtype=np.int64)
+    steps[::2] = task.steps
+    return replace(task, time=time, inputs=inputs, steps=steps)
 
 
 def _of_recording(model: Model, p: np.ndarray, number: int) -> np.ndarray:

@@ -38,20 +38,27 @@ class WhitenessTest:
     score: np.ndarray
 
 
-def whiteness(residual: Sequence[np.ndarray]) -> WhitenessTest:
+def whiteness(residual: Sequence[np.ndarray], known: np.ndarray | None = None) -> WhitenessTest:
     """Compare a sensor's residual, (t,) in times the noise for each segment, with white noise; NaN is not counted.
 
     The mean square of n independent normal values of variance 1 has the variance 2/n.
+
+    Parameters
+    ----------
+    residual : sequence of ndarray (t,)
+    known : ndarray (l,), optional
+        Excess that is known to be there besides white noise, for each of ``BLOCK_LENGTHS``.
     """
     every = np.concatenate([part[np.isfinite(part)] for part in residual])
     excess, score = [], []
-    for length in BLOCK_LENGTHS:
+    for i, length in enumerate(BLOCK_LENGTHS):
         means = np.concatenate([_block_means(part, length) for part in residual])
         if len(means) < FEWEST_BLOCKS:
             break
-        beyond = float(np.mean(means**2)) - 1.0
+        expected = 1.0 + (0.0 if known is None else float(known[i]) * length)
+        beyond = float(np.mean(means**2)) - expected
         excess.append(beyond / length)
-        score.append(beyond / np.sqrt(2 / len(means)))
+        score.append(beyond / (expected * np.sqrt(2 / len(means))))
     return WhitenessTest(float(np.sqrt(np.mean(every**2))) if len(every) else 0.0, np.array(excess), np.array(score))
 
 
@@ -81,6 +88,19 @@ def effective_share(residual: np.ndarray) -> float:
     beyond = np.arange(len(times)) >= SOKAL_WINDOW * times
     stop = int(np.argmax(beyond)) if beyond.any() else len(times) - 1
     return float(1 / max(times[stop], 1.0))
+
+
+NOISE_MEAN_SQUARE = 1.05  # of a residual that needs no test for correlation
+
+
+def residual_inflation(parts: list[np.ndarray]) -> float:
+    """Mean square of a residual, (t, y) in times the noise, over the share of independent samples in it; at least 1."""
+    count = sum(int(np.isfinite(part).sum()) for part in parts)
+    mean_square = float(sum(np.nansum(part**2) for part in parts)) / count if count else 0.0
+    if mean_square < NOISE_MEAN_SQUARE:
+        return max(mean_square, 1.0)
+    shares = [effective_share(part[:, j]) for part in parts for j in range(part.shape[1]) if np.nansum(part[:, j] ** 2)]
+    return mean_square / min(shares, default=1.0)
 
 
 def mean_square(part: np.ndarray) -> np.ndarray:

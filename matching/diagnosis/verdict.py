@@ -20,6 +20,7 @@ from matching.diagnosis.descent import (
     with_sharper_friction,
 )
 from matching.diagnosis.holdout import Holdout, holdout_residuals
+from matching.diagnosis.latent import free_force
 from matching.diagnosis.problem import STEPS_PER_RADIAN
 from matching.diagnosis.result import (
     Alternative,
@@ -30,16 +31,20 @@ from matching.diagnosis.result import (
     NamedCause,
     not_told_apart,
 )
-from matching.diagnosis.screening import fit_extended
-from matching.diagnosis.search import (
-    SearchState,
-    with_sharpest_friction,
-)
-from matching.diagnosis.selection import Hypothesis, UnseenData, at_noise
+from matching.diagnosis.screening import Screening, fit_extended
+from matching.diagnosis.search import SearchState
+from matching.diagnosis.selection import Hypothesis, UnseenData, UnseenError, at_noise, with_sharpest_friction
 from matching.diagnosis.simulation import simulate_readings
-from matching.diagnosis.statistics import Estimate, Prediction, effective_share, estimates, prediction
+from matching.diagnosis.statistics import (
+    Estimate,
+    Prediction,
+    effective_share,
+    estimates,
+    prediction,
+    residual_inflation,
+)
 from modelling.effects import EFFECTS
-from modelling.effects.effect import place_in_words
+from modelling.effects.effect import SHARED, place_in_words
 from modelling.errors import FitError
 from modelling.resources import time_is_over
 from modelling.system import System
@@ -84,7 +89,6 @@ def final_fit_on(hypothesis: Hypothesis, base: Fit) -> Hypothesis:
 MOST_RIVALS = 4  # that are fitted as finely as the best
 OUT_OF_QUESTION = 60.0  # difference of χ², over its inflation: a share of the evidence below 1e-13
 NOT_SIMULATED = 1e30  # χ² of what does not simulate
-NOISE_MEAN_SQUARE = 1.05  # of a residual that needs no test for correlation
 
 
 @dataclass(frozen=True)
@@ -208,16 +212,6 @@ def chi_square_inflation(hypothesis: Hypothesis) -> float:
     """By how much the χ² of a hypothesis overstates what it knows, see :func:`residual_inflation`."""
     segments, residuals = hypothesis.fit.problem.data.segments, hypothesis.fit.by_sensor()
     return residual_inflation([np.where(s.measured, r, np.nan) for s, r in zip(segments, residuals, strict=True)])
-
-
-def residual_inflation(parts: list[np.ndarray]) -> float:
-    """Mean square of a residual, (t, y) in times the noise, over the share of independent samples in it; at least 1."""
-    count = sum(int(np.isfinite(part).sum()) for part in parts)
-    mean_square = float(sum(np.nansum(part**2) for part in parts)) / count if count else NOT_SIMULATED
-    if mean_square < NOISE_MEAN_SQUARE:
-        return max(mean_square, 1.0)
-    shares = [effective_share(part[:, j]) for part in parts for j in range(part.shape[1]) if np.nansum(part[:, j] ** 2)]
-    return mean_square / min(shares, default=1.0)
 
 
 # --- Every candidate that was fitted alone, with its misfit and why it was not taken.
@@ -423,15 +417,19 @@ def named_causes(
     final: Hypothesis,
     estimates: Mapping[str, Estimate],
     judged: Sequence[JudgedCause],
+    unseen: UnseenData | None,
 ) -> list[NamedCause]:
-    """The causes of the final hypothesis, strongest first.
+    """The causes of the final hypothesis, in its order.
 
     Parameters
     ----------
     estimates : dict of str to Estimate
         Of all fitted parameters, by name.
+    unseen : UnseenData or None
+        None where the hypothesis explains all.
     """
     causes = []
+    screening = Screening(final.fit) if unseen is not None and final.causes else None
     for judgement in judged:
         cause, rivals = judgement.cause, judgement.rivals
         rating = next(r for r in judgement.rated if (r.kind, r.at) == (cause.kind, cause.at))
@@ -439,7 +437,13 @@ def named_causes(
         alike = _all_alike(system, final, judgement)
         same = [name for name in alike if name not in weighed]
         parameters = cause_parameters(system, cause, estimates)
-        certain = rating.share * judgement.explained * acts(parameters) / (1 + len(same))
+        share, place = rating.share, 1.0
+        if unseen is not None and screening is not None:
+            share, place = _chosen(judgement, rating, unseen)
+            if judgement.explained < MOSTLY and _free_force_is_left(final, screening, cause.at):
+                share = min(share, NOT_THE_KIND)
+        certain = share * judgement.explained * acts(parameters) / (1 + len(same))
+        whole = certain * (1 + len(same))  # of what no recording, or not this one, tells apart, any may stand
         alternatives = [Alternative(kind, at, certain) for kind, at in same]
         alternatives += [Alternative(r.kind, r.at, r.share * judgement.explained) for r in rivals]
         causes.append(
@@ -449,9 +453,73 @@ def named_causes(
                 + _in_words(alike),
                 [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
                 judgement.without.chi_square / final.chi_square,
+                max(place, whole),
+                whole > LEAST_CONFIDENCE and (unseen is None or _beyond_its_uncertainty(system, cause, parameters)),
             )
         )  # fmt: skip
-    return sorted(causes, key=lambda cause: -cause.gain)
+    return causes
+
+
+# --- Confidence where more than noise is left. The evidence of a likelihood that no hypothesis fulfils decides by far
+# too much between kinds that are all wrong. Unseen data are therefore drawn again, block by block, and a hypothesis
+# counts as often as it predicts them best (bagged posteriors: Huggins and Miller, arXiv 2007.14845), the place as often
+# as any with a cause there does. The kind counts no more than ``NOT_THE_KIND`` where a free force at its place predicts
+# much of what it leaves (:mod:`matching.diagnosis.latent`).
+
+LEAST_CONFIDENCE = 0.5  # of a kind, from which a cause stands in the answer and in the extended model
+NOT_THE_KIND = 0.4  # most that is said of a kind that leaves a force at its own place
+LEFT_SHARE = 0.3  # of the misfit beyond noise, from which a free force is more than a detail
+MOSTLY = 0.95  # of the misfit on unseen data: a kind that explains so much is right, whatever is left beside it
+ALIKE = 2e-3  # difference of ln of the mean squares, for each sensor, up to which predictions are equal
+BEYOND = 2.0  # standard uncertainties by which a value differs from that of no effect
+
+
+def _chosen(judgement: JudgedCause, rating: RatedCause, unseen: UnseenData) -> tuple[float, float]:
+    """Confidence in kind and place: shares of the draws of unseen blocks, and no more of the kind than its evidence."""
+    rivals = [r for r in judgement.rated if r is not rating]
+    hypotheses = [rating.hypothesis, *(r.hypothesis for r in rivals), judgement.without]
+    shares = drawn_shares([unseen.error(hypothesis) for hypothesis in hypotheses], unseen.settings.draws)
+    there = [_component(r.at) == _component(rating.at) for r in rivals]
+    return min(rating.share, float(shares[0])), float(shares[0] + shares[1:-1][there].sum())
+
+
+def drawn_shares(errors: Sequence[UnseenError | None], draws: int) -> np.ndarray:
+    """Share (h,) of the draws of unseen blocks in which each hypothesis predicts best; equal ones share a draw."""
+    blocks = next((error.blocks for error in errors if error is not None), None)
+    if blocks is None:
+        return np.zeros(len(errors))
+    chosen = np.random.default_rng(0).multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), size=draws)
+    scores = np.full((len(errors), draws), np.inf)
+    for row, error in zip(scores, errors, strict=True):
+        if error is not None and error.blocks.shape == blocks.shape:
+            known = np.isfinite(error.blocks)
+            square = (chosen @ np.where(known, error.blocks, 0.0)) / np.maximum(chosen @ known, 1.0)
+            row[:] = np.log(np.maximum(square, 1.0)).sum(axis=1)
+    best = scores <= scores.min(axis=0) + ALIKE * blocks.shape[1]
+    return np.mean(best / best.sum(axis=0), axis=1)
+
+
+def _component(at: str) -> str:
+    """The component that a place is of: inertias.body of inertias.body.J."""
+    return ".".join(at.split(".")[:2]) if SHARED not in at else at
+
+
+def _free_force_is_left(final: Hypothesis, screening: Screening, at: str) -> bool:
+    """Whether a free force at the place of a cause predicts much of what the cause leaves."""
+    left, count = float(final.fit.residual @ final.fit.residual), final.fit.problem.data.readings_count
+    noise = count if final.fit.problem.weighting is None else 0
+    return free_force(final, screening, at).decrease > LEFT_SHARE * max(left - noise, 0.0)
+
+
+def _beyond_its_uncertainty(system: System, cause: Cause, parameters: Mapping[str, CauseParameter]) -> bool:
+    """Whether a parameter of a cause differs from that of no effect by more than its uncertainty."""
+    for key, parameter in parameters.items():
+        nothing = 1.0 if key.startswith("factor") else 0.0
+        if cause.replaces_quantity:
+            nothing = system.parameters[cause.at].value
+        if abs(parameter.value - nothing) > BEYOND * parameter.standard_uncertainty:
+            return True
+    return False
 
 
 def acts(parameters: Mapping[str, CauseParameter]) -> float:

@@ -87,13 +87,23 @@ class Slider(JSComponent):
     _stylesheets = [beside_this("slider.css")]
 
 
-class TabBar(JSComponent):
-    """A row of buttons that screen readers know as tabs; ``active`` is the number of the one that is open."""
+class StepBar(JSComponent):
+    """The steps below each other, each with its state in a few words; screen readers know them as tabs.
+
+    ``active`` is the number of the one that is open.
+    """
 
     names = param.List(default=[], item_type=str)
+    states = param.List(default=[], item_type=str)
     active = param.Integer(default=0)
     _esm = beside_this("tabs.js")
     _stylesheets = [beside_this("tabs.css")]
+
+
+class Alive(JSComponent):
+    """Covers the page once the program behind it has ended, and fits it to the screen."""
+
+    _esm = beside_this("alive.js")
 
 
 # --- Pieces that every tab uses: headings, messages, tables, the box with command and Python.
@@ -106,6 +116,31 @@ PANE_STYLE = beside_this("pane.css")
 def heading(text: str, level: int = 2) -> pn.pane.HTML:
     """A heading."""
     return pn.pane.HTML(f"<h{level}>{html(text)}</h{level}>", sizing_mode=WIDE, margin=(0, 5), stylesheets=[PANE_STYLE])
+
+
+def opening(name: str, lead: str, *buttons: Any) -> pn.FlexBox:
+    """How every step begins: its name, what it is for in a sentence, and its main buttons at the right."""
+    words = pn.pane.HTML(
+        f'<h1>{html(name)}</h1><p class="lead">{html(lead)}</p>', styles={"flex": "1 1 420px"}, margin=(0, 5),
+        stylesheets=[PANE_STYLE],
+    )  # fmt: skip
+    right = {"flex": "0 1 auto", "width": "max-content", "max-width": "100%", "margin-left": "auto"}
+    main = pn.FlexBox(*buttons, styles=right, sizing_mode=None)
+    return pn.FlexBox(words, main, align_items="center", justify_content="space-between", sizing_mode=WIDE)
+
+
+def plain_button(name: str, *, visible: bool = True) -> pn.widgets.Button:
+    """A button beside the main one, as wide as its name."""
+    return pn.widgets.Button(
+        name=name,
+        visible=visible,
+        stylesheets=[":host { min-width: max-content; } button { border: 1px solid var(--line); }"],
+    )
+
+
+def strong(text: str) -> pn.pane.HTML:
+    """The title of a box that can be folded."""
+    return pn.pane.HTML(f"<b>{html(text)}</b>", margin=(0, 5), stylesheets=[PANE_STYLE])
 
 
 def paragraph(text: str) -> pn.pane.HTML:

@@ -9,7 +9,7 @@ from typing import Any
 
 import panel as pn
 
-from matching.explore.elements import Message
+from matching.explore.elements import Message, plain_button
 from matching.explore.files import Document
 from modelling.errors import InputError
 
@@ -158,7 +158,7 @@ class Editing:
         self._write, self._take_back, self._documents, self._changed = enter, undo, documents, changed
         self.message = Message()
         self.entries = Entries(self._enter, width)
-        self.undo = pn.widgets.Button(name="Undo", width=100)
+        self.undo = plain_button("Undo")
         self.save = pn.widgets.Button(name="Save", button_type="primary", width=100)
         self.undo.on_click(lambda _: self.do(self._undo))
         self.save.on_click(lambda _: self.do(self._save))

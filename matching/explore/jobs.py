@@ -18,7 +18,7 @@ from typing import Any
 
 import panel as pn
 
-from matching.explore.elements import Message, paragraph
+from matching.explore.elements import Message, paragraph, plain_button
 from matching.progress import PROGRESS_ALWAYS
 from modelling.errors import FAULT, InputError
 
@@ -204,7 +204,7 @@ class Runner:
     def __init__(self, name: str, tasks: Tasks, words: Callable[[], Sequence[str]], done: Callable[[Ended], None]):
         self._name, self._tasks, self._words, self._done = name, tasks, words, done
         self.run = pn.widgets.Button(name=name, button_type="primary", width=190)
-        self.cancel = pn.widgets.Button(name="Cancel", width=110, disabled=True)
+        self.cancel = plain_button("Cancel", visible=False)
         self.message = Message()
         self.clock = paragraph("")  # apart from the message, which is read out whenever it changes
         self.run.on_click(lambda _: self.start())
@@ -217,10 +217,10 @@ class Runner:
         return None if task is None else task.job
 
     def panel(self) -> Any:
-        """Buttons and line; what runs already, or has ended, is shown."""
+        """*Cancel* and what is told, without the button; what runs already, or has ended, is shown."""
         if self._name in self._tasks:
             self._follow(self._tasks[self._name])
-        return pn.Column(pn.FlexBox(self.run, self.cancel), self.message, self.clock, sizing_mode="stretch_width")
+        return pn.FlexBox(self.message, self.clock, self.cancel, align_items="center", sizing_mode="stretch_width")
 
     def start(self) -> None:
         """Run the command, unless another window has begun it."""
@@ -248,7 +248,7 @@ class Runner:
 
         def show() -> None:
             if task.ended is None:
-                self.run.disabled, self.cancel.disabled = True, False
+                self.run.disabled, self.cancel.visible = True, True
                 self.message.say(task.line)
                 return
             task.forget(heard)
@@ -271,7 +271,7 @@ class Runner:
 
     def _show_end(self, ended: Ended) -> None:
         self.clock.object = ""
-        self.run.disabled, self.cancel.disabled = False, True
+        self.run.disabled, self.cancel.visible = False, False
         if ended.cancelled:
             self.message.say("cancelled; nothing was written")
         elif ended.code:

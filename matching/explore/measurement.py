@@ -16,7 +16,9 @@ from matching.explore.elements import (
     EquivalentBox,
     Message,
     heading,
+    opening,
     paragraph,
+    plain_button,
     plain_figure,
     report_frame,
     same,
@@ -43,9 +45,9 @@ class MeasurementTab:
         self.file: Measurement | None = None
         self.role = pn.widgets.Select(name="Model", options=list(workspace.models), width=200)
         self.drop = pn.widgets.FileDropper(
-            name="Drop a recording here", max_file_size=LARGEST_UPLOAD, height=130, sizing_mode=WIDE
+            name="or drop it here", max_file_size=LARGEST_UPLOAD, height=130, sizing_mode=WIDE
         )  # its own check of types knows none of these formats
-        self.path = pn.widgets.TextInput(name="or its path on this machine", sizing_mode=WIDE)
+        self.path = pn.widgets.TextInput(name="Recording: its path on this machine", styles={"flex": "1 1 300px"})
         self.message = Message()
         self.channels = pn.Column(sizing_mode=WIDE)
         self.signal = pn.widgets.Select(name="Signal", width=300)
@@ -58,7 +60,7 @@ class MeasurementTab:
         self.compare = Runner("Simulate", workspace.tasks, self._simulate_words, self._show_simulated)
         self.diagnose = Runner("Diagnose", workspace.tasks, self._diagnose_words, self._show_diagnosis)
         self.keep_as = pn.widgets.TextInput(name="Keep the extended model as", width=340, visible=False)
-        self.keep = pn.widgets.Button(name="Keep", width=100, visible=False)
+        self.keep = plain_button("Keep", visible=False)
         self.kept = Message()
         self.same = EquivalentBox(self._equivalent("RECORDING", ""))
         self.drop.param.watch(self._dropped, "value")
@@ -72,18 +74,24 @@ class MeasurementTab:
     def panel(self) -> Any:
         """The tab's content."""
         return pn.Column(
+            opening(
+                "Measurement",
+                "A recording beside the model: simulate its inputs, or let the diagnosis name what the model lacks.",
+                self.compare.run,
+                self.diagnose.run,
+            ),
+            self.compare.panel(),
+            self.diagnose.panel(),
             heading("Recording"),
-            self.role,
+            pn.FlexBox(self.role, self.path, align_items="end"),
             self.drop,
-            self.path,
             self.message,
+            self.channels,
             heading("Model against recording"),
-            pn.FlexBox(self.compare.panel(), self.diagnose.panel()),
             self.result,
             pn.FlexBox(self.keep_as, self.keep, align_items="end"),
             self.kept,
             self.signals,
-            self.channels,
             self.same,
             sizing_mode=WIDE,
         )

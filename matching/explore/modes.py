@@ -21,7 +21,9 @@ from matching.explore.elements import (
     beside,
     heading,
     offer,
+    opening,
     paragraph,
+    plain_button,
     same,
     table,
 )
@@ -81,7 +83,7 @@ class DrivetrainTab:
         self.named = pn.widgets.TextInput(name="called", width=180)
         self.other = pn.widgets.Select(name="and, for a shaft or gear", width=250)
         self.add, self.remove, self.rename = (
-            pn.widgets.Button(name=name, width=150) for name in ("Add", "Remove the part", "Rename the part")
+            plain_button(name) for name in ("Add", "Remove the part", "Rename the part")
         )
         self.new_name = pn.widgets.TextInput(name="New name", width=180)
         self.add.on_click(lambda _: self.editing.do(self._add))
@@ -92,13 +94,17 @@ class DrivetrainTab:
     def panel(self) -> Any:
         """The tab's content."""
         drawings = [part for role, view in self.views.items() for part in (heading(self._title(role), 2), view)]
-        how = paragraph(f"Click a part to see and change its values. {LEGEND[0].upper()}{LEGEND[1:]}.")
+        how = paragraph(f"{LEGEND[0].upper()}{LEGEND[1:]}.")
+        head = opening(
+            "Drivetrain", "What turns, and what connects it. Click a part to change its values; save them to its file.",
+            self.editing.undo, self.editing.save,
+        )  # fmt: skip
         fields = [
-            heading("Values", 2), self.chooser, self.values, self.editing.message, self.changes, self.editing.buttons(),
+            heading("Values", 2), self.chooser, self.values, self.editing.message, self.changes,
             heading("Parts", 2), paragraph("A new part sits at the chosen part. With a part goes what hangs on it."),
             self.kind, self.named, self.other, self.add, self.new_name, pn.FlexBox(self.rename, self.remove),
         ]  # fmt: skip
-        return pn.Column(beside([*drawings, how], fields), self.same, sizing_mode=WIDE)
+        return pn.Column(head, beside([*drawings, how], fields), self.same, sizing_mode=WIDE)
 
     def _add(self) -> str:
         at = self._part.partition(".")[2]
@@ -235,7 +241,10 @@ class ModesTab:
         )
         self.quantity = pn.widgets.Select(name="Quantity to try", width=300)
         self.slider = Slider(width=300)
-        self.reset, self.keep = pn.widgets.Button(name="Reset", width=100), pn.widgets.Button(name="Keep", width=100)
+        self.reset, self.keep = (
+            plain_button("Reset"),
+            plain_button("Keep"),
+        )
         self.input, self.sensor = (pn.widgets.Select(name=name, width=250) for name in ("Input", "Sensor"))
         self.responses, self.message = ResponseFigures(), Message()
         self.same = EquivalentBox(same("modes", "", out=""))
@@ -251,8 +260,14 @@ class ModesTab:
 
     def panel(self) -> Any:
         """The tab's content."""
-        fields = [self.role, self.mode, self.quantity, self.slider, pn.FlexBox(self.reset, self.keep), self.message]
+        fields = [self.role, self.mode, self.quantity, self.slider, self.message]
         return pn.Column(
+            opening(
+                "Modes",
+                "How the drivetrain swings by itself. The slider tries another value; Keep writes it into the model.",
+                self.reset,
+                self.keep,
+            ),
             beside([self.view], fields),
             self.table,
             heading("Frequency response"),

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import panel as pn
+import panel_material_ui as pmui
 from bokeh.events import Tap
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LogColorMapper
 from bokeh.settings import settings
@@ -26,17 +27,21 @@ from matching.explore import elements
 from matching.explore.elements import (
     PANE_STYLE,
     WIDE,
+    Alive,
     Equivalent,
     EquivalentBox,
     Message,
-    TabBar,
+    StepBar,
     beside,
     heading,
     offer,
+    opening,
     paragraph,
+    plain_button,
     plain_figure,
     report_frame,
     same,
+    strong,
 )
 from matching.explore.fields import Editing, Entry, lay_out
 from matching.explore.files import (
@@ -57,7 +62,7 @@ from matching.explore.files import (
     write_case,
     write_case_at,
 )
-from matching.explore.jobs import RESULTS, Ended, Runner, address_of
+from matching.explore.jobs import RESULTS, TICK_MS, Ended, Runner, address_of
 from matching.explore.live import grid, interpolated_error, nearest_point
 from matching.explore.measurement import measurement_tab
 from matching.explore.modes import DrivetrainTab, ModesTab
@@ -71,7 +76,7 @@ from matching.uncertainty.evaluate import evaluate
 from modelling import escape
 from modelling.bed.controllers import STRUCTURES
 from modelling.bed.manoeuvres import UNITS as MANOEUVRE_UNITS
-from modelling.display import files
+from modelling.display import counted, files
 from modelling.errors import InputError
 from modelling.escape import html
 from modelling.units import to_si
@@ -95,7 +100,7 @@ class MapView:
         self.figure = pn.Column(sizing_mode=WIDE)
         self.at_x, self.at_y = pn.widgets.TextInput(width=200), pn.widgets.TextInput(width=200)
         self.answer, self.message = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE]), Message()
-        self.ask = pn.widgets.Button(name="Answer from the map", width=180)
+        self.ask = plain_button("Answer from the map")
         self.runner = Runner("Run the map", workspace.tasks, self._words, self._show)
         self.exactly = Runner("Compute exactly", workspace.tasks, self._exact_words, self._show_exactly)
         self.ask.on_click(lambda _: self._ask())
@@ -235,11 +240,19 @@ class MatchTab:
         self.tables, self._cards = pn.Column(sizing_mode=WIDE), dict[str, Any]()
         self.added = pn.widgets.Select(name="Let another quantity move", width=340)
         self.held = pn.widgets.Select(name="Hold a quantity that moves", width=340)
-        self.add, self.hold = (pn.widgets.Button(name=name, width=100) for name in ("Add", "Hold"))
+        self.add, self.hold = (plain_button(name) for name in ("Add", "Hold"))
         self.limit = pn.widgets.Select(name="State another limit", width=340)
         self.limit_text = pn.widgets.TextInput(name="at most, or at least for a margin", width=220)
-        self.state = pn.widgets.Button(name="State", width=100)
-        self.take = pn.widgets.Button(name="Take the order into the rig", width=240, visible=False)
+        self.state = plain_button("State")
+        self.take = plain_button("Take the order into the rig", visible=False)
+        self.export = Runner("Export the controller", workspace.tasks, self._export_words, self._show_export)
+        self.excite = Runner("Plan the excitation", workspace.tasks, self._excite_words, self._show_excitation)
+        self.links = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
+        self.way_on = pn.Column(
+            pn.FlexBox(self.take, self.export.run, self.excite.run),
+            *(each.panel() for each in (self.export, self.excite)), self.links,
+            visible=False, sizing_mode=WIDE,
+        )  # fmt: skip
         self.starts = pn.widgets.TextInput(name="Starting points", value=str(STARTS), width=140)
         self.seed = pn.widgets.TextInput(name="Seed", value="0", width=140)
         self.out = workspace.out / "match"
@@ -259,17 +272,21 @@ class MatchTab:
     def panel(self) -> Any:
         """The tab's content."""
         return pn.Column(
-            heading("Run"),
-            paragraph("A run takes the values as they are shown below, saved or not."),
-            pn.FlexBox(self.starts, self.seed, self.runner.panel(), align_items="end"),
+            opening(
+                "Match",
+                "Tunes controller, residual vehicle and adapters until the rig answers like the vehicle. A run "
+                "takes the values as they are shown below, saved or not.",
+                self.runner.run,
+            ),
+            self.runner.panel(),
             self.result,
-            self.take,
+            self.way_on,
             heading("Case"),
+            pn.FlexBox(self.starts, self.seed, self.editing.undo, self.editing.save, align_items="end"),
+            self.editing.message,
             self.tables,
             pn.FlexBox(self.added, self.add, self.held, self.hold, align_items="end"),
             pn.FlexBox(self.limit, self.limit_text, self.state, align_items="end"),
-            self.editing.message,
-            self.editing.buttons(),
             self.same,
             self.map.panel(),
             sizing_mode=WIDE,
@@ -278,6 +295,7 @@ class MatchTab:
     def refresh(self) -> None:
         """Show the form as the case is; fields and tables that are there stay."""
         by_table = self.form.fields
+        by_table["move"] = sorted(by_table.get("move", ()), key=_adapters_first)
         shown = [(table, field) for table in TITLES for field in by_table.get(table, ())]
         members: dict[str, list[Any]] = {}
         widgets = self.editing.entries.show(self._entry(field) for _, field in shown)
@@ -286,7 +304,7 @@ class MatchTab:
         for table in members.keys() - self._cards.keys():
             self._cards[table] = pn.Card(
                 pn.FlexBox(styles=PAIRS if table == "move" else {}),
-                title=TITLES[table],
+                header=strong(TITLES[table]),
                 collapsed=table not in OPEN,
                 sizing_mode=WIDE,
                 margin=(4, 5),
@@ -380,7 +398,23 @@ class MatchTab:
     def _show(self, ended: Ended) -> None:
         self.result.object = report_frame("Report", address=address_of(self.out / "report.html", self.workspace.out))
         self._ordered = {trade["name"].removeprefix("rig."): trade["ordered"] for trade in ended.result["adapters"]}
-        self.take.visible = bool(self._ordered)
+        self.take.visible, self.way_on.visible = bool(self._ordered), True
+
+    def _export_words(self) -> list[str]:
+        return ["export", str(self.out), "--controller", str(self.workspace.out / "controller.fmu")]
+
+    def _excite_words(self) -> list[str]:
+        return ["excite", str(self.out), "--out", str(self.workspace.out / "excite")]
+
+    def _show_export(self, ended: Ended) -> None:
+        self._link(self.workspace.out / "controller.fmu", "The controller as FMU, with its C sources")
+
+    def _show_excitation(self, ended: Ended) -> None:
+        self._link(self.workspace.out / "excite" / "excitation.csv", "The torques to play on the bed")
+
+    def _link(self, file: Path, words: str) -> None:
+        link = f'<p><a href="{html(address_of(file, self.workspace.out))}" target="_blank">{html(words)}</a></p>'
+        self.links.object = (self.links.object or "") + link
 
     def _write_at(self, values: dict[str, float]) -> str:
         self.editing.all_taken()
@@ -389,9 +423,16 @@ class MatchTab:
         return str(write_case_at(self.form.case, values, self.workspace.out / "what_if" / "case"))
 
 
-def without_case() -> Any:
+def _adapters_first(field: Field) -> int:
+    """The order in which a designer decides: hardware, then the emulated vehicle, then gains."""
+    return ("rig", "residual_vehicle", "loop").index(str(field.keys[1]).partition(".")[0])
+
+
+def without_case(example: Callable[[], Any]) -> Any:
     """The tab's content where no case is open."""
-    return pn.Column(heading("Match"), paragraph("Open or make a case under Files to match it."), sizing_mode=WIDE)
+    return pn.Column(
+        opening("Match", "Open a case under Files, or begin with the example.", example()), sizing_mode=WIDE
+    )
 
 
 # --- The tab *Validity*: an uncertainty budget and a fidelity case as tables that can be edited, with their figures.
@@ -460,9 +501,10 @@ def _page_of(result: Any) -> str:
     return next(str(text) for name, text in others.items() if name.endswith(".html"))
 
 
-def validity(workspace: Workspace) -> Any:
+def validity(workspace: Workspace, example: Callable[[], Any]) -> Any:
     """The tab's content."""
-    parts = []
+    lead = "How far a result can be trusted: measurement uncertainty (GUM) and fidelity of the bed (XiL)."
+    parts = [opening("Validity", lead, *([] if workspace.budget or workspace.fidelity else [example()]))]
     if workspace.budget is not None:
         path = workspace.budget.path
 
@@ -479,8 +521,8 @@ def validity(workspace: Workspace) -> Any:
 
         command = same("fidelity", str(case), out=workspace.out / "fidelity")
         parts.append(EditedTable("XiL fidelity", workspace.fidelity, command, judge_fidelity).panel())
-    if not parts:
-        parts.append(paragraph("Open or make a budget or a fidelity case under Files."))
+    if len(parts) == 1:
+        parts.append(paragraph("Open a budget or a fidelity case under Files, or begin with the example."))
     return pn.Column(*parts, sizing_mode=WIDE)
 
 
@@ -492,12 +534,10 @@ class FilesBar:
 
     def __init__(self, workspace: Workspace, opened: Callable[[], None]):
         self.workspace, self._opened = workspace, opened
-        self.file = pn.widgets.Select(name="File of this folder", options=listed(workspace.home), width=320)
-        self.kind = pn.widgets.Select(name="Kind", options=list(TEMPLATES), width=140)
-        self.name = pn.widgets.TextInput(name="Name in this folder", width=200)
-        self.open, self.new, self.copy = (
-            pn.widgets.Button(name=name, width=110) for name in ("Open", "New", "Save as")
-        )
+        self.file = pn.widgets.Select(name="File of this folder", options=listed(workspace.home), width=225)
+        self.kind = pn.widgets.Select(name="Kind", options=list(TEMPLATES), width=225)
+        self.name = pn.widgets.TextInput(name="Name in this folder", width=225)
+        self.open, self.new, self.copy = (plain_button(name) for name in ("Open", "New", "Save as"))
         self.message = Message()
         self.open.on_click(lambda _: self._do(lambda: self.workspace.home / self.file.value))
         self.new.on_click(lambda _: self._do(lambda: new_file(workspace.home, self.kind.value, self.name.value)))
@@ -507,12 +547,22 @@ class FilesBar:
         """What is open, and the fields."""
         names = [document.path.name for document in self.workspace.documents]
         names += [path.name for path in self.workspace.recordings]
-        return pn.Card(
-            pn.FlexBox(self.file, self.open, align_items="end"),
-            pn.FlexBox(self.kind, self.name, self.new, self.copy, align_items="end"),
-            self.message,
-            title=f"Files: {', '.join(names)}", collapsed=bool(names), sizing_mode=WIDE, margin=(4, 5),
+        fields = pn.Card(
+            self.file, self.open, self.kind, self.name, pn.FlexBox(self.new, self.copy), self.message,
+            header=strong("Open, make or copy a file"), collapsed=bool(names), sizing_mode=WIDE, margin=(4, 0),
         )  # fmt: skip
+        return pn.Column(heading("Files"), paragraph(", ".join(names) or "none is open"), fields, sizing_mode=WIDE)
+
+    def example(self, kind: str) -> Any:
+        """A button that opens the example of a kind, a new file of this folder."""
+        button = pn.widgets.Button(name="Open the example", button_type="primary", width=190)
+        button.on_click(lambda _: self._do(lambda: self._example(kind)))
+        return button
+
+    def _example(self, kind: str) -> Path:
+        name = f"example_{kind.replace(' ', '_')}"
+        there = (self.workspace.home / name / TEMPLATES[kind], self.workspace.home / f"{name}.toml")
+        return next((path for path in there if path.is_file()), None) or new_file(self.workspace.home, kind, name)
 
     def _do(self, make: Callable[[], Path]) -> None:
         try:
@@ -529,11 +579,17 @@ HOST = "127.0.0.1"
 TOKEN_BYTES = 24
 BEGIN_SECONDS = 60.0  # at most, until the page can be opened
 FRAME_PX = 900  # height in a notebook
+SIDEBAR_PX = 290
+LOOK = {
+    "palette": {"primary": {"main": "#00598c"}},
+    "typography": {"fontFamily": "system-ui, 'Segoe UI', Arial, sans-serif"},
+}
+TASKS = {"Measurement": ("Diagnose", "Simulate"), "Match": ("Run the match", "Run the map", "Compute exactly")}
 SHOWN_FIRST_MS = 30  # until the browser has drawn that a tab is being prepared
 
 
-class NoIcon(RequestHandler):
-    """Browsers ask for an icon; there is none."""
+class NoContent(RequestHandler):
+    """Browsers ask for an icon; there is none. The page asks whether the program is alive; it is."""
 
     def get(self) -> None:
         """No content."""
@@ -565,23 +621,33 @@ class SafeHeaders(OutputTransform):
 def page(workspace: Workspace) -> Any:
     """The whole page; one that was opened before is emptied."""
     workspace.leave()
-    whole, own = pn.Column(sizing_mode=WIDE), pn.state.curdoc
+    own, alive = pn.state.curdoc, Alive()
+    shell = pmui.Page(
+        title="rigmatch",
+        theme_toggle=False,
+        sidebar_resizable=False,
+        busy_indicator=None,
+        sidebar_width=SIDEBAR_PX,
+        theme_config=LOOK,
+        sidebar=[],
+        main=[],
+    )
 
     def show_files() -> None:
         """Everything anew, as the open files are."""
         bar = FilesBar(workspace, show_files)
-        whole[:] = [heading("rigmatch", 1), bar.panel(), *_tabs(workspace)]
+        steps, content = _steps(workspace, bar)
+        shell.title = f"rigmatch: {_project(workspace)}"
+        shell.sidebar, shell.main = [pn.Column(steps, bar.panel(), sizing_mode=WIDE, margin=8)], [alive, content]
 
     def empty() -> None:
-        whole[:] = [
-            heading("rigmatch", 1),
-            paragraph("These files are open in another window now. Reload to go on here."),
-        ]
+        lead = "These files are open in another window now. Reload to go on here."
+        shell.sidebar, shell.main = [], [alive, opening("rigmatch", lead)]
 
     show_files()
     if own is None:
         workspace.leave = empty
-        return whole
+        return shell
     workspace.leave = leave = partial(own.add_next_tick_callback, empty)
 
     def gone(_: Any) -> None:
@@ -590,14 +656,22 @@ def page(workspace: Workspace) -> Any:
             workspace.leave = lambda: None
 
     own.on_session_destroyed(gone)
-    return whole
+    return shell
 
 
-def _tabs(workspace: Workspace) -> tuple[Any, Any]:
-    """The row of tabs, and the content of the one that is open."""
-    makers = _makers(workspace)
-    names, made = list(makers), dict[str, Any]()
-    bar, content = TabBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE)
+def _project(workspace: Workspace) -> str:
+    """What is worked on, in a few words: the title of the case or model, else the name of its file."""
+    first = next(iter([*filter(None, [workspace.case]), *workspace.documents]), None)
+    if first is None:
+        return workspace.home.name
+    return str(first.content.get("title") or first.path.stem)
+
+
+def _steps(workspace: Workspace, files_bar: FilesBar) -> tuple[StepBar, Any]:
+    """The steps, and the content of the one that is open."""
+    makers = _makers(workspace, files_bar)
+    names, made, own = list(makers), dict[str, Any](), pn.state.curdoc
+    bar, content = StepBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE, styles={"padding": "6px 2vw"})
 
     def show(number: int) -> None:
         """Put a tab's content on the page; it is made when it is first opened, and until then the page says so."""
@@ -616,12 +690,42 @@ def _tabs(workspace: Workspace) -> tuple[Any, Any]:
                 made[name] = makers[name]()
             content[:] = [made[name]]
 
+    def tell_states() -> None:
+        states = [_state_of(name, workspace) for name in names]
+        if states != bar.states:
+            bar.states = states
+
     bar.param.watch(lambda event: show(event.new), "active")
     show(0)
+    tell_states()
+    if own is not None:
+        own.add_periodic_callback(tell_states, TICK_MS)
     return bar, content
 
 
-def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
+def _state_of(step: str, workspace: Workspace) -> str:
+    """Where a step stands, in a few words."""
+    tasks = [workspace.tasks.get(name) for name in TASKS.get(step, ())]
+    running = next((task for task in tasks if task is not None and task.ended is None), None)
+    if running is not None:
+        return f"running, {running.seconds:.0f} s"
+    done = next((task.ended for task in tasks if task is not None and task.ended.code == 0), None)
+    if step == "Drivetrain":
+        changes = sum(len(document.changes) for document in workspace.models.values())
+        return f"{counted(changes, 'change')}, not saved" if changes else "saved"
+    if step == "Measurement":
+        waits = workspace.recordings[0].name if workspace.recordings else "needs a recording"
+        return f"done: {done.result['verdict']}" if done is not None and "verdict" in done.result else waits
+    if step == "Match":
+        waits = "not run yet" if workspace.case is not None else "needs a case"
+        return f"done: {done.result['status']}" if done is not None and "status" in done.result else waits
+    if step == "Validity":
+        open_files = [file.path.name for file in (workspace.budget, workspace.fidelity) if file is not None]
+        return ", ".join(open_files) or "needs a budget or a fidelity case"
+    return "ready"
+
+
+def _makers(workspace: Workspace, files_bar: FilesBar) -> dict[str, Callable[[], Any]]:
     """What makes the content of each tab; a change of a model is told to the tabs that are there."""
     opened: list[MatchTab] = []
     makers: dict[str, Callable[[], Any]] = {}
@@ -648,14 +752,14 @@ def _makers(workspace: Workspace) -> dict[str, Callable[[], Any]]:
 
     def match() -> Any:
         if workspace.case is None:
-            return without_case()
+            return without_case(partial(files_bar.example, "case"))
         opened.append(MatchTab(workspace, workspace.case, taken))
         return opened[0].panel()
 
     return makers | {
         "Measurement": partial(measurement_tab, workspace),
         "Match": match,
-        "Validity": partial(validity, workspace),
+        "Validity": partial(validity, workspace, partial(files_bar.example, "budget")),
     }
 
 
@@ -671,7 +775,7 @@ def serve(make: Callable[[], Any], out: Path, port: int = 0) -> tuple[Any, str]:
     server = get_server(
         {"page": make}, address=HOST, port=port, prefix=f"/{token}",
         title="rigmatch", start=False, show=False, verbose=False, index=None,
-        extra_patterns=[("/favicon.ico", NoIcon)], static_dirs={RESULTS: str(out.absolute())},
+        extra_patterns=[("/favicon.ico", NoContent), ("/alive", NoContent)], static_dirs={RESULTS: str(out.absolute())},
     )  # fmt: skip
     server._tornado.add_transform(SafeHeaders)
     server._tornado._websocket_origins = {f"{HOST}:{server.port}"}  # the port that it was given is known now alone

@@ -556,7 +556,12 @@ LEAST_SHOWN = 2.5e-5  # of a fidelity's standard uncertainty: twice that is 0.00
 
 def answer(result: Mapping[str, Any]) -> str:
     """The answer in one sentence."""
-    causes, worst = result["causes"], _worst(result["errors"])
+    moved = [row["name"] for row in result.get("channels", []) if row["exchanged_with"]]
+    if moved:
+        rest = answer({**result, "channels": []})
+        names = f"{', '.join(moved[:-1])} and {moved[-1]}"
+        return f"The channels {names} look exchanged. Put in order: {rest[:1].lower()}{rest[1:]}"
+    causes, worst = certain(result), _worst(result["errors"])
     if result["verdict"] == "adequate":
         largest = max((_in_noise(error, "after_holdout") or 0.0 for error in result["errors"].values()), default=0.0)
         return (
@@ -565,7 +570,7 @@ def answer(result: Mapping[str, Any]) -> str:
         )
     if not causes:
         size = "" if worst is None else f": the error of {worst[0]} is {number(worst[1], 3)} times the noise"
-        return f"None of the known effects explains what the model misses{size} on held-out data."
+        return f"None of the known effects explains what the model misses{size} on held-out data{_doubtful(result)}."
     clauses = [clause(cause) + _rivals(cause) for cause in causes]
     text = clauses[0] if len(clauses) == 1 else f"{', '.join(clauses[:-1])}, and {clauses[-1]}"
     text = text[:1].upper() + text[1:] if text.startswith(("the ", "each ")) else text
@@ -576,7 +581,21 @@ def answer(result: Mapping[str, Any]) -> str:
             f"{'rises' if after > before else 'falls'} from {number(before, 3)} to {number(after, 3)} times the noise"
         )
         text += " on held-out data"
-    return text + ("." if result["verdict"] == "explained" else ", and an unexplained error remains.")
+    return text + (
+        "." if result["verdict"] == "explained" else f", and an unexplained error remains{_doubtful(result)}."
+    )
+
+
+def certain(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The causes that the extended model has."""
+    return [cause for cause in result["causes"] if cause.get("in_model", True)]
+
+
+def _doubtful(result: Mapping[str, Any]) -> str:
+    """Where something is whose kind or size is not known, as the end of a sentence; empty where nothing is."""
+    rest = [cause for cause in result["causes"] if not cause.get("in_model", True)]
+    where = dict.fromkeys(_subject(cause["at"]) for cause in rest)
+    return f"; something is at {' and at '.join(where)}, but its kind or its size is not certain" if where else ""
 
 
 def _pooled(result: Mapping[str, Any]) -> str:
@@ -674,9 +693,13 @@ def shape(curve: Mapping[str, Any]) -> str:
 
 
 def to_correct(result: Mapping[str, Any]) -> list[str]:
-    """What to correct in the model or channel file before the causes are believed: channels with a reversed sign, and
+    """What to correct in the model or channel file before the causes are believed: exchanged or reversed channels, and
     ranges that are too narrow, for what a quantity at its bound cannot take a false cause may have taken."""
-    steps = []
+    steps = [
+        f"{row['name']} has the readings of {row['exchanged_with']}: exchange them in the channel file"
+        for row in result.get("channels", [])
+        if row["exchanged_with"]
+    ]
     for cause in result["causes"]:
         if _sign_is_reversed(cause, result["errors"]):
             steps.append(f"the sign of {place(cause['at'])} is probably reversed: change it in the channel file")
@@ -731,6 +754,11 @@ REASONS = {
 }
 NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
 NOTHING_NAMED = "No cause is named and no effect is added: extended.toml is the base model with its fitted values."
+HOW_CHANNELS = (
+    "Every channel against the simulation of the model as given, fitted: times from the peak of the cross-correlation "
+    "in blocks of the recording (nothing where it is open), gain from least squares. A wrong model shows here as well: "
+    "compare the channels with each other."
+)
 HOW_ERRORS = (
     "Root mean square of measured minus simulated; the simulation starts from fitted states and uses no measured "
     "sensor afterwards."
@@ -772,6 +800,7 @@ def report(
         lists={"What to do next": [Step(step) for step in _to_do(result)]},
         table=Table([_cause(cause) for cause in causes], ""),
         folds=[
+            Fold("The channels, before any physics", _channels(result.get("channels", []), units), told=True),
             Fold("What the verdict means", [NO_CAUSE if verdict == "unexplained" and not causes else MEANING[verdict]]),
             Fold("Evidence for the causes", [_evidence(cause) for cause in causes] or [NOTHING_NAMED], told=True),
             Fold("Errors before and after, on fitted and on held-out data",
@@ -790,6 +819,21 @@ def report(
     )  # fmt: skip
 
 
+def _channels(channels: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[Any]:
+    """The audit of the channels, a row each."""
+    rows = []
+    for row in channels:
+        late, step = row["delay"], row["resolution"]
+        rows.append({
+            "channel": row["name"], "readings of": row["exchanged_with"],
+            "late": "" if late is None else f"{number(1e3 * late, 3)} ± {number(1e3 * row['delay_uncertainty'], 2)} ms",
+            "measured over simulated": "" if row["gain"] is None else number(row["gain"], 4),
+            "rounded to": f"{number(step, 3)} {units.get(row['name'], '')}".rstrip() if step else "",
+            "between samples": row["between"], "hum": row["hum"],
+        })  # fmt: skip
+    return [Table(rows, HOW_CHANNELS)] if rows else []
+
+
 def _spans(spans: Mapping[str, Sequence[float]]) -> str:
     return "; ".join(f"{name} {number(low, 3)} … {number(high, 3)}" for name, (low, high) in spans.items())
 
@@ -797,7 +841,7 @@ def _spans(spans: Mapping[str, Sequence[float]]) -> str:
 def _to_do(result: Mapping[str, Any]) -> list[str]:
     """What the reader should do, in sentences."""
     steps = [f"{step[:1].upper()}{step[1:]}." for step in to_correct(result)]
-    if result["causes"]:
+    if certain(result):
         steps.append("Use extended.toml: it is the model with the named causes, and every command reads it.")
     if result["next_recording"]:
         words = result["next_recording"]
@@ -819,7 +863,9 @@ def _cause(cause: Mapping[str, Any]) -> dict[str, str]:
     values = [f"{spaced(key)} {measured(estimate)}" for key, estimate in cause["parameters"].items()]
     return {
         "cause": spaced(cause["kind"]), "at": place(cause["at"]), "values, standard uncertainty": ", ".join(values),
-        "confidence": f"{cause['confidence']:.2f}", "χ² without it over χ² with it": number(cause["gain"], 3),
+        "confidence": f"{cause['confidence']:.2f}", "in the place": f"{cause.get('place_confidence', 1.0):.2f}",
+        "in extended.toml": "yes" if cause.get("in_model", True) else "no",
+        "χ² without it over χ² with it": number(cause["gain"], 3),
     }  # fmt: skip
 
 

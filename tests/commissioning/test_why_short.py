@@ -61,7 +61,8 @@ def test_what_is_further_off_than_the_case_states_is_named(gain, inertia, said, 
 
 
 def test_a_cause_is_told_with_its_evidence(case, tmp_path, monkeypatch):
-    cause = {"kind": "backlash", "at": "shafts.side", "evidence": "the torque stays at zero over 0.02 rad"}
+    said = "the torque stays at zero over 0.02 rad"
+    cause = {"kind": "backlash", "at": "shafts.side", "evidence": said, "in_model": True}
     diagnosis = SimpleNamespace(
         parameters={}, extended=bed_system(case), verdict="explained", to_dict=lambda: {"causes": [cause]}
     )

@@ -5,8 +5,9 @@ import pytest
 from plant.marks import needs_compiler
 from plant.orders import Order
 
-from matching.diagnosis.data import FitData, Segment, with_smooth_inputs
+from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.diagnose import diagnose
+from matching.diagnosis.inputs import SMOOTH, STRAIGHT, as_taken
 from modelling.model_file import load
 from modelling.recordings.read import read_recording
 
@@ -19,7 +20,7 @@ def test_lines_through_the_new_samples_have_the_integral_of_the_smooth_signal(ji
     time = (np.arange(380) + jitter * rng.uniform(-1, 1, 380)) / rate
     signal = np.sin(2 * np.pi * frequency * time)
     data = FitData((Segment(time, np.stack([signal, signal], axis=1), np.zeros((380, 1))),), np.ones(1))
-    (segment,) = with_smooth_inputs(data, [0]).segments
+    (segment,) = as_taken(data, (SMOOTH, STRAIGHT)).segments
     fine = np.linspace(time[0], time[-1], 200_001)
     weight = np.sin(2 * np.pi * frequency * fine) * np.sin(np.pi * (fine - fine[0]) / np.ptp(fine)) ** 2
     exact = np.trapezoid(weight * np.sin(2 * np.pi * frequency * fine), fine)

@@ -13,11 +13,12 @@ from modelling.effects.effect import Guess
 SIGNATURES = {"first": [1.0, 0.1, 0.0, 0.0], "second": [1.0, -0.1, 0.0, 0.0], "third": [0.0, 0.0, 1.0, 0.0]}
 
 
-def screening(residual: np.ndarray) -> SimpleNamespace:
+def screening(residual: np.ndarray, readings: int = 0) -> SimpleNamespace:
     """A residual (4,), signatures by name of the place, and base parameters that take the last reading."""
     return SimpleNamespace(
         residual=residual,
         basis=np.array([[0.0], [0.0], [0.0], [1.0]]),
+        mask=np.arange(4) < readings,
         signature=lambda addition: np.array(SIGNATURES[next(iter(addition))]),
     )
 
@@ -49,4 +50,5 @@ def test_a_pair_whose_effects_do_not_exist_is_left_out() -> None:
 def test_no_pair_where_one_explains_almost_all() -> None:
     residual = np.array([3.0, 0.3, 0.2, 0.0])
     some = sorted((candidate(name, residual) for name in SIGNATURES), key=lambda one: -one.reduction)
-    assert screened_pairs(screening(residual), some, DiagnosisSettings()) == []
+    assert screened_pairs(screening(residual, readings=4), some, DiagnosisSettings()) == []
+    assert screened_pairs(screening(residual), some, DiagnosisSettings()) != []  # the rest, were it no noise

@@ -29,7 +29,14 @@ def browser_path() -> str:
 
 @contextmanager
 def served(arguments: Iterable[str], out: Path) -> Iterator[str]:
-    """Address of the page that Python serves with such arguments and, as the last, the folder for results.
+    """Address of the page, see :func:`serving`."""
+    with serving(arguments, out) as (_, address):
+        yield address
+
+
+@contextmanager
+def serving(arguments: Iterable[str], out: Path) -> Iterator[tuple[subprocess.Popen, str]]:
+    """Process and address of the page that Python serves with such arguments and, as the last, the results' folder.
 
     `rigmatch explore` is begun by a user whose own pages of Bokeh come from the internet.
     """
@@ -40,7 +47,7 @@ def served(arguments: Iterable[str], out: Path) -> Iterator[str]:
     with started(command, stderr=subprocess.PIPE, text=True, env=environment, cwd=out.parent) as process:
         address = next((found[0] for line in process.stderr if (found := re.search(r"http://\S+", line))), "")
         assert address, "the server did not start"
-        yield address
+        yield process, address
 
 
 def explored(*files: Path) -> tuple[str, ...]:
@@ -66,8 +73,15 @@ def opened_page(address: str, width: int = 1366) -> Iterator[tuple]:
         page.on("console", lambda message: message.type == "error" and complaints.append(complaint(message)))
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.goto(address)
-        page.get_by_role("tab").first.wait_for()
+        page.get_by_role("heading", level=1).first.wait_for()
         try:
             yield page, complaints
         finally:
             browser.close()
+
+
+def step(page, name: str) -> None:
+    """Open a step; on a narrow screen the steps are behind a button."""
+    if page.viewport_size["width"] < 900:
+        page.get_by_role("button", name="Open drawer").click()
+    page.get_by_role("tab", name=name).click()

@@ -60,10 +60,11 @@ def test_a_second_page_empties_the_first(tmp_path):
 
     workspace = opened([ROOT / "examples" / "diagnosis" / "model.toml"], tmp_path)
     first = page(workspace)
-    assert len(first) == 4  # heading, files, tabs, content
+    assert len(first.sidebar) == 1  # steps and files
     second = page(workspace)
-    assert len(second) == 4
-    assert "open in another window" in first[-1].object
+    assert len(second.sidebar) == 1
+    assert first.sidebar == []
+    assert "open in another window" in first.main[-1][0].object
 
 
 def test_a_wrong_file_is_one_line(tmp_path):
@@ -79,7 +80,8 @@ def test_a_tab_is_made_when_it_is_opened_and_kept(tmp_path):
     from matching.explore.page import page
 
     model = ROOT / "examples" / "diagnosis" / "model.toml"
-    _, _, bar, content = page(opened([model], tmp_path))
+    whole = page(opened([model], tmp_path))
+    bar, content = whole.sidebar[0][0], whole.main[-1]
     first = content[0]
     bar.active = 1
     assert content[0] is not first

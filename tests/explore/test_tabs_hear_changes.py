@@ -37,7 +37,7 @@ def tabs(monkeypatch):
 
     for name in ("DrivetrainTab", "ModesTab", "MatchTab"):
         monkeypatch.setattr(server, name, maker(name))
-    makers = server._makers(SimpleNamespace(models={"rig": ""}, case="case"))
+    makers = server._makers(SimpleNamespace(models={"rig": ""}, case="case"), SimpleNamespace(example=print))
     assert [makers[name]() for name in ("Drivetrain", "Modes", "Match")] == ["DrivetrainTab", "ModesTab", "MatchTab"]
     return SimpleNamespace(**made), heard
 

@@ -11,7 +11,7 @@ from structure.imports import ROOT
 
 from matching.explore.files import opened, starter
 from matching.explore.measurement import MeasurementTab
-from matching.explore.page import MapView, MatchTab, _makers
+from matching.explore.page import FilesBar, MapView, MatchTab, _makers
 
 pytestmark = pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 OWN_NAME = re.compile(r"[A-Za-z]+\d{5}")  # Panel's, of what has no name
@@ -30,6 +30,12 @@ def files(folder):
     return [starter(folder)[0], ROOT / "examples" / "gum" / "mass.toml", ROOT / "examples" / "fidelity" / "tab2.toml"]
 
 
+def makers(folder):
+    """What makes each tab, with a file of every kind open."""
+    workspace = opened(files(folder), folder / "out")
+    return _makers(workspace, FilesBar(workspace, lambda: None))
+
+
 def said(panel):
     """What stands on a tab, in its order: texts, names of fields and what can be chosen in them, titles and axes."""
     for part in panel.select():
@@ -43,7 +49,7 @@ def said(panel):
 
 
 def test_no_tab_shows_a_missing_value(tmp_path):
-    for make in _makers(opened(files(tmp_path), tmp_path / "out")).values():
+    for make in makers(tmp_path).values():
         text = " ".join(said(make()))
         assert "None" not in text
 
@@ -52,7 +58,7 @@ def test_every_tab_bears_all_that_its_page_holds_to_be_changed(tmp_path):
     """A field that is made but not put on the page cannot be reached."""
     import panel as pn
 
-    for name, make in _makers(opened(files(tmp_path), tmp_path / "out")).items():
+    for name, make in makers(tmp_path).items():
         owner = getattr(make, "__self__", None)
         if owner is None:
             continue

@@ -1,0 +1,380 @@
+"""The audit of the channels, before any physics: name, time, sign, gain, resolution and lines of every channel.
+
+Every measured channel is held against the simulation of the model as given. What the audit finds is mended first
+(exchanged channels, hum of the mains) or is the first hypothesis of the search (times), so that no effect of the
+drivetrain stands in for a fault of a channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+from typing import Any
+
+import numpy as np
+from scipy import fft
+from scipy.optimize import linear_sum_assignment
+
+from matching.diagnosis.base import fit_base
+from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.descent import Fit
+from matching.diagnosis.inputs import resolution
+from matching.diagnosis.problem import base_problem
+from matching.diagnosis.settings import DiagnosisSettings
+from modelling.effects.effect import shared_place
+from modelling.effects.sensors_and_actuators import ClockOffset, SensorDelay
+from modelling.errors import FitError
+from modelling.system import System
+
+# --- Exchanged channels: each measured one against each simulated one of its quantity.
+
+FAR, CLEARLY = 0.1, 0.5  # error over the spread of a channel as labelled, and times that of the exchanged one at most
+
+
+def exchanged(system: System, measured: np.ndarray, simulated: np.ndarray) -> list[int]:
+    """For every sensor the one whose readings it seems to have: itself, or another of the same quantity.
+
+    The assignment with the least error of all (Hungarian method), where that of each channel that moves is clearly
+    smaller so.
+
+    Parameters
+    ----------
+    measured, simulated : ndarray (t, y)
+        SI; NaN where nothing was measured.
+    """
+    order = list(range(len(system.sensors)))
+    for same in _alike(system, measured):
+        cost = np.array([[_error(measured[:, i], simulated[:, j]) for i in same] for j in same])
+        rows, columns = linear_sum_assignment(cost)
+        moved = [(r, c) for r, c in zip(rows, columns, strict=True) if r != c]
+        if moved and all(cost[r, r] > FAR and cost[r, c] < CLEARLY * cost[r, r] for r, c in moved):
+            for r, c in moved:
+                order[same[r]] = same[c]
+    return order
+
+
+def _alike(system: System, measured: np.ndarray) -> Iterator[list[int]]:
+    """Sensors of one quantity each that were measured and move; encoders have zeros of their own and are left out."""
+    for quantity in dict.fromkeys(sensor.measures for sensor in system.sensors):
+        same = [j for j, sensor in enumerate(system.sensors) if sensor.measures == quantity]
+        same = [j for j in same if np.isfinite(measured[:, j]).any() and np.nanstd(measured[:, j]) > 0]
+        if len(same) > 1 and quantity != "angle":
+            yield same
+
+
+def reordered(data: FitData, order: Sequence[int]) -> FitData:
+    """Data whose sensors have the readings of others; whether noise belongs to the sensor or to its channel is not
+    known, so the larger one is taken."""
+    order = list(order)
+    segments = tuple(replace(s, readings=s.readings[:, order]) for s in data.segments)
+    return replace(data, segments=segments, noise=np.maximum(data.noise, data.noise[order]))
+
+
+def _both(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Measured and simulated readings (t, y) of all segments, SI."""
+    segments = fit.problem.data.segments
+    return np.concatenate([s.readings for s in segments]), np.concatenate(fit.problem.simulated(fit.v))
+
+
+def _error(measured: np.ndarray, simulated: np.ndarray) -> float:
+    """Root mean square error of a channel (t,) over its spread."""
+    known = np.isfinite(measured)
+    return float(np.std(measured[known] - simulated[known]) / np.std(measured[known]))
+
+
+def with_channels_of(system: System, base: Fit, data: FitData, settings: DiagnosisSettings) -> tuple[list[int], Fit]:
+    """The order of the sensors' readings, and the base fit with it: another than that of the labels only where the fit
+    is clearly better so.
+
+    Channels are compared with the simulation at the stated values, then with that of the base fit. Where channels of
+    one quantity are exchanged, those of the others are tried pair by pair: whole sides may be.
+    """
+    same, (measured, _) = list(range(len(system.sensors))), _both(base)
+    problem, v = base_problem(system, data)
+    order = same
+    for simulated in (np.concatenate(problem.simulated(v)), _both(base)[1]):
+        if order == same and np.isfinite(simulated).all():
+            order = exchanged(system, measured, simulated)
+    if order == same:
+        return same, base
+    best = _refitted(system, data, order, settings)
+    if best is None or best.cost > CLEARLY**2 * base.cost:
+        return same, base
+    for pair in [pair for group in _alike(system, measured) for pair in combinations(group, 2)]:
+        other = list(order)
+        for i, j in (pair, pair[::-1]):
+            other[i] = order[j]
+        fit = None if any(order[j] != j for j in pair) else _refitted(system, data, other, settings)
+        if fit is not None and fit.cost < CLEARLY**2 * best.cost:
+            order, best = other, fit
+    return order, best
+
+
+def _refitted(system: System, data: FitData, order: Sequence[int], settings: DiagnosisSettings) -> Fit | None:
+    try:
+        return fit_base(system, reordered(data, order), settings)
+    except FitError:
+        return None
+
+
+# --- Hum of the mains: a line in what the model leaves of one channel, at a multiple of 50 or 60 Hz or its alias.
+
+MAINS, MULTIPLES = (50.0, 60.0), 6  # Hz, and how many multiples are looked at
+LINE = 40.0  # power of a line over that of its neighbours: in 1e7 noise spectra one line is as large
+NEIGHBOURS, GUARD = 12, 2  # bins to each side, and next to the line, which its own width fills
+STEADY = 0.7  # of the amplitude, that the mean of the halves' phasors keeps: a line of the drive changes its phase
+
+
+@dataclass(frozen=True)
+class Hum:
+    """A line of the mains in a channel: frequency as it shows, Hz, amplitude, SI, and the multiple it is of."""
+
+    sensor: str
+    frequency: float
+    amplitude: float
+    source: str
+
+
+def find_hum(system: System, fit: Fit) -> list[Hum]:
+    """Lines of the mains in what a fit leaves of its longest segment."""
+    index = max(range(len(fit.errors)), key=lambda i: len(fit.errors[i]))
+    segment, errors = fit.problem.data.segments[index], fit.errors[index]
+    step = float(np.median(np.diff(segment.time)))
+    if np.ptp(np.diff(segment.time)) > 0.2 * step:
+        return []
+    out = []
+    for j, sensor in enumerate(system.sensors):
+        if segment.measured[:, j].all():
+            out += _lines(sensor.name, errors[:, j] * fit.problem.data.noise[j], step)
+    return out
+
+
+def _lines(name: str, left: np.ndarray, step: float) -> list[Hum]:
+    """Lines of the mains in a residual (t,) at even steps, s."""
+    window = np.hanning(len(left))
+    spectrum = np.abs(fft.rfft((left - left.mean()) * window)) ** 2
+    resolved, out, taken = 1 / (len(left) * step), list[Hum](), set[int]()
+    for mains in MAINS:
+        for multiple in range(1, MULTIPLES + 1):
+            alias = abs(mains * multiple - round(mains * multiple * step) / step)
+            at = round(alias / resolved)
+            near = slice(max(at - 1, 0), at + 2)
+            if at <= NEIGHBOURS + GUARD or at + NEIGHBOURS + GUARD >= len(spectrum) or at in taken:
+                continue
+            around = np.r_[spectrum[at - NEIGHBOURS - GUARD : at - GUARD], spectrum[at + GUARD + 1 :][:NEIGHBOURS]]
+            if spectrum[near].max() < LINE * np.median(around):
+                continue
+            halves = [_phasor(part, np.arange(len(left))[p] * step, alias) for p, part in _halves(left)]
+            size = float(np.mean(np.abs(halves)))
+            if abs(np.mean(halves)) > STEADY * size:
+                taken |= {at - 1, at, at + 1}
+                out.append(Hum(name, alias, float(abs(np.mean(halves))), f"{multiple} × {mains:g} Hz"))
+    return out
+
+
+def _halves(values: np.ndarray) -> list[tuple[slice, np.ndarray]]:
+    middle = len(values) // 2
+    return [(p, values[p]) for p in (slice(0, middle), slice(middle, len(values)))]
+
+
+def _phasor(values: np.ndarray, time: np.ndarray, frequency: float) -> complex:
+    """Amplitude and phase of a line in values (t,)."""
+    turning = np.exp(-2j * np.pi * frequency * time)
+    window = np.hanning(len(values))
+    return complex(2 * np.sum(window * (values - values.mean()) * turning) / np.sum(window))
+
+
+def without_hum(system: System, data: FitData, fit: Fit, hum: Sequence[Hum]) -> FitData:
+    """Data from whose readings the lines are taken off, with amplitude and phase of every segment, as a fit leaves
+    them; of segments that the fit does not have, as their readings without slow parts show them."""
+    simulated = dict(zip([_key(s) for s in fit.problem.data.segments], fit.problem.simulated(fit.v), strict=True))
+    names, segments = [sensor.name for sensor in system.sensors], []
+    for segment in data.segments:
+        readings = segment.readings.copy()
+        own = simulated.get(_key(segment))
+        for line in hum:
+            j = names.index(line.sensor)
+            known = np.isfinite(readings[:, j])
+            left = readings[:, j] if own is None else readings[:, j] - np.resize(own[:, j], len(readings))
+            angle = 2 * np.pi * line.frequency * segment.time[known]
+            columns = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            part = slice(0, None if own is None else min(len(own), len(columns)))
+            smooth = _without_slow(left[known][part]) if own is None else left[known][part]
+            size = np.linalg.lstsq(columns[part], smooth, rcond=None)[0]
+            readings[known, j] -= columns @ size
+        segments.append(replace(segment, readings=readings))
+    return replace(data, segments=tuple(segments))
+
+
+def _key(segment: Segment) -> tuple[str, float]:
+    return segment.name, float(segment.time[0])
+
+
+def _without_slow(values: np.ndarray) -> np.ndarray:
+    """Values (t,) without what a mean over neighbours keeps."""
+    width = 9
+    return values - np.convolve(np.pad(values, width // 2, mode="edge"), np.full(width, 1 / width), mode="valid")
+
+
+# --- Times: how late every channel is against the simulation, block by block.
+
+TIME_BLOCKS, FEWEST_OF_BLOCK = 6, 128
+LONGEST_SHARE = 0.25  # of a block: the largest delay that is looked for
+SECOND_PEAK = 0.95  # of the first, from which a delay is open: a periodic signal is alike a period later
+LATE_SAMPLES, LATE_SIGMA = 1.0, 4.0  # from which the difference of two channels is a hypothesis
+
+
+@dataclass(frozen=True)
+class ChannelTime:
+    """How late a channel is, s, with standard uncertainty (scatter of the blocks); NaN where it is open."""
+
+    delay: float
+    uncertainty: float
+
+
+def channel_times(system: System, fit: Fit) -> list[ChannelTime]:
+    """How late every sensor is against the simulation of a fit."""
+    measured, simulated = _both(fit)
+    step, out = fit.problem.data.sampling_interval, []
+    count = max(1, min(TIME_BLOCKS, len(measured) // FEWEST_OF_BLOCK))
+    for j in range(len(system.sensors)):
+        delays = [
+            delay
+            for a, b in zip(np.array_split(measured[:, j], count), np.array_split(simulated[:, j], count), strict=True)
+            if (delay := _delay(a, b)) is not None
+        ]
+        if len(delays) < max(2, count // 2):
+            out.append(ChannelTime(np.nan, np.nan))
+            continue
+        scatter = 1.4826 * float(np.median(np.abs(np.array(delays) - np.median(delays))))
+        out.append(ChannelTime(step * float(np.median(delays)), step * max(scatter, 0.05) / np.sqrt(len(delays))))
+    return out
+
+
+def _delay(measured: np.ndarray, simulated: np.ndarray) -> float | None:
+    """How late a channel (t,) is, in samples, by the peak of the normalised cross-correlation; None where that is open
+    or not clear."""
+    if not np.isfinite(measured).all() or np.std(measured) == 0 or np.std(simulated) == 0 or len(measured) < 16:
+        return None
+    a, b = (np.diff(part) for part in (measured, simulated))  # a slow drift decides nothing
+    a, b = a - a.mean(), b - b.mean()
+    size = fft.next_fast_len(2 * len(a))
+    correlation = fft.irfft(fft.rfft(a, size) * np.conj(fft.rfft(b, size)), size)
+    most = max(int(LONGEST_SHARE * len(a)), 2)
+    around = np.concatenate([correlation[-most:], correlation[: most + 1]])
+    if np.std(a) == 0 or np.std(b) == 0:
+        return None
+    peak = int(np.argmax(around))
+    if peak in (0, len(around) - 1) or around[peak] < 0.3 * np.linalg.norm(a) * np.linalg.norm(b):
+        return None
+    maxima = np.flatnonzero((around[1:-1] > around[:-2]) & (around[1:-1] >= around[2:])) + 1
+    others = [around[m] for m in maxima if m != peak]
+    if others and max(others) > SECOND_PEAK * around[peak]:
+        return None
+    left, top, right = (float(value) for value in around[peak - 1 : peak + 2])
+    return float(peak - most + 0.5 * (left - right) / (left - 2 * top + right))
+
+
+def time_hypotheses(system: System, fit: Fit, times: Sequence[ChannelTime]) -> list[tuple[str, str, dict[str, float]]]:
+    """Kind, place and first values of the causes that the times of the channels speak for: the group of sensors that is
+    apart from the rest."""
+    step = fit.problem.data.sampling_interval
+    known = [j for j, time in enumerate(times) if np.isfinite(time.delay)]
+    if len(known) < 2:
+        return []
+    known.sort(key=lambda j: times[j].delay)
+    gaps = [times[b].delay - times[a].delay for a, b in pairwise(known)]
+    split = int(np.argmax(gaps)) + 1
+    early, late = known[:split], known[split:]
+    u = float(np.hypot(max(times[j].uncertainty for j in early), max(times[j].uncertainty for j in late)))
+    if gaps[split - 1] < max(LATE_SAMPLES * step, LATE_SIGMA * u):
+        return []
+    few, sign = (late, 1.0) if len(late) <= len(early) else (early, -1.0)
+    offset = sign * float(np.mean([times[j].delay for j in late]) - np.mean([times[j].delay for j in early]))
+    places = shared_place([f"sensors.{system.sensors[j].name}" for j in few])
+    out: list[tuple[str, str, dict[str, float]]] = [(ClockOffset.kind, places, {"offset": offset})]
+    if offset > 0:
+        out.append((SensorDelay.kind, places, {"delay": offset}))
+    return out
+
+
+def notes_on(system: System, order: Sequence[int], hum: Sequence[Hum]) -> list[str]:
+    """What is said of exchanged channels and of hum."""
+    names = [sensor.name for sensor in system.sensors]
+    notes = [
+        f"{names[j]} has the readings of {names[i]}: exchanged for this diagnosis; exchange them in the channel file"
+        for j, i in enumerate(order)
+        if i != j
+    ]
+    notes += [
+        f"{line.sensor} carries hum of the mains at {line.frequency:.4g} Hz ({line.source}), amplitude "
+        f"{line.amplitude:.3g} {next(s.unit for s in system.sensors if s.name == line.sensor)}: taken off"
+        for line in hum
+    ]
+    return notes
+
+
+# --- The table
+
+
+@dataclass(frozen=True)
+class AuditedChannel:
+    """A line of the audit.
+
+    Attributes
+    ----------
+    name : str
+    exchanged_with : str
+        The channel whose readings it seems to have; empty where it has its own.
+    delay, delay_uncertainty : float
+        Against the simulation, s; NaN where it is open, or of an input.
+    gain : float
+        Measured over simulated, in least squares; negative where the sign is the other; NaN of an input.
+    resolution : float
+        Step to which its values are rounded, SI; 0 where none shows.
+    between : str
+        Of an input: how it is taken between samples.
+    hum : str
+        Lines of the mains.
+    """
+
+    name: str
+    exchanged_with: str = ""
+    delay: float = np.nan
+    delay_uncertainty: float = np.nan
+    gain: float = np.nan
+    resolution: float = 0.0
+    between: str = ""
+    hum: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``."""
+        return {key: None if isinstance(v, float) and not np.isfinite(v) else v for key, v in vars(self).items()}
+
+
+def audited(
+    system: System, fit: Fit, order: Sequence[int], kinds: Sequence[str], hum: Sequence[Hum]
+) -> list[AuditedChannel]:
+    """A line for every channel, sensors first."""
+    measured, simulated = _both(fit)
+    times = channel_times(system, fit)
+    inputs = np.concatenate([segment.inputs for segment in fit.problem.data.segments])
+    out = []
+    for j, sensor in enumerate(system.sensors):
+        known = np.isfinite(measured[:, j])
+        if not known.any():
+            continue
+        a, b = (part[known, j] - part[known, j].mean() for part in (measured, simulated))
+        square = float(b @ b)
+        other = "" if order[j] == j else system.sensors[order[j]].name
+        out.append(
+            AuditedChannel(
+                sensor.name, other, times[j].delay, times[j].uncertainty, float(a @ b) / square if square else np.nan,
+                resolution(measured[known, j]), "",
+                ", ".join(line.source for line in hum if line.sensor == sensor.name),
+            )
+        )  # fmt: skip
+    for j, part in enumerate(system.inputs):
+        out.append(AuditedChannel(part.name, resolution=resolution(inputs[:, j]), between=kinds[j]))
+    return out
