@@ -151,7 +151,7 @@ def _score(shape: Distribution, normal: np.ndarray) -> np.ndarray:
 
 # --- Propagate
 
-LARGEST_VALUE = 1e160  # of larger ones, even the sum of the squares of their rounding errors is no number
+LARGEST_VALUE = 1e100  # no result of a program is larger
 CANCELLED = 1e-14  # of the sum of contributions, squared: a smaller variance is rounding, as of x + y at r = -1
 
 

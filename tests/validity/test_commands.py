@@ -76,7 +76,7 @@ def test_names_with_slashes_and_dollars_and_values_of_any_size(tmp_path, capsys)
         "..|T|n" = { formula = "x + a" }
         "T$\\\\frac{$" = { formula = "a" }
         [inputs]
-        x = { value = -1e160, uncertainty = 0.1 }
+        x = { value = -1e99, uncertainty = 0.1 }
         a = { value = 2, uncertainty = 0.1 }
         """
     )
