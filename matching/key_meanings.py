@@ -54,6 +54,8 @@ LIMITS = {
     "rolled_off": "largest \\|T\\| of the loop from `rolled_off_from` on; 0.5 unless stated",
     "rolled_off_from": "from where \\|T\\| counts; 100 Hz unless stated",
     "command_noise": "largest rms torque that sensor noise may make; 2 % of `dynamometer_torque` unless stated",
+    "sensor_offset": "largest flange torque that an observer does not expect, a minute after every sensor is off by "
+    "its uncertainty; 2 % of `dynamometer_torque` unless stated",
     "damping_ratio": "least damping ratio of any closed-loop mode; 0.01 unless stated",
     "damping_share": "of the damping of the vehicle's mode that a mode on a bed reproduces, else of the least damping "
     "of the target modes; 1/3 unless stated",

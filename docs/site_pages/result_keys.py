@@ -28,6 +28,13 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "smallest_damping_ratio": "of any mode on any drawn bed; −1 where one grows without swinging",
         "required_damping_ratio": "of a mode that is neither the vehicle's nor the bed's own",
         "damped_too_little": "modes that drawn beds damp by less than they are asked for, with the beds that do",
+        "unexpected_torque_of_offsets": "flange torque that the observer does not expect, a minute after every sensor "
+        "is off by its uncertainty, N·m, by dynamometer",
+        "rated_torque": "torque that a shaft to be ordered has to carry, N·m",
+        "twist": "what it twists by then, rad",
+        "minutes": "the exported controller with its supervision, at rest and at speed, with noise, a drift of every "
+        "sensor and a gain error of every encoder", "emulated": "s that it stayed in emulation",
+        "drift": "largest change of a rotor's speed, rad/s", "not_run": "why there are no runs; empty where there are",
         "owner": "the component that holds most of the mode's energy", "share": "of it that it holds",
         "slowest_feed_forward": "the slowest mode of the controller's model that runs on known torques, the same on "
         "every bed; its `rate` of decay is in 1/s",
@@ -65,7 +72,11 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
     "`map.json`, `tolerance.json`": {
         "value_in_case": "of the quantity on an axis, SI, as the case has it",
         "objective_from_own_starts": "of a point, before the solutions of its neighbours were tried",
-        "yield": "shares of the drawn beds that are `stable`, keep the margin, keep each target mode, and `all` of it",
+        "yield": "shares of the drawn beds that are `stable` and `damped`, keep each result as a match asks it, and "
+        "`all` of it", "allowed": "how large a result may be either way",
+        "specimen": "whether the vehicle has the component",
+        "planned_error": "both errors over their tolerances as one, of the bed as planned",
+        "bed_error": "the same of the medians over drawn beds",
         "modulus_margin_asked": "required modulus margin", "modulus_margin_from": "from which frequency, Hz",
         "largest_difference": "largest relative difference between both ways, by result",
         "standard_deviation": "of a result over the draws", "quantiles": "of a result over the draws, by level",

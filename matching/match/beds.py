@@ -49,12 +49,16 @@ class LoopFigures:
         Largest singular value of T = L/(1 + L) where the loop has to have rolled off.
     command_noise : mapping of str to float
         N·m rms of each dynamometer's command, of the sensors' uncertainties alone.
+    unexpected_torque : mapping of str to float
+        N·m by dynamometer: how far its flange torque is from what the observer expects, a minute after every sensor is
+        off by its uncertainty; empty without an observer.
     """
 
     modulus_margin: float
     margin_at: float
     largest_rolled_off: float
     command_noise: Mapping[str, float]
+    unexpected_torque: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -190,6 +194,55 @@ def command_noise(curves: LoopCurves, frequencies: np.ndarray) -> np.ndarray:
     return np.sqrt(noise_weights(frequencies) @ power)
 
 
+# --- What offsets of the sensors make of an observer's expectation.
+#
+# An observer that does not listen to the flange knows the twist of a shaft as the integral of a difference of speeds,
+# and an offset of a speed becomes a torque that grows. The step response, weighted by exp(−t) with t in minutes, is
+# what the loop makes of a constant at z = exp(T/60 s); it is finite also where a motion rests at z = 1.
+
+OFFSET_TIME_S = 60.0
+
+
+@dataclass(frozen=True)
+class OffsetFigures:
+    """What offsets do; k dynamometers, x states of the controller, y sensors.
+
+    Attributes
+    ----------
+    torque : ndarray (k,)
+        N·m: flange torques less what is expected, of offsets as large as the sensors' uncertainties, root sum square.
+    left, right : ndarray (k, x + k), (k, x + y)
+        A change of the controller's matrices dM changes a torque by left·dM·right.
+    """
+
+    torque: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+
+
+def offset_figures(bed: Planned, controller: SampledController) -> OffsetFigures | None:
+    """What offsets do on the bed as planned; None without an observer."""
+    if controller.expected is None or controller.delayed_commands is None:
+        return None
+    o, k, y = controller.reached, len(controller.C), len(controller.sensors)
+    z = np.exp(controller.sample_time / OFFSET_TIME_S)
+    held = bed.held(np.array([np.log(z) / (2j * np.pi * controller.sample_time)]))[0].real  # (y, k)
+    feedback, expected = controller.feedback, controller.expected[:, :o]
+    forward = np.linalg.inv(z * np.eye(o) - feedback.A)
+    states = forward @ feedback.B
+    acting = feedback.C @ states + feedback.D
+    seen = np.linalg.inv(np.eye(y) - held @ acting)
+    missing = np.eye(y) - expected @ states
+    unexpected = (missing @ seen)[:k]
+    of_command = np.hstack([feedback.C @ forward, np.eye(k)])
+    left = np.hstack([-expected @ forward, np.zeros((y, k))]) + missing @ seen @ held @ of_command
+    square = (unexpected * bed.uncertainty) ** 2
+    torque = np.sqrt(square.sum(axis=1))
+    weights = unexpected * bed.uncertainty**2 / np.maximum(torque, 1e-300)[:, None]
+    right = (np.vstack([states, np.eye(y)]) @ seen @ weights.T).T
+    return OffsetFigures(torque, left[:k], right)
+
+
 def noise_weights(f: np.ndarray) -> np.ndarray:
     """Weights (f,) of a mean over all frequencies up to the last; below the first it counts as there."""
     edges = np.r_[0.0, (f[1:] + f[:-1]) / 2, f[-1]]
@@ -210,7 +263,12 @@ def loop_figures(bed: Planned, controller: SampledController, required: Requirem
     lowest = int(np.where(margin, curves.margin, np.inf).argmin())
     largest = curves.closed[rolled_off].max(initial=0.0)
     noise = dict(zip(controller.dynamometers, command_noise(curves, f).tolist(), strict=True))
-    return LoopFigures(float(curves.margin[lowest]), float(curves.margin_at[lowest]), float(largest), noise)
+    offsets = offset_figures(bed, controller)
+    unexpected = [] if offsets is None else offsets.torque.tolist()
+    return LoopFigures(
+        float(curves.margin[lowest]), float(curves.margin_at[lowest]), float(largest), noise,
+        dict(zip(controller.dynamometers, unexpected)),
+    )  # fmt: skip
 
 
 # --- Beds whose cut shafts have less stiffness and damping: what a lash between its flanks lets a bed appear to be.

@@ -41,6 +41,11 @@ class Uncertain:
     value: float
     half_width: float
 
+    def at(self, x: float) -> float:
+        """Value, SI, at a coordinate from −1 to 1; it does not change its sign."""
+        value = self.value + self.half_width * x
+        return min(value, 0.0) if self.value < 0 else max(value, 0.0)
+
 
 @dataclass(frozen=True)
 class Box:
@@ -50,10 +55,7 @@ class Box:
 
     def at(self, position: np.ndarray) -> dict[str, float]:
         """Values by name at a position (p,) in the box, each coordinate from −1 to 1."""
-        return {
-            quantity.name: max(quantity.value + quantity.half_width * float(x), 0.0)
-            for quantity, x in zip(self.uncertain, position, strict=True)
-        }
+        return {quantity.name: quantity.at(float(x)) for quantity, x in zip(self.uncertain, position, strict=True)}
 
     def draw(self, count: int, seed: int) -> np.ndarray:
         """Positions (count, p), each coordinate even over −1 … 1."""

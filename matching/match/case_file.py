@@ -238,7 +238,13 @@ def read_moves(
             )
         low, high = (to_si(entry[key], unit, f"{place}.{key}") for key in ("lower", "upper"))
         planned = to_si(entry["planned"], unit, f"{place}.planned") if "planned" in entry else start
-        planned = min(max(planned, low), high)
+        if not low <= planned <= high:
+            if not name.startswith("loop."):
+                raise InputError(
+                    place, f"the plan of {planned:g} {unit} lies outside its bounds {low:g} … {high:g} {unit}",
+                    "widen the bounds, or state planned = … within them",
+                )  # fmt: skip
+            planned = min(max(planned, low), high)
         begin = to_si(entry["start"], unit, f"{place}.start") if "start" in entry else planned
         if not low < high or not low <= begin <= high:
             raise InputError(

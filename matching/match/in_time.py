@@ -11,6 +11,8 @@ import numpy as np
 from matching.match.box import of_system
 from matching.match.case import Case
 from matching.match.loop import control_law, linear_bed, shaft_torque
+from matching.match.running import RunningLaw, stacked
+from matching.match.running import run as run_batch
 from matching.match.verify import manoeuvre_torques
 from modelling.bed.bed import ControlLaw
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
@@ -142,16 +144,17 @@ def perturbed_system(system: System, imperfection: Imperfection, case: Case) -> 
     """Rig or vehicle with what is wrong of the parts that it has: shared components are wrong in both alike."""
     values = of_system(imperfection.values, system)
     effects = []
-    laden = {effect.at for effect in system.effects}
+    with_play = {effect.at for effect in system.effects if effect.law.free_play}
+    rubbing = {effect.at for effect in system.effects if effect.law.sticks}
     for interface in case.residual_vehicle.interfaces:
         place = f"shafts.{interface.shaft}"
-        if imperfection.gap and place not in laden:
+        if imperfection.gap and place not in with_play:
             effects.append(_effect(LASH, place, imperfection.gap))
         shaft = next(part for part in case.vehicle.shafts if part.name == interface.shaft)
         near = next(end for end in shaft.between if end != interface.vehicle_end)
         place = f"inertias.{near}"
-        if place not in laden:  # of no torque too, so that beds with and without it have the same equations
-            laden.add(place)
+        if place not in rubbing:  # of no torque too, so that beds with and without it have the same equations
+            rubbing.add(place)
             effects.append(_effect(FRICTION, place, imperfection.friction))
     return system.with_values(values).with_effects(*effects)
 
@@ -215,9 +218,6 @@ class PoorSensors:
 
 # --- The control law on imperfect beds, sample by sample, and the vehicle under the same torques; b beds, t samples.
 
-TOO_LARGE = 1e9  # a state beyond this has left every bed
-SAMPLES_BETWEEN_CHECKS = 20
-
 
 @dataclass(frozen=True)
 class BedRun:
@@ -259,16 +259,11 @@ def vehicle_motions(case: Case, runs: Sequence[BedRun], sensors: Sequence[str]) 
     """Readings (t, y) of the nonlinear vehicle with the specimen of every bed."""
     systems = [perturbed_system(case.vehicle, run.imperfection, case) for run in runs]
     beds = NonlinearBeds(systems, case.loop)
-    drives = _stacked([acting(case, run) for run in runs], beds.drives)
-    rows = [beds.model.sensors.index(name) for name in sensors]
-    x, none = beds.start, np.zeros((0, len(systems)))
-    read = np.empty((len(drives), len(rows), len(systems)))
-    for k, now in enumerate(drives):
-        read[k] = beds.read(x, now)[rows]
-        x = beds.advance(x, none, now, drives[min(k + 1, len(drives) - 1)])
-    if not np.abs(x).max() < TOO_LARGE:
+    drives = stacked([acting(case, run) for run in runs], beds.drives)
+    found = run_batch(beds, drives, [beds.model.sensors.index(name) for name in sensors])
+    if found.lost.any():
         raise SimulationError("simulation", "the motion of the vehicle grows out of bounds", "check its parameters")
-    return [read[:, :, i] for i in range(len(systems))]
+    return [found.readings[:, :, i] for i in range(len(systems))]
 
 
 def bed_motions(
@@ -281,32 +276,20 @@ def bed_motions(
     loop = case.loop
     systems = [perturbed_system(case.rig, run.imperfection, case) for run in runs]
     beds = NonlinearBeds(systems, loop, loop.dynamometers, [hardware(case, run.imperfection) for run in runs])
-    drives = _stacked([acting(case, run) for run in runs], beds.drives)
-    measured = _stacked([_known_torques(case, run) for run in runs], law.known)
-    poor, of_law = _sensing(case, law, runs, seed), [beds.model.sensors.index(name) for name in law.sensors]
-    flanges = [law.sensors.index(dynamometer.torque_sensor) for dynamometer in loop.dynamometers]
-    chosen = [beds.model.sensors.index(name) for name in sensors]
+    drives = stacked([acting(case, run) for run in runs], beds.drives)
     limit, held = case.limits.get("dynamometer_torque", np.inf), torques_of(case.rig)
     trim = np.array([held[dynamometer.torque_input] for dynamometer in loop.dynamometers])[:, None]
-    x, state = beds.start, np.zeros((len(law.A), len(runs)))
-    read = np.empty((len(drives), len(chosen), len(runs)))
-    sent = np.empty((len(drives), len(trim), len(runs)))
-    gone = np.zeros(len(runs), bool)
-    for k, now in enumerate(drives):
-        readings = beds.read(x, now)
-        read[k] = readings[chosen]
-        true = readings[of_law]
-        true[flanges] = beds.lagged(x)
-        y, w = poor.read(true), measured[k]
-        corrected = state + law.L @ (y - law.E @ state)
-        u = np.clip(law.K @ corrected + law.Dy @ y + law.Dw @ w, -limit - trim, limit - trim)
-        state = law.A @ corrected + law.By @ y + law.Bw @ w + law.Bs @ u
-        sent[k] = u
-        x = beds.advance(x, u, now, drives[min(k + 1, len(drives) - 1)])
-        if k % SAMPLES_BETWEEN_CHECKS == 0 and (lost := ~(np.abs(x).max(axis=0) < TOO_LARGE)).any():
-            gone |= lost
-            x, state = np.where(gone, beds.start, x), np.where(gone, 0.0, state)
-    return [None if lost else BedMotion(read[:, :, i], sent[:, :, i]) for i, lost in enumerate(gone)]
+    running = RunningLaw(
+        law, [beds.model.sensors.index(name) for name in law.sensors],
+        [law.sensors.index(dynamometer.torque_sensor) for dynamometer in loop.dynamometers],
+        stacked([_known_torques(case, run) for run in runs], law.known), (-limit - trim, limit - trim),
+        _sensing(case, law, runs, seed).read,
+    )  # fmt: skip
+    found = run_batch(beds, drives, [beds.model.sensors.index(name) for name in sensors], running)
+    return [
+        None if lost else BedMotion(found.readings[:, :, i], found.commands[:, :, i])
+        for i, lost in enumerate(found.lost)
+    ]
 
 
 def hardware(case: Case, imperfection: Imperfection) -> BedHardware:
@@ -332,16 +315,6 @@ def _sensing(case: Case, law: ControlLaw, runs: Sequence[BedRun], seed: int) -> 
     poor = np.array([run.imperfection.poor_sensors for run in runs])
     encoders = np.array([run.imperfection.encoders for run in runs])
     return PoorSensors([by_name[name] for name in law.sensors], poor, np.array(gains), law.sample_time, seed, encoders)
-
-
-def _stacked(torques: Sequence[Mapping[str, np.ndarray]], names: Sequence[str]) -> np.ndarray:
-    """(t, d, b)."""
-    count = len(next(iter(torques[0].values())))
-    stack = np.zeros((count, len(names), len(torques)))
-    for i, name in enumerate(names):
-        for j, by_name in enumerate(torques):
-            stack[:, i, j] = by_name.get(name, 0.0)
-    return stack
 
 
 # --- Whether a bed swings on in an open lash where the vehicle comes to rest.

@@ -13,12 +13,12 @@ from matching.match.demands import ExceededLimit, rig_values
 from matching.match.objective import search_for
 from matching.match.problem import MatchProblem, differing_components, target_results
 from matching.match.requirements import TORQUE_OVER_SPEED
-from matching.match.responses import ResponseError
+from matching.match.responses import ResponseError, error_figures
 from matching.match.result import TargetResult
 from matching.match.rounds import end_at, rounds
 from matching.match.search import solve
 from matching.match.variables import SearchSettings
-from matching.match.verify import Verification, Violation, verify
+from matching.match.verify import DISAGREEMENT, Verification, Violation, verify
 from modelling.bed.controllers import ModelBased
 from modelling.errors import NoDesign
 from modelling.modal.modes import modes
@@ -29,6 +29,7 @@ from modelling.units import printed
 
 LIMIT_RESERVE = 1.02  # on the least demand of a limit: the simulated manoeuvre takes a little more than the vehicle's
 DEAD_TIMES_TRIED = 3  # halvings of the range of dead times, on a logarithmic scale
+WHOLE_TRIALS = 2  # dead times that are tried by a whole search, the longest first
 AT_BOUND = 1e-2  # of a quantity's range: what ends so near a bound may be held by it
 FACTORS = (3.0, 30.0)  # by which bounds are moved out, in turn
 
@@ -72,6 +73,9 @@ class Relaxations:
         Values, SI, of the limits that no setting keeps, with all of which together every target is met.
     structure : str
         Control structure with which the values as tuned meet every target, all torques on the rig measured.
+    measured : tuple of (str, float)
+        Sensors of the rig that the controller does not read and with which the error to unmeasured torques is allowed,
+        or at most half as large, each with that error; the best first.
     bounds : tuple of (Move, float)
         Quantities at a bound, each with the value (SI) beyond it with all of which together every target is met.
     """
@@ -80,6 +84,7 @@ class Relaxations:
     limits: Mapping[str, float] = field(default_factory=dict)
     structure: str = ""
     bounds: tuple[tuple[Move, float], ...] = ()
+    measured: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -107,15 +112,32 @@ class SolvedAgain:
             return None
 
     def whole(self, case: Case, moves: Sequence[Move]) -> bool:
-        """Whether the whole search meets every target and limit of the changed case, begun at its own values."""
+        """Whether the whole search meets every target and limit of the changed case, begun at its own values.
+
+        It is the search that a match of the changed case makes.
+        """
         settings = replace(self.settings, starts=SearchSettings().starts)
         asked = replace(self.problem.demands, limits=case.limits)
         search = search_for(case, moves, self.problem.shares, asked, settings)
         return self.meets_all(apply(case, search.values(solve(search).end.x)))
 
+    def unmeasured(self, case: Case, moves: Sequence[Move]) -> float | None:
+        """The error to unmeasured torques that the search of a changed case reaches; None where it misses a target."""
+        settings = replace(
+            self.settings, drawn=min(8, self.settings.drawn), pool=min(32, self.settings.pool), scenarios=0
+        )
+        search = search_for(
+            case, moves, self.problem.shares, replace(self.problem.demands, limits=case.limits), settings
+        )
+        tuned = apply(case, search.values(solve(search).end.x))
+        return error_figures(tuned).unmeasured if self.meets_all(tuned) else None
+
     def meets_all(self, tuned: Case) -> bool:
         """Whether a tuned case meets every target and limit, verified."""
-        checked = verify(tuned, self.problem.case.rig, deviations=False)
+        try:
+            checked = verify(tuned, self.problem.case.rig, deviations=False)
+        except NoDesign:
+            return False
         targets = target_results(replace(self.problem, case=tuned), checked)
         return checked.stable and not checked.violations and all(target.met for target in targets)
 
@@ -126,7 +148,7 @@ def relaxations(problem: MatchProblem, solution: Solution, again: SolvedAgain) -
     larger = _larger_limits(problem, solution, again)
     structure = case.loop.structure
     if structure.has_feed_forward or structure.is_observer or case.loop.torqueless:
-        return Relaxations(limits=larger)
+        return Relaxations(limits=larger, measured=_further_sensors(problem, solution, again))
     return Relaxations(
         _shorter_dead_time(problem, solution, again), larger, _with_feed_forward(problem, solution, again),
         _wider_bounds(problem, solution, again),
@@ -144,6 +166,40 @@ def _larger_limits(problem: MatchProblem, solution: Solution, again: SolvedAgain
     return least if again.whole(case, problem.moves) else {}  # the solution lies where the limit drove it: no start
 
 
+MOST_SENSORS = 3  # that are tried
+
+
+def _further_sensors(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> tuple[tuple[str, float], ...]:
+    """Sensors with which an observer's error to unmeasured torques is allowed, or half of what it is; speeds first.
+
+    Only what the rig already measures is tried; each is solved and verified.
+    """
+    case, checked = problem.case, solution.checked
+    if checked is None or not case.loop.tunes_observer or checked.errors.unmeasured <= case.unmeasured_tolerance:
+        return ()
+    own = case.loop.controller_sensors
+    further = [part for part in case.rig.sensors if part.name not in own and part.measures in ("speed", "torque")]
+    found = []
+    for sensor in sorted(further, key=lambda part: part.measures != "speed")[:MOST_SENSORS]:
+        loop = replace(case.loop, further_sensors=(*case.loop.further_sensors, sensor.name))
+        error = again.unmeasured(replace(case, loop=loop), problem.moves)
+        if error is not None and error <= max(case.unmeasured_tolerance, checked.errors.unmeasured / 2):
+            found.append((sensor.name, error))
+    return tuple(sorted(found, key=lambda pair: pair[1]))
+
+
+def missing_measurement(relaxed: Relaxations, case: Case) -> list[str]:
+    """The sensor that the controller should read as well."""
+    if not relaxed.measured:
+        return []
+    name, error = relaxed.measured[0]
+    names = ", ".join(f'"{each}"' for each in (*case.loop.further_sensors, name))
+    return [
+        f"the controller cannot tell the unmeasured torques from the sensors that it reads: solved with measures = "
+        f"[{names}], the response error to unmeasured torques is {error:.2g}"
+    ]
+
+
 def _shorter_dead_time(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> DeadTimeTrial | None:
     """Solve the case at shorter dead times; None where there is none to try, as it is one sample already."""
     shortest, longest = problem.case.loop["sample_time"], problem.case.loop["dead_time"]
@@ -155,11 +211,20 @@ def _shorter_dead_time(problem: MatchProblem, solution: Solution, again: SolvedA
 
     if not helps(shortest):
         return DeadTimeTrial(shortest, None)
-    good = shortest
+    found = [shortest]
     for _ in range(DEAD_TIMES_TRIED):
-        middle = float(np.sqrt(good * longest))
-        good, longest = (middle, longest) if helps(middle) else (good, middle)
-    return DeadTimeTrial(shortest, good)
+        middle = float(f"{np.sqrt(found[-1] * longest):.2g}")  # as it is printed
+        if not found[-1] < middle < longest:
+            break
+        if helps(middle):
+            found.append(middle)
+        else:
+            longest = middle
+    # a match of the case with that dead time has to meet the targets, not only a search from here
+    for dead_time in found[::-1][:WHOLE_TRIALS]:
+        if again.whole(apply(problem.case, {"loop.dead_time": dead_time}), problem.moves):
+            return DeadTimeTrial(shortest, dead_time)
+    return DeadTimeTrial(shortest, None) if len(found) <= WHOLE_TRIALS else None
 
 
 def _wider_bounds(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> tuple[tuple[Move, float], ...]:
@@ -254,6 +319,11 @@ def _loop(solution: Solution, checked: Verification, case: Case) -> list[str]:
     """What is wrong with the loop as a whole."""
     if checked.stable:
         return []
+    if not checked.checks.get("loop and simulation agree", True):
+        return [
+            "verification failed: the motion that the loop's matrices foretell and the simulated one differ by more "
+            f"than {DISAGREEMENT:.1%} of their range, so neither is believed"
+        ]
     failed = ", ".join(name for name, good in checked.checks.items() if not good)
     starts = f": none of {len(solution.starts)} starts ended in a stable loop within the bounds"
     return [f"the closed loop is not stable ({failed})" + ("" if solution.keeps_all else starts)]
@@ -330,7 +400,8 @@ def _violation(violation: Violation) -> str:
 def _mechanics(problem: MatchProblem, missed: Sequence[TargetResult]) -> list[str]:
     """What adapters or inertias alone would have to be, where adapters are what may move."""
     case, on_rig, asked = problem.case, problem.on_rig, problem.demands
-    if any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves):
+    others = any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves)
+    if not case.moves or others or case.loop.tunes_observer:
         return []
     number = {target.mode: i for i, target in enumerate(case.targets)}
     sentences = []

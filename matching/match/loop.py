@@ -511,6 +511,8 @@ class SampledController:
         Of an observer: see :class:`modelling.bed.bed.ControlLaw`.
     emulated : (ndarray (r, x), ndarray (r, y)) or None
         States of the residual vehicle by state and reading.
+    expected : ndarray (y, x) or None
+        Readings that the states expect; None where nothing corrects them.
     """
 
     A: np.ndarray
@@ -524,6 +526,7 @@ class SampledController:
     sample_time: float
     delayed_commands: slice | None = None
     emulated: tuple[np.ndarray, np.ndarray] | None = None
+    expected: np.ndarray | None = None
 
     @property
     def feedback(self) -> StateSpace:
@@ -557,6 +560,7 @@ def without_limits(law: ControlLaw) -> SampledController:
     return SampledController(
         A[np.ix_(order, order)], B[order], C[:, order], D, int(reached.sum()), law.sensors, law.known,
         law.dynamometers, law.sample_time, law.delayed_commands,
+        expected=law.E[:, order] if law.L.any() else None,
     )  # fmt: skip
 
 

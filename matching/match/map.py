@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from matching.match.beds import quantile
 from matching.match.case import Case, apply
 from matching.match.case_file import Movable, case_files, movable
 from matching.match.demands import demands
@@ -162,6 +163,9 @@ class Point:
         Tuned values by name, SI.
     stable_beds : float or None
         Share of the drawn beds that are stable; None where no beds judge the match.
+    planned_error, bed_error : float or None
+        Root mean square of both errors over their tolerances, as an order is judged by: of the bed as planned, and of
+        the medians of drawn beds.
     """
 
     x: float
@@ -178,6 +182,8 @@ class Point:
     first: float | None = None
     values: Mapping[str, float] = field(default_factory=dict)
     stable_beds: float | None = None
+    planned_error: float | None = None
+    bed_error: float | None = None
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Point:
@@ -215,13 +221,13 @@ def held_at(case: Case, name: str, value: float) -> Case:
 
 
 # a feedback law's search at a point: its neighbours improve it
-OF_A_POINT = SearchSettings(drawn=8, pool=32, joint_rounds=1, scenarios=0, blind=0, fresh=40)
+OF_A_POINT = SearchSettings(drawn=8, pool=32, joint_rounds=1, restarts=0, scenarios=0, blind=0, fresh=40, emulated=0.0)
 
 
 def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
     """One point, from starts of its own."""
     try:
-        settings = None if case.loop.tunes_observer else OF_A_POINT
+        settings = replace(SearchSettings(), emulated=0.0) if case.loop.tunes_observer else OF_A_POINT
         result = match(
             held_at(held_at(case, *x), *y), seed=seed, starts=starts, ordering=False, settings=settings
         )  # fmt: skip
@@ -279,6 +285,8 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
         objective=objective,
         first=objective,
         stable_beds=_stable_share(result.robust),
+        planned_error=_both(result, error.after, error.unmeasured),
+        bed_error=_of_beds(result),
         values={parameter.name: parameter.tuned for parameter in result.parameters},
     )
 
@@ -299,8 +307,7 @@ def _limited_by(result: MatchResult) -> tuple[str, ...]:
 def _not_kept_over_beds(result: MatchResult, robust: Verification) -> list[str]:
     """Names of errors beyond their tolerance and of beds that are not stable or damped too little."""
     case, error, names = result.case, result.response_error, []
-    of_feedback = not case.loop.structure.is_observer  # what a feedback law leaves to unmeasured torques is only noted
-    if error.after > case.tolerance or (error.unmeasured > case.unmeasured_tolerance and not of_feedback):
+    if error.after > case.tolerance or error.unmeasured > case.unmeasured_tolerance:
         names.append("response_error")
     beds = of_beds(robust)
     if not beds.holds or (beds.worst is not None and beds.worst.damping_ratio <= 0):
@@ -311,6 +318,20 @@ def _not_kept_over_beds(result: MatchResult, robust: Verification) -> list[str]:
 def _stable_share(robust: Verification | None) -> float | None:
     beds = None if robust is None else robust.beds
     return beds.stable / beds.drawn if beds is not None and beds.drawn else None
+
+
+def _both(result: MatchResult, measured: float | None, unmeasured: float | None) -> float | None:
+    """Both errors over their tolerances as one."""
+    if measured is None or unmeasured is None:
+        return None
+    case = result.case
+    return _finite(np.sqrt(((measured / case.tolerance) ** 2 + (unmeasured / case.unmeasured_tolerance) ** 2) / 2))
+
+
+def _of_beds(result: MatchResult) -> float | None:
+    """The same of the medians of drawn beds; None without any."""
+    beds = result.verification.beds
+    return None if beds is None else _both(result, quantile(beds.measured, 0.5), quantile(beds.unmeasured, 0.5))
 
 
 def _finite(value: float | None) -> float | None:

@@ -18,11 +18,13 @@ from matching.match.limits import (
     SolvedAgain,
     led_by_dead_time,
     limits,
+    missing_measurement,
     relaxations,
 )
 from matching.match.loop import linear_bed
+from matching.match.minutes import minutes_of, minutes_without
 from matching.match.objective import search_for
-from matching.match.order import Fresh, Ordered, contributions, ordered
+from matching.match.order import Fresh, Ordered, contributions, ordered, planned_unless_better
 from matching.match.problem import (
     MatchProblem,
     Progress,
@@ -45,7 +47,17 @@ from matching.worker_pool import SideProcesses
 from modelling.modal.modes import damped_modes
 
 SHORT = SearchSettings(
-    drawn=8, pool=16, rounds=1, steps=5, most_steps=20, joint_rounds=1, scenarios=0, blind=16, fresh=40
+    drawn=8,
+    pool=16,
+    rounds=1,
+    steps=5,
+    most_steps=20,
+    joint_rounds=1,
+    restarts=0,
+    scenarios=0,
+    blind=16,
+    fresh=40,
+    emulated=0.0,
 )
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
@@ -100,16 +112,26 @@ def match(
     solution, settled = _solved(problem, settings, Fresh(count, seed), tell, ordering, begins)
     tuned = solution.tuned
     in_time = None if aside is None else aside.begin(simulate_deviations, tuned)
+    standing = (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated) if settings.emulated else None
     checked = verify(tuned, case.rig, beds=count, seed=seed)
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
     targets = target_results(problem, checked)
     error = errors_with_bounds(tuned, checked.errors)
     missed = any(not target.met for target in targets)
-    asked = ordering and (missed or bool(problem.beyond))
+    unseen = error.unmeasured > case.unmeasured_tolerance >= error.bound
+    asked = ordering and (missed or bool(problem.beyond) or unseen)
     relaxed = relaxations(problem, solution, SolvedAgain(problem, settings)) if asked else Relaxations()
     stands = limits(problem, solution, targets, relaxed)
-    stands = led_by_dead_time([*stands, *not_kept(case, checked), *unloaded_lashes(case)], case, error)
+    run = standing.result() if standing is not None and checked.stable else minutes_without("it was not asked for")
+    stands = [
+        *stands,
+        *not_kept(case, checked),
+        *missing_measurement(relaxed, case),
+        *run.sentences(),
+        *unloaded_lashes(case),
+    ]
+    stands = led_by_dead_time(stands, case, error)
     tell("bound and curves")
     result = MatchResult(
         status="limited" if stands else "matched",
@@ -139,6 +161,7 @@ def match(
         failures=solution.failures,
         adapters=settled.trades,
         contributions=settled.contributions,
+        minutes=run,
         simulated_in_time=None if in_time is None else in_time.result(),
         seconds=time.perf_counter() - begin,
     )
@@ -157,9 +180,9 @@ def _solved(
     search = search_for(case, problem.moves, problem.shares, asked, settings)
     found = solve(search, tell, begins)
     settled = Ordered(found.end.x, found.keeps_all)
-    worth = found.keeps_all and found.end.judged.cost <= settings.hopeless
+    worth = found.end.judged.cost <= settings.hopeless
     if ordering and worth and any(one.name.startswith("rig.") for one in search.variables):
-        settled = ordered(search, found, fresh)
+        settled = (ordered if found.keeps_all else planned_unless_better)(search, found, fresh)
         tell("what to order")
     elif ordering:
         rows = contributions(search, found, fresh, {"all": fresh.delivered(search, found.end)})
@@ -239,6 +262,9 @@ def _notes(problem: MatchProblem, solution: Solution, limited: bool) -> list[str
     unmoved = [abs(end - move.start) <= LARGEST_UNMOVED * (move.upper - move.lower) for move, end in ends]
     if not limited and all(unmoved) and not problem.case.loop.tunes_observer:
         notes.append(NOTHING_MOVED)
+    bound = [one.name for one in _parameters(problem, solution) if one.at_bound and one.name.startswith(CONTROLLER)]
+    if bound:
+        notes.append(f"weights of the controller at a bound of the search: {', '.join(bound)}")
     notes += _compensation([(move, end) for move, end in ends if move.name.startswith(RESIDUAL)])
     notes += [
         f"{name} holds under {LEAST_SHARE_TO_MOVE:.0%} of every target mode's energy "

@@ -13,11 +13,13 @@ import numpy as np
 from matching.match.beds import (
     BED_POINTS,
     LoopCurves,
+    OffsetFigures,
     command_noise,
     counted,
     damping_left,
     loop_curves,
     noise_weights,
+    offset_figures,
     planned,
     sensor_noise,
 )
@@ -74,7 +76,7 @@ class Evaluation:
     ----------
     margins : ndarray (r,)
         Damping of every active bed and of what runs on known torques alone, limits of the manoeuvre, command noise of
-        every dynamometer, roll-off and margin at every frequency, targets.
+        every dynamometer, what offsets make of its flange torque, roll-off and margin at every frequency, targets.
     least_margins : ndarray (s,)
         The same, of roll-off and margin the worst alone.
     penalty : float
@@ -108,6 +110,7 @@ class Point:
     controller: SampledController
     acting: FrequencyResponse
     curves: LoopCurves
+    offsets: OffsetFigures | None
     poles: np.ndarray
     own_poles: np.ndarray
     errors: np.ndarray
@@ -300,7 +303,7 @@ class Search:
         below = self.required.modulus_margin * (1 + self.settings.reserve) * (1 + self.settings.largest_room)
         curves = loop_curves(hardware.plan, controller, acting.at(parts[0]), self.required, below)
         return Point(
-            hardware, active, controller, acting, curves,
+            hardware, active, controller, acting, curves, offset_figures(hardware.plan, controller),
             closed_poles(active, controller), np.linalg.eigvals(controller.own_matrix),
             np.array(squares),
         )  # fmt: skip
@@ -355,10 +358,18 @@ class Search:
             np.zeros(0) if own is None else np.array([own / self.own_rate - 1]),
             1 - (1 + settings.reserve) * self.demands.shares(rig_values(at.hardware.case)),
             np.ones(len(noise)) if allowed is None else 1 - (1 + settings.reserve) * noise / allowed,
+            self._offset_margins(at),
             1 - (1 + settings.reserve) * at.curves.closed[rolled_off] / self.required.rolled_off,
             at.curves.margin[margin] / (self.required.modulus_margin * (1 + settings.reserve)) - 1,
             self.target_margins(at)[0],
         ]
+
+    def _offset_margins(self, at: Point) -> np.ndarray:
+        """Of what offsets of the sensors make an observer expect."""
+        offsets, allowed = at.offsets, self.required.sensor_offset
+        if offsets is None or allowed is None:
+            return np.zeros(0)
+        return 1 - (1 + self.settings.reserve) * offsets.torque / allowed
 
     @property
     def own_rate(self) -> float:
@@ -666,8 +677,16 @@ def _loop_rows(
     before = np.einsum("fk,fki->fi", u[:, :, -1].conj(), of_margin[0])
     after = np.einsum("fml,fly,fy->fm", of_margin[1][..., :y], curves.held, v[:, -1].conj(), optimize=True)
     least = -_products(before[margin], change, after[margin]).real
+    offsets, allowed = at.offsets, search.required.sensor_offset
+    of_offsets = np.zeros((0, len(change)))
+    if offsets is not None and allowed is not None:
+        o, states, y_all, k = at.controller.reached, len(at.controller.A), change.shape[2], len(power)
+        before, after = np.zeros((k, states + k)), np.zeros((k, y_all))
+        before[:, :o], before[:, states:] = offsets.left[:, :o], offsets.left[:, o:]
+        after[:, :o], after[:, states : states + y] = offsets.right[:, :o], offsets.right[:, o:]
+        of_offsets = -(1 + settings.reserve) / allowed * _products(before, change, after)
     return [
-        noise, -(1 + settings.reserve) * closed / search.required.rolled_off,
+        noise, of_offsets, -(1 + settings.reserve) * closed / search.required.rolled_off,
         least / (search.required.modulus_margin * (1 + settings.reserve)), _target_rows(search, at, change),
     ]  # fmt: skip
 

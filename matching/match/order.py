@@ -6,18 +6,18 @@ ordered only where the error of the delivered controller over fresh beds is bett
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from matching.match.beds import BedVerdicts, Judge, quantile
-from matching.match.case import apply
+from matching.match.case import Case, apply
 from matching.match.loop import controller_on, linear_bed
 from matching.match.loop_modes import neutral_motions
 from matching.match.objective import Search
 from matching.match.result import AdapterTrade, Contribution
-from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, rounds
+from matching.match.rounds import SearchEnd, end_at, judged_again, misses, rounds
 from matching.match.search import Found
 from matching.match.variables import CONTROLLER, RIG, Variable
 from matching.match.verify import FRESH
@@ -36,8 +36,10 @@ class OrderSettings:
         Standard deviations of the mean difference over the same fresh beds, by which it has to be better: 95 %.
     rounds, steps, steps_of_curve : int
         Of the search with a quantity held, and of every value of a curve. Chosen by trial.
-    places : int
-        Values of the curve over a quantity, between its bounds.
+    halvings : int
+        Of the way to a bound, in looking for the end of the range in which no value is worse.
+    lost : float
+        Share of the fresh beds that has to be gained, or lost, to count by itself: fewer are an accident of the draw.
     digits : int
         Significant digits of an ordered value.
     """
@@ -47,7 +49,8 @@ class OrderSettings:
     rounds: int = 2
     steps: int = 24
     steps_of_curve: int = 6
-    places: int = 4
+    halvings: int = 3
+    lost: float = 0.02
     digits: int = 2
 
 
@@ -81,8 +84,9 @@ class Delivered:
 
     @property
     def error(self) -> float:
-        """The median over the beds."""
-        return float(np.median(self.errors))
+        """The median over the beds that are damped; infinite where none is."""
+        damped = self.errors[np.isfinite(self.errors)]
+        return float(np.median(damped)) if len(damped) else np.inf
 
 
 @dataclass(frozen=True)
@@ -101,17 +105,25 @@ class Fresh:
         found = judge.verdicts([*(case.uncertainty.at(position) for position in positions), {}])
         squares = (found.unmeasured / case.unmeasured_tolerance) ** 2 + (found.measured / case.tolerance) ** 2
         errors = np.where(found.stable & found.damped, np.sqrt(squares / 2), np.inf)[:-1]
-        return Delivered(end, errors, keeps_all(search, end), found)
+        return Delivered(end, errors, not misses(search, end), found)  # within the reserve the judge sees it kept
 
 
 def is_better(one: Delivered, other: Delivered) -> bool:
-    """Whether one setting is better by more than the gain asked for, and by more than the difference scatters."""
+    """Whether one setting is better by more than the gain asked for, and by more than the difference scatters.
+
+    It is as well where it keeps every requirement and the other does not, or where it damps more beds, and more than
+    the draw decides; it is not where it misses a requirement that the other keeps, or a bed that the other damps.
+    """
     if one.keeps_all != other.keeps_all:
         return one.keeps_all
-    lost = np.isfinite(one.errors).sum() - np.isfinite(other.errors).sum()
+    kept = [float(np.isfinite(each.errors).mean()) for each in (one, other)]
+    scatter = ORDER.deviations * np.sqrt(sum(share * (1 - share) for share in kept) / len(one.errors))
+    gained_beds = kept[0] - kept[1]
     both = np.isfinite(one.errors) & np.isfinite(other.errors)
-    if lost or not both.any():
-        return bool(lost > 0)
+    if gained_beds < 0:
+        return False
+    if gained_beds > max(ORDER.lost, scatter) or not both.any():
+        return gained_beds > 0
     gained = other.errors[both] - one.errors[both]
     scatter = float(gained.std() / np.sqrt(len(gained)))
     mean = float(other.errors[both].mean())
@@ -146,10 +158,24 @@ def ordered(search: Search, found: Found, fresh: Fresh) -> Ordered:
     if len(held) < len(adapters):
         bought = _held(search, fresh, settled.end, values)
         settled = bought if bought.keeps_all or not settled.keeps_all else settled
+        if not is_better(settled, everything):
+            settled = everything
     trades = tuple(_trade(search, fresh, settled, i, planned, everything) for i in adapters)
     search.free = np.ones(len(search.variables), bool)
     made = contributions(search, found, fresh, {"adapters as planned": everything, "all": settled})
     return Ordered(settled.end.x, settled.keeps_all, trades, made)
+
+
+def planned_unless_better(search: Search, found: Found, fresh: Fresh) -> Ordered:
+    """Of a match that misses a requirement: every adapter as planned, unless what the search found is better."""
+    adapters = [i for i, one in enumerate(search.variables) if one.name.startswith(RIG)]
+    best = fresh.delivered(search, found.end)
+    planned = {i: search.variables[i].at(search.variables[i].move.planned) for i in adapters}
+    everything = _held(search, fresh, found.controller_alone, planned)
+    search.free = np.ones(len(search.variables), bool)
+    settled = best if is_better(best, everything) else everything
+    made = contributions(search, found, fresh, {"adapters as planned": everything, "all": settled})
+    return Ordered(settled.end.x, settled.keeps_all, (), made)
 
 
 def contributions(
@@ -214,27 +240,61 @@ def _trade(
     variable = search.variables[number]
     others = {i: float(settled.end.x[i]) for i in planned if i != number}
     here = float(settled.end.x[number])
-    places = sorted({*np.linspace(0, variable.span, ORDER.places).tolist(), planned[number], here})
-    at = places.index(here)
     curve = {here: settled}
-    for way in (places[at + 1 :], places[:at][::-1]):
-        near = settled
-        for place in way:
+
+    def tried(place: float, near: Delivered) -> Delivered | None:
+        """The setting with the quantity at a coordinate, begun at a neighbour; None where there is no design."""
+        if place not in curve:
             try:
-                near = _held(search, fresh, near.end, {**others, number: place}, steps=ORDER.steps_of_curve)
+                held = {**others, number: place}
+                curve[place] = _held(search, fresh, near.end, held, steps=ORDER.steps_of_curve)
             except NoDesign:
-                break
-            curve[place] = near
-    good = [place for place in places if place in curve and not is_better(settled, curve[place])]
-    as_planned = curve.get(planned[number])
-    move = variable.move
+                return None
+        return curve[place]
+
+    tried(planned[number], settled)
+    ends = [_end_of_no_worse(tried, settled, here, bound) for bound in (0.0, variable.span)]
+    as_planned, move = curve.get(planned[number]), variable.move
+    if as_planned is not None and not is_better(settled, as_planned):
+        ends = [min(ends[0], planned[number]), max(ends[1], planned[number])]
+    torque = _rated_torque(search.case, move.name)
     return AdapterTrade(
         name=move.name, unit=move.unit, planned=move.planned, ordered=variable.value(here),
-        acceptable=(variable.value(min(good, default=here)), variable.value(max(good, default=here))),
+        acceptable=(variable.value(ends[0]), variable.value(ends[1])),
         error_as_planned=None if as_planned is None else as_planned.error,
         error_all_as_planned=everything.error if everything.keeps_all else None,
         error_as_ordered=settled.error,
         curve=tuple(
             (variable.value(place), one.error) for place, one in sorted(curve.items()) if np.isfinite(one.error)
         ),
+        rated_torque=torque,
+        twist=None if torque is None else torque / variable.value(here),
     )  # fmt: skip
+
+
+def _end_of_no_worse(
+    tried: Callable[[float, Delivered], Delivered | None], settled: Delivered, here: float, bound: float
+) -> float:
+    """The coordinate towards a bound up to which no value is worse, by halving the way."""
+    good, near, bad = here, settled, bound
+    if bound == here:
+        return here
+    at_bound = tried(bound, settled)
+    if at_bound is not None and not is_better(settled, at_bound):
+        return bound
+    for _ in range(ORDER.halvings):
+        middle = (good + bad) / 2
+        found = tried(middle, near)
+        if found is not None and not is_better(settled, found):
+            good, near = middle, found
+        else:
+            bad = middle
+    return good
+
+
+def _rated_torque(case: Case, name: str) -> float | None:
+    """N·m that a shaft whose stiffness has this name has to carry: its own limit, else that of the dynamometers."""
+    place, _, quantity = name.removeprefix(RIG).rpartition(".")
+    if quantity != "stiffness" or not place.startswith("shafts."):
+        return None
+    return case.limits.get(f"{place}.torque", case.limits.get("dynamometer_torque"))

@@ -24,6 +24,7 @@ LIMIT_UNITS = {
     "rolled_off": "1",
     "rolled_off_from": "Hz",
     "command_noise": "N*m",
+    "sensor_offset": "N*m",
     "damping_ratio": "1",
     "damping_share": "1",
     "dynamometer_torque": "N*m",
@@ -39,6 +40,7 @@ DEFAULT_LIMITS = {
 }
 MARGIN_FROM_HIGHEST_TARGET = 2.0  # times the highest target mode: ``margin_from`` unless stated
 NOISE_SHARE = 0.02  # of the dynamometers' torque limit: ``command_noise`` unless stated
+OFFSET_SHARE = 0.02  # of the same, a twentieth of what ends an emulation: ``sensor_offset`` unless stated
 TORQUE_OVER_SPEED = "dynamometer_torque_over_speed"  # as a limit: 1, on the share of the curve that is used
 
 
@@ -98,6 +100,9 @@ class Requirements:
         Largest abs(T), and from where it counts, Hz.
     command_noise : float or None
         N·m rms.
+    sensor_offset : float or None
+        N·m: how far a flange torque may be from what an observer expects, a minute after every sensor is off by its
+        uncertainty.
     """
 
     damping_ratio: float
@@ -107,6 +112,7 @@ class Requirements:
     rolled_off: float
     rolled_off_from: float
     command_noise: float | None
+    sensor_offset: float | None = None
     vehicle_modes: tuple[tuple[float, float], ...] = ()
     decay_rate: float = 0.0
 
@@ -119,6 +125,9 @@ def requirements(case: Case) -> Requirements:
     noise = limits.get("command_noise")
     if noise is None and "dynamometer_torque" in limits:
         noise = NOISE_SHARE * limits["dynamometer_torque"]
+    offset = limits.get("sensor_offset")
+    if offset is None and "dynamometer_torque" in limits:
+        offset = OFFSET_SHARE * limits["dynamometer_torque"]
     return Requirements(
         limits["damping_share"] * min(mode.damping_ratio for mode in damped),
         limits["damping_share"],
@@ -127,6 +136,7 @@ def requirements(case: Case) -> Requirements:
         limits["rolled_off"],
         limits["rolled_off_from"],
         noise,
+        offset,
         vehicle,
         limits["damping_share"] * min((size * ratio for size, ratio in vehicle), default=0.0),
     )

@@ -228,6 +228,7 @@ def _breaks(bed: ComparedBed) -> np.ndarray:
 
 POINTS = 120  # of the band, midpoints of equal parts of its logarithm
 SMALLEST, LARGEST = 1e-12, 1e12  # SI, of a quantity whose range is open on that side
+ALIKE = 0.02  # relative: parts that cost so nearly the same are named together
 STEP = 1e-3  # of a logarithm, of finite differences: the response has to change by more than rounding
 
 
@@ -244,12 +245,20 @@ class SimpleVehicle:
     left_out : tuple of (str, float)
         Parts of the vehicle that it lacks, and how near it would come to a vehicle without that part: what costs most
         first.
+    without_equals : float or None
+        The same of a vehicle without all the parts that cost alike and most, as mirror images do; None without such.
     """
 
     as_written: float
     fitted: float
     values: dict[str, tuple[float, float]]
     left_out: tuple[tuple[str, float], ...]
+    without_equals: float | None = None
+
+    @property
+    def most_costly(self) -> list[str]:
+        """Parts that cost alike and most."""
+        return [place for place, error in self.left_out if error <= (1 + ALIKE) * self.left_out[0][1]]
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
@@ -265,9 +274,16 @@ class SimpleVehicle:
             near += f" ({self.as_written:.3g} as written; what was fitted is a compensation, not the car)"
         if not self.left_out:
             return near
-        place, error = self.left_out[0]
-        part = place.removeprefix("effects.")
-        return f"{near}; of what it leaves out {part} costs most: a vehicle without it would be met within {error:.3g}"
+        parts = [place.removeprefix("effects.") for place in self.most_costly]
+        if len(parts) > 1 and self.without_equals is not None:
+            return (
+                f"{near}; of what it leaves out {' and '.join(parts)} cost alike and most: a vehicle without them "
+                f"would be met within {self.without_equals:.3g}"
+            )
+        error = self.left_out[0][1]
+        return (
+            f"{near}; of what it leaves out {parts[0]} costs most: a vehicle without it would be met within {error:.3g}"
+        )
 
 
 def fitted_simple_vehicle(case: Case) -> tuple[Case, SimpleVehicle | None]:
@@ -284,11 +300,22 @@ def fitted_simple_vehicle(case: Case) -> tuple[Case, SimpleVehicle | None]:
         other = responses(without_part(case.vehicle, place), case, frequencies)
         nearest, _ = _fitted(fitted, case, frequencies, other)
         lacking.append((place, error_of(nearest, case, frequencies, other)))
+    lacking.sort(key=lambda row: row[1])
+    equal = [place for place, error in lacking if error <= (1 + ALIKE) * lacking[0][1]]
+    together = None
+    if len(equal) > 1:
+        vehicle = case.vehicle
+        for place in equal:
+            vehicle = without_part(vehicle, place)
+        other = responses(vehicle, case, frequencies)
+        nearest, _ = _fitted(fitted, case, frequencies, other)
+        together = error_of(nearest, case, frequencies, other)
     nearness = SimpleVehicle(
         error_of(simple, case, frequencies, wanted),
         error_of(fitted, case, frequencies, wanted),
         {name: (simple.parameters[name].value, fitted.parameters[name].value) for name in names},
-        tuple(sorted(lacking, key=lambda row: row[1])),
+        tuple(lacking),
+        together,
     )
     residual = cut(fitted, case.rig)
     moves = tuple(_from_fitted(move, simple, fitted) for move in case.moves)

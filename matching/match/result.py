@@ -11,6 +11,7 @@ from matching.match.case import Case
 from matching.match.in_time import InTime, simulate_deviations
 from matching.match.loop import linear_bed
 from matching.match.loop_modes import LoopMode
+from matching.match.minutes import Minutes
 from matching.match.responses import ResponseError, Responses, SimpleVehicle
 from matching.match.verify import MatchFidelity, Verification, match_fidelity
 from modelling.display import Displayed
@@ -100,6 +101,8 @@ class AdapterTrade:
         Values tried and the error there, everything else tuned for each.
     error_all_as_planned : float or None
         Of the bed with every adapter as planned, tuned for it; None where that keeps not every requirement.
+    rated_torque, twist : float or None
+        N·m that a shaft of this stiffness has to carry, and what it twists by then as ordered, rad; None of others.
     """
 
     name: str
@@ -111,6 +114,13 @@ class AdapterTrade:
     error_as_ordered: float
     curve: tuple[tuple[float, float], ...]
     error_all_as_planned: float | None
+    rated_torque: float | None = None
+    twist: float | None = None
+
+    @property
+    def changes(self) -> bool:
+        """Whether what is ordered is not what was planned."""
+        return abs(self.ordered - self.planned) > 1e-9 * max(abs(self.ordered), abs(self.planned))
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
@@ -176,6 +186,8 @@ class MatchResult(Displayed):
         What controller, residual vehicle and adapters contribute, where more than the controller moves.
     simple_vehicle : SimpleVehicle or None
         How near a residual vehicle of the user's own comes; None where it is cut from the vehicle.
+    minutes : Minutes
+        The exported controller at rest and at speed.
     simulated_in_time : InTime or None
         What ``in_time`` is, where it was worked out beside the verification; None where only on request.
     """
@@ -200,6 +212,7 @@ class MatchResult(Displayed):
     contributions: tuple[Contribution, ...] = ()
     seconds: float = 0.0
     simple_vehicle: SimpleVehicle | None = None
+    minutes: Minutes = field(default_factory=Minutes)
     simulated_in_time: InTime | None = field(default=None, repr=False)
 
     @property
@@ -242,6 +255,7 @@ class MatchResult(Displayed):
             "operating_torques": torques_of(self.tuned.rig),
             "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
             "in_time": self.in_time.to_dict(),
+            "minutes": self.minutes.to_dict(),
             "verification": checks.to_dict(),
             "adapters": [adapter.to_dict() for adapter in self.adapters],
             "contributions": [vars(one) for one in self.contributions],
@@ -259,6 +273,7 @@ def _of_beds(checked: Verification) -> dict[str, Any]:
     return {
         **({} if checked.beds is None else {"beds": checked.beds.to_dict()}),
         "command_noise": dict(loop.command_noise),
+        "unexpected_torque_of_offsets": dict(loop.unexpected_torque),
         "margin": {
             "modulus": loop.modulus_margin, "at": loop.margin_at, "from": required.margin_from,
             "largest_rolled_off": loop.largest_rolled_off, "rolled_off_from": required.rolled_off_from,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from matching.match.beds import BedsCheck
+from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case
 from matching.match.verify import Verification
 
@@ -16,26 +16,31 @@ def of_beds(robust: Verification) -> BedsCheck:
 
 
 def not_kept(case: Case, robust: Verification) -> list[str]:
-    """Sentences on what makes a match limited.
-
-    An observer has to keep everything. A feedback law has to be stable and damped on every drawn bed and to keep the
-    error to measured torques; the rest is only :func:`noted`.
-    """
-    sentences = [
+    """Sentences on what makes a match limited; the requirements are the same for every control structure."""
+    return [
         *_unstable(robust),
         *_error("measured torques", robust.errors.after, case.tolerance),
+        *_error("unmeasured torques", robust.errors.unmeasured, case.unmeasured_tolerance),
+        *_damped_too_little(robust),
+        *_slow_feed_forward(robust),
+        *_unstable_worst_bed(robust),
+        *_loop(robust),
     ]
-    sentences += [*_damped_too_little(robust), *_slow_feed_forward(robust)]
-    if case.loop.structure.is_observer:
-        sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
-    return sentences
 
 
 def noted(case: Case, robust: Verification) -> list[str]:
-    """Sentences on what does not limit a match: a worst bed that is damped too little, the loop of a feedback law."""
-    sentences, worst = [], of_beds(robust).worst
-    if not case.loop.structure.is_observer:
-        sentences += [*_unstable_worst_bed(robust), *_loop(case, robust)]
+    """Sentences on what does not limit a match: errors of drawn beds, a worst bed that is damped too little."""
+    sentences, beds = [], of_beds(robust)
+    for what, errors, allowed in (
+        ("measured", beds.measured, case.tolerance), ("unmeasured", beds.unmeasured, case.unmeasured_tolerance),
+    ):  # fmt: skip
+        median = quantile(errors, 0.5)
+        if median is not None and median > allowed:
+            sentences.append(
+                f"half of the drawn beds have a response error to {what} torques of {median:.3f} or more, {allowed:g} "
+                "is allowed of the bed as planned"
+            )
+    worst = beds.worst
     if worst is not None and worst.mode is not None and 0 < worst.damping_ratio < worst.mode.asked:
         sentences.append(
             f"the worst bed within [uncertainty] is stable; its mode at {worst.mode.words()} has a damping ratio of "
@@ -110,10 +115,10 @@ def _error(what: str, value: float | None, allowed: float) -> list[str]:
     return [f"the response error to {what} is {value:.3f}, {allowed:g} is allowed"]
 
 
-def _loop(case: Case, robust: Verification) -> list[str]:
-    """Unmeasured torques, roll-off and noise."""
+def _loop(robust: Verification) -> list[str]:
+    """Roll-off and noise."""
     loop, required = robust.loop, robust.required
-    sentences = _error("unmeasured torques", robust.errors.unmeasured, case.unmeasured_tolerance)
+    sentences = []
     if loop.largest_rolled_off > required.rolled_off:
         sentences.append(
             f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
@@ -123,5 +128,11 @@ def _loop(case: Case, robust: Verification) -> list[str]:
     if required.command_noise is not None and noise > required.command_noise:
         sentences.append(
             f"sensor noise makes {noise:.1f} N·m rms of command, {required.command_noise:g} N·m is allowed"
+        )
+    unexpected = max(loop.unexpected_torque.values(), default=0.0)
+    if required.sensor_offset is not None and unexpected > required.sensor_offset:
+        sentences.append(
+            f"a minute after every sensor is off by its uncertainty, a flange torque is {unexpected:.1f} N·m from what "
+            f"the observer expects, {required.sensor_offset:g} N·m is allowed"
         )
     return sentences

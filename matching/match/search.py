@@ -79,6 +79,9 @@ def solve(
         ends[0] = with_opened(search, ends[0])  # beyond their tolerance the errors limit the match anyway
     left = settings.most_steps - sum(end.steps for end in ends)
     alone = best = _with_scenarios(search, ends[0], left, 1 if of_observer else settings.joint_rounds)
+    if not of_observer:
+        best, more = _restarted(search, best)
+        gains = min((one for one in (gains, more) if one is not None), key=lambda one: one.penalised_cost, default=None)
     if of_observer and not of_controller.all():
         search.free = everything
         best = rounds(search, end_at(search, alone.x), settings.joint_rounds, settings.most_steps // 2)
@@ -98,6 +101,24 @@ def solve(
         search.values(best.x), best, tuple(end.judged.cost for end in ends), alone,
         keeps_all(search, best), gains, dict(search.failures),
     )  # fmt: skip
+
+
+def _restarted(search: Search, best: SearchEnd) -> tuple[SearchEnd, SearchEnd | None]:
+    """The end of a feedback law's search, begun again from itself until that gains less than a round is worth.
+
+    The gains are searched from several starts again, now with everything else as tuned: an end in a valley of the gains
+    that belongs to the values as given is left that way. The second answer is the best end of gains alone.
+    """
+    settings, gains = search.settings, None
+    for _ in range(settings.restarts):
+        begin = best
+        points, gains = _with_gains(search, _starts(search, best.x))
+        ends = [rounds(search, end_at(search, x), settings.joint_rounds, settings.most_steps // 4) for x in points]
+        best = min((judged_again(search, one) for one in (begin, *ends)), key=lambda one: one.penalised_cost)
+        before = judged_again(search, begin).penalised_cost
+        if before - best.penalised_cost < max(settings.worth_a_round * before, settings.worth_at_all):
+            break
+    return best, gains
 
 
 def is_stable(search: Search, x: np.ndarray) -> bool:
@@ -166,11 +187,11 @@ def _with_gains(search: Search, starts: list[np.ndarray]) -> tuple[list[np.ndarr
     return ([best.x] if keeps_all(search, best) else [best.x, starts[0]]), best
 
 
-def _starts(search: Search) -> list[np.ndarray]:
-    """Points (m,): the case's own, and others of the controller's quantities."""
+def _starts(search: Search, about: np.ndarray | None = None) -> list[np.ndarray]:
+    """Points (m,): the case's own, or one that is given, and others of the controller's quantities."""
     low, high = search.bounds()
     loop = search.case.loop
-    begin = np.clip(search.begin(), low, high)
+    begin = np.clip(search.begin() if about is None else about, low, high)
     if search.case.loop.tunes_observer:
         further = [
             {f"{CONTROLLER}{name}": value for name, value in values.items()} for values in loop.structure.further_starts

@@ -9,9 +9,9 @@ the drawn value too. Every draw is worked out by the exact loop, as a match judg
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,10 @@ import numpy as np
 import scipy
 
 from matching.match.beds import loop_frequencies, margins_of
+from matching.match.box import of_system
 from matching.match.case import Case, apply
 from matching.match.case_file import case_files, movable
-from matching.match.damping import is_stable_loop, rates, stable_loops
+from matching.match.damping import damping_ratios, is_stable_loop, rates, stable_loops, without_resting
 from matching.match.loop import (
     SampledController,
     bed_of,
@@ -35,13 +36,15 @@ from matching.match.loop import (
     responses_of,
     side_by_side,
 )
-from matching.match.loop_modes import ClosedLoop, LoopMode, neutral_motions
+from matching.match.loop_modes import ClosedLoop, LoopMode, eigenvalue_of, neutral_motions
 from matching.match.requirements import requirements
 from matching.match.responses import ComparedBed, log_squares, nodes_of
+from matching.match.targets import target_modes
 from matching.match.verify import candidates_of, target_modes_of
 from matching.studies import run
 from modelling.display import Displayed
 from modelling.errors import VERSION, InputError, unknown
+from modelling.linear.state_space import state_space
 
 # --- How a result spreads over draws, and which inputs drive it.
 
@@ -166,13 +169,14 @@ HARDWARE = ("loop.dead_time", "loop.inverter_lag", "loop.torque_sensor_lag")  # 
 
 @dataclass(frozen=True)
 class Varied:
-    """A quantity that is drawn evenly from its range, SI."""
+    """A quantity that is drawn evenly from its range, SI; ``specimen``: the vehicle has the same component."""
 
     name: str
     value: float
     lower: float
     upper: float
     unit: str
+    specimen: bool = False
 
 
 def draw(varied: tuple[Varied, ...], seed: int, number: int, count: int) -> np.ndarray:
@@ -198,6 +202,9 @@ class Prepared:
         self.modes = {
             f"{kind}_mode_{row.vehicle_mode}": row.mode for kind, rows in reached.items() for row in rows if row.mode
         }
+        self.wanted = {target.mode: eigenvalue_of(mode) for target, (_, mode) in zip(
+            self.case.targets, target_modes(self.case), strict=True
+        )}  # fmt: skip
         self.nodes = nodes_of(ComparedBed(self.case, self.bed, self.controller))
         grid = loop_frequencies(self.case)
         begin = min(self.required.margin_from, grid[-1])
@@ -228,10 +235,14 @@ class Prepared:
         self, case: Case, controller: SampledController, values: Sequence[Mapping[str, float]]
     ) -> dict[str, np.ndarray]:  # fmt: skip
         beds = [bed_of(case, of_bed) for of_bed in values]
-        poles = closed_poles(side_by_side(beds), controller)
+        sampled = side_by_side(beds)
+        poles = closed_poles(sampled, controller)
+        z = without_resting(poles, self.neutral)
+        asked = sampled.asked_damping(z, controller.sample_time, self.required)
         figures = {
             "modulus_margin": margins_of(responses_of(case, beds, values, self._grid), controller),
             "stable": stable_loops(poles, self.neutral).astype(float),
+            "damped": (damping_ratios(z, controller.sample_time) >= asked).all(axis=1).astype(float),
         }
         of_band = responses_of(case, beds, values, self.nodes.frequencies)
         acting = frequency_response(controller, self.nodes.frequencies)
@@ -241,6 +252,7 @@ class Prepared:
         ):  # fmt: skip
             squares = log_squares(responses(of_band, acting, known), of_band.vehicle)[:, :, pairs].mean(axis=2)
             figures[name] = np.sqrt(squares @ self.nodes.weights)
+        own = [np.linalg.eigvals(state_space(case.vehicle, of_system(of_bed, case.vehicle)).A) for of_bed in values]
         for name, mode in self.modes.items():
             s = np.full(len(beds), mode.eigenvalue)  # no bed moves what known torques alone excite
             if mode.belongs_to == "feedback":
@@ -249,6 +261,10 @@ class Prepared:
                 np.abs(s) / (2 * np.pi),
                 -s.real / np.abs(s),
             )
+            if name.startswith("target"):  # against the vehicle with the same specimen
+                wanted = nearest_of(own, self.wanted[int(name.rpartition("_")[2])])
+                figures[f"{name}_frequency_error"] = np.abs(s) / np.abs(wanted) - 1
+                figures[f"{name}_damping_error"] = wanted.real / np.abs(wanted) - s.real / np.abs(s)
         return figures
 
 
@@ -259,6 +275,12 @@ def nearest(s: np.ndarray, to: complex) -> np.ndarray:
     """Of the poles of each bed (b, x), 1/s, the one nearest on a logarithmic scale to that of the bed as planned."""
     far = np.abs(np.log(np.where(s.imag > 0, s, FAR) / to))
     return s[np.arange(len(s)), far.argmin(axis=1)]
+
+
+def nearest_of(eigenvalues: Sequence[np.ndarray], to: complex) -> np.ndarray:
+    """Of the eigenvalues of each vehicle, 1/s, the one nearest on a logarithmic scale (b,)."""
+    swinging = [s[s.imag > 0] for s in eigenvalues]
+    return np.array([s[np.abs(np.log(s / to)).argmin()] if len(s) else complex(np.nan) for s in swinging])
 
 
 def _of_feedback(modes: Sequence[LoopMode]) -> tuple[LoopMode, ...]:
@@ -277,11 +299,14 @@ def unit_of(name: str) -> str:
     return "Hz" if name.endswith("frequency") else ""
 
 
+def judged(name: str) -> bool:
+    """Whether a result is a verdict, 1 or 0, of every draw."""
+    return name in ("stable", "damped")
+
+
 # --- Tolerance
 
 CHUNK = 1000  # draws
-TARGET_FREQUENCY_TOLERANCE = 0.01  # relative, about the nominal value; as a target's own default
-TARGET_DAMPING_TOLERANCE = 0.02  # of the damping ratio, absolute
 
 
 @dataclass(frozen=True)
@@ -296,8 +321,10 @@ class Tolerance(Displayed):
         Modulus margin, the modes that the targets became (of a model-based feed-forward those that measured torques
         excite, and beside them those of its feedback), response errors.
     shares : dict of str to float
-        Yield: the share of draws that is stable, keeps the margin asked for, keeps every target mode near its nominal
-        value (1 % in frequency, 0.02 in damping ratio), and all of these.
+        Yield: the share of draws that is stable, is damped as a match asks it, keeps the response errors within their
+        tolerances and every target mode within its own of the vehicle with the same specimen, and all of these.
+    allowed : dict of str to float
+        By result, how large it may be either way.
     asked, asked_from : float
         Modulus margin that is required, and from which frequency (Hz) on it counts.
     """
@@ -310,13 +337,14 @@ class Tolerance(Displayed):
     shares: dict[str, float]
     asked: float
     asked_from: float
+    allowed: dict[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``tolerance.json``."""
         return {
             "title": self.title, "draws": self.draws, "seed": self.seed,
             "varied": [vars(quantity) for quantity in self.varied],
-            "quantities": [spread.to_dict() for spread in self.spreads], "yield": self.shares,
+            "quantities": [spread.to_dict() for spread in self.spreads], "yield": self.shares, "allowed": self.allowed,
             "modulus_margin_asked": self.asked, "modulus_margin_from": self.asked_from,
         }  # fmt: skip
 
@@ -345,6 +373,8 @@ def varied_of(case: Case, added: Mapping[str, float] | None = None) -> tuple[Var
         if one.name in known and one.half_width > 0:
             low, high = one.value - one.half_width, one.value + one.half_width
             varied[one.name] = Varied(one.name, one.value, low, high, known[one.name][1])
+    specimen = {f"rig.{name}" for name in case.vehicle.parameters}
+    varied = {name: replace(one, specimen=name in specimen) for name, one in varied.items()}
     if not varied:
         right = 'write { value = …, tolerance = 0.05 } in the rig file, or add --tolerance "rig.*.stiffness=0.05"'
         raise InputError(case.path, "no quantity of the rig has a tolerance", right)
@@ -411,49 +441,55 @@ def tolerance(
     x = np.concatenate([draw(varied, seed, number, count) for number, count in chunks])
     nominal = rows[0]["nominal"]
     inputs = Regressors([quantity.name for quantity in varied], x)
-    spreads = [spread(name, unit_of(name), nominal[name], values[name], inputs) for name in nominal if name != "stable"]
+    spreads = [spread(name, unit_of(name), nominal[name], values[name], inputs) for name in nominal if not judged(name)]
     asked, counted_from = case.limits["modulus_margin"], requirements(case).margin_from
-    shares = yields(values, nominal, asked)
-    return Tolerance(case.title, draws, seed, varied, tuple(spreads), shares, asked, counted_from)
+    allowed = allowed_of(case, nominal)
+    shares = yields(values, allowed)
+    return Tolerance(case.title, draws, seed, varied, tuple(spreads), shares, asked, counted_from, allowed)
 
 
-def yields(values: Mapping[str, np.ndarray], nominal: Mapping[str, float], asked: float) -> dict[str, float]:
+def allowed_of(case: Case, names: Iterable[str]) -> dict[str, float]:
+    """How large the results of a draw may be either way, for the draw to count as kept: what a match asks.
+
+    The modulus margin is asked of the bed as planned alone, so of draws it is shown and does not count.
+    """
+    allowed = {"response_error": case.tolerance, "response_error_unmeasured": case.unmeasured_tolerance}
+    for target in case.targets:
+        allowed[f"target_mode_{target.mode}_frequency_error"] = target.frequency_tolerance
+        allowed[f"target_mode_{target.mode}_damping_error"] = target.damping_tolerance
+    if case.loop.structure.has_feed_forward:  # its targets are the model's own modes, the same on every bed
+        allowed = {name: value for name, value in allowed.items() if not name.startswith("target")}
+    return {name: value for name, value in allowed.items() if name in names}
+
+
+def yields(values: Mapping[str, np.ndarray], allowed: Mapping[str, float]) -> dict[str, float]:
     """Shares of draws that keep each demand, and all of them; see :class:`Tolerance`.
 
     Parameters
     ----------
     values : mapping of str to ndarray (b,)
-        ``stable`` (1 or 0), ``modulus_margin``, and by target ``target … frequency`` in Hz and its damping ratio.
-    nominal : mapping of str to float
-        The same without tolerances.
-    asked : float
-        Modulus margin.
+        ``stable`` and ``damped`` (1 or 0), and results by name.
+    allowed : mapping of str to float
+        How large each may be either way.
     """
-    kept = {"stable": values["stable"] > 0.5}
-    kept["modulus_margin"] = kept["stable"] & (values["modulus_margin"] >= asked)
-    for name in nominal:
-        if name.startswith("target"):
-            low, high = required_range(name, nominal[name], asked)
-            kept[name] = (values[name] >= low) & (values[name] <= high)
+    kept = {name: values[name] > 0.5 for name in ("stable", "damped")}
+    kept |= {name: kept["stable"] & (np.abs(values[name]) <= limit) for name, limit in allowed.items()}
     kept["all"] = np.logical_and.reduce(list(kept.values()))
     return {name: float(value.mean()) for name, value in kept.items()}
 
 
-def required_range(name: str, nominal: float, asked: float) -> tuple[float, float]:
-    """Least and largest value of a result with which a bed counts in the yield; infinite where nothing is required.
+def required_range(name: str, allowed: Mapping[str, float], asked: float) -> tuple[float, float]:
+    """Least and largest value of a result that is asked for; infinite where nothing is.
 
     Parameters
     ----------
     name : str
-        As in :func:`yields`.
-    nominal : float
-        Value of the bed as planned: Hz for a frequency.
+        As in :func:`yields`, or ``modulus_margin``.
+    allowed : mapping of str to float
     asked : float
         Modulus margin.
     """
     if name == "modulus_margin":
         return asked, np.inf
-    if not name.startswith("target"):
-        return -np.inf, np.inf
-    reach = TARGET_FREQUENCY_TOLERANCE * nominal if name.endswith("frequency") else TARGET_DAMPING_TOLERANCE
-    return nominal - reach, nominal + reach
+    limit = allowed.get(name, np.inf)
+    return (0.0 if name.startswith("response_error") else -limit), limit

@@ -57,12 +57,16 @@ class SearchSettings:
         Rounds of SQP at most, steps of each, and steps of all rounds together from one start.
     joint_rounds : int
         Rounds in which residual vehicle and adapters move together with the controller.
+    restarts : int
+        Times that the search of a feedback law begins again from its end, as long as that is worth a round.
     scenarios : int
         Times that the least damped beds of the whole box are added to the pool.
     blind : int
         Settings spread over all bounds (Sobol 1967) where every start misses a requirement.
     starts : int
         Starts that are followed; an observer's search stops at the first one that keeps every requirement.
+    emulated : float
+        s that the exported controller runs at rest and at speed before a match is called one; 0 leaves it out.
     fresh : int
         Beds that judge the result; none of them is seen by the search.
     weight_planned : float
@@ -110,10 +114,12 @@ class SearchSettings:
     steps: int = 20
     most_steps: int = 200
     joint_rounds: int = 3
+    restarts: int = 3
     scenarios: int = 2
     blind: int = 64
     starts: int = 4
     fresh: int = 200
+    emulated: float = 60.0
     weight_planned: float = 0.1
     weight_change: float = 1e-3
     reserve: float = 0.03

@@ -28,6 +28,7 @@ from matching.match.loop import (
     bed_set,
     body,
     closed_poles,
+    compared_sensors,
     control_law,
     controller_on,
     errors,
@@ -50,7 +51,9 @@ from matching.match.loop_modes import (
 )
 from matching.match.requirements import Requirements, requirements
 from matching.match.responses import ResponseError, error_figures
+from matching.match.running import TOO_LARGE, RunningLaw, grown, run
 from matching.match.targets import target_modes
+from modelling.bed.bed import ControlLaw
 from modelling.bed.manoeuvres import Kick
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
 from modelling.equations.casadi_code import compiled
@@ -63,7 +66,7 @@ from modelling.fidelity.measures import (
     fidelity_of_signals,
 )
 from modelling.linear.elements import elements
-from modelling.linear.state_space import discretise, linear_motion
+from modelling.linear.state_space import discretise
 from modelling.linear.steady_motion import is_linear, operating_motion, torques_of
 from modelling.modal.result import Mode
 from modelling.modal.ringing import Ringing, read_modes
@@ -86,8 +89,6 @@ def torque_columns(torques: Mapping[str, np.ndarray], names: Sequence[str], coun
 # command does: the hold lags half a sample, so the delay line is half a sample shorter than the dead time (not below
 # 0). Torques of the manoeuvre vary linearly between samples, for vehicle and rig alike.
 
-TOO_LARGE = 1e9  # a state beyond this has left every bed
-
 
 @dataclass(frozen=True)
 class Traces:
@@ -97,7 +98,7 @@ class Traces:
     ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and ``.twist``; of both rigs ``residual_vehicle.SENSOR``, what
     the residual vehicle reads (:mod:`.emulated`). Of the matched rig also ``dynamometers.NAME.torque`` (air gap),
     ``.speed``, ``.power`` and ``.command``, which are absolute. ``operating`` holds the values of the matched rig's
-    shafts at the operating point.
+    shafts at the operating point, ``applied_from_start`` the torques with what only leads in.
     """
 
     time: np.ndarray
@@ -106,6 +107,7 @@ class Traces:
     rig: dict[str, np.ndarray] = field(repr=False)
     matched: dict[str, np.ndarray] = field(repr=False)
     operating: dict[str, float] = field(repr=False, default_factory=dict)
+    applied_from_start: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
 
     def absolute(self, name: str) -> np.ndarray:
         """A trace (t,) of the matched rig with its value at the operating point."""
@@ -126,7 +128,7 @@ def simulate_case(parts: LinearBed, torques: Mapping[str, np.ndarray], settle: i
     time = (np.arange(count) - settle) * step
     motions = (
         free_motion(vehicle, parts, torques, step),
-        free_motion(parts.free.system, parts, torques, step, parts.free),
+        free_motion(parts.free.system, parts, torques, step),
         matched_motion(parts, torques),
     )
     motions[1].update(emulated(parts, motions[1], torques, tuned=False))
@@ -134,92 +136,112 @@ def simulate_case(parts: LinearBed, torques: Mapping[str, np.ndarray], settle: i
     vehicle_traces, free, matched = ({name: trace[settle:] for name, trace in motion.items()} for motion in motions)
     applied = {name: np.asarray(torque)[settle:] for name, torque in torques.items()}
     operating = operating_readings(parts.rig.system)
-    return Traces(time[settle:], applied, vehicle_traces, free, matched, operating)
+    return Traces(time[settle:], applied, vehicle_traces, free, matched, operating, dict(torques))
 
 
 def free_motion(
-    system: System, parts: LinearBed, torques: Mapping[str, np.ndarray], step: float, linear_body: Body | None = None
-) -> dict[str, np.ndarray]:
+    system: System, parts: LinearBed, torques: Mapping[str, np.ndarray], step: float
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Traces (t,) of a system without control under torques (t,) in N·m, in steps of s."""
-    inputs = [part.name for part in system.inputs]
     count = len(next(iter(torques.values())))
-    if is_linear(system):
-        linear_body = body(system) if linear_body is None else linear_body
-        drives = torque_columns(torques, inputs, count)
-        states = linear_motion(linear_body.space.A, linear_body.space.B, drives, step)
-        _check(states, count * step)
-        return _traces(system, parts, *_of_body(linear_body, states, drives))
-    beds = NonlinearBeds([system], parts.case.loop)
-    drives, x, none = torque_columns(torques, beds.drives, count)[:, :, None], beds.start, np.zeros((0, 1))
-    states, values = np.empty((count, len(x))), np.empty((count, len(system.sensors)))
-    for k, now in enumerate(drives):
-        states[k], values[k] = x[:, 0], beds.read(x, now)[:, 0]
-        x = beds.advance(x, none, now, drives[min(k + 1, count - 1)])
-    _check(states, count * step)
-    return _traces(system, parts, values, *beds.twists(states))
+    beds = NonlinearBeds([system], replace(parts.case.loop, values={**parts.case.loop.values, "sample_time": step}))
+    drives = torque_columns(torques, beds.drives, count)[:, :, None]
+    found = run(beds, drives, range(len(system.sensors)), keep_states=True)
+    if found.lost.any() or found.states is None:
+        raise grown(count * step)
+    return _traces(system, parts, found.readings[:, :, 0], *beds.twists(found.states))
 
 
 def matched_motion(parts: LinearBed, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m: the law runs as on the bed, unlimited."""
-    loop, k_dynos, system = parts.case.loop, len(parts.dynamometers), parts.rig.system
-    step, law, bed = loop["sample_time"], control_law(parts), parts.bed
-    count = len(next(iter(torques.values())))
-    drives = torque_columns(torques, parts.drives, count)
-    told = {name: torque for name, torque in torques.items() if name not in parts.drives or name in loop.measured}
-    known, unlimited = torque_columns(told, law.known, count), np.full(k_dynos, np.inf)
-    sampled, of_torques = bed.sampled, discretise(bed.A, bed.torques, step)
-    beds = None
-    if not is_linear(parts.case.rig):
-        lags = loop["inverter_lag"], loop["torque_sensor_lag"]
-        hardware = BedHardware(*lags, bed.delay, (1.0,) * k_dynos)
-        beds = NonlinearBeds([system], loop, parts.dynamometers, [hardware])
-        seen = [beds.model.sensors.index(name) for name in law.sensors[k_dynos:]]
-    x = np.zeros(len(bed.A)) if beds is None else beds.start[:, 0]
-    start, state, issued = x, np.zeros(len(law.A)), np.zeros((count, k_dynos))
-    states, values = np.empty((count, len(x))), np.empty((count, len(system.sensors)))
-    for k in range(count):
-        states[k], after = x, drives[min(k + 1, count - 1)]
-        if beds is None:
-            readings = bed.readings[: len(law.sensors)] @ x
-            issued[k], state = law.step(state, readings, known[k], unlimited)
-            x = sampled.whole @ x + of_torques.held @ drives[k] + of_torques.ramp @ (after - drives[k])
-            for ago, push in ((sampled.delay, sampled.new), (sampled.delay + 1, sampled.old)):
-                if k >= ago:
-                    x += push @ issued[k - ago]
-        else:
-            values[k] = beds.read(x[:, None], drives[k][:, None])[:, 0]
-            readings = np.append(beds.lagged(x[:, None])[:, 0], values[k, seen])
-            issued[k], state = law.step(state, readings, known[k], unlimited)
-            x = beds.advance(x[:, None], issued[k][:, None], drives[k][:, None], after[:, None])[:, 0]
-        if k % 8 == 0:
-            _check(x[None], k * step)
-    _check(states, count * step)
-    n = len(start) - 2 * k_dynos
-    added = states[:, n : n + k_dynos] - start[n : n + k_dynos]  # to the torques of the operating point
-    if beds is None:
-        inputs = parts.rig.space.inputs
-        applied = dict(zip(parts.drives, drives.T, strict=True))
-        applied |= {dyno.torque_input: added[:, j] for j, dyno in enumerate(parts.dynamometers)}
-        of_body = _of_body(parts.rig, states[:, :n], torque_columns(applied, inputs, count))
-        traces = _traces(system, parts, *of_body)
-    else:
-        traces = _traces(system, parts, values, *beds.twists(states))
-    held = torques_of(system)
-    turning = operating_readings(system)
+    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m: the law runs as on the bed, unlimited.
+
+    The bed is the nonlinear one, also where the rig is linear: nothing of it is what the controller was designed with.
+    """
+    loop, k, system = parts.case.loop, len(parts.dynamometers), parts.rig.system
+    law, count = control_law(parts), len(next(iter(torques.values())))
+    hardware = BedHardware(loop["inverter_lag"], loop["torque_sensor_lag"], loop.command_delay(), (1.0,) * k)
+    beds = NonlinearBeds([system], loop, parts.dynamometers, [hardware])
+    unlimited = np.full((k, 1), np.inf)
+    running = RunningLaw(
+        law, [beds.model.sensors.index(name) for name in law.sensors],
+        [law.sensors.index(dyno.torque_sensor) for dyno in parts.dynamometers],
+        known_torques(parts, law, torques)[:, :, None], (-unlimited, unlimited),
+    )  # fmt: skip
+    drives = torque_columns(torques, beds.drives, count)[:, :, None]
+    found = run(beds, drives, range(len(system.sensors)), running, keep_states=True)
+    if found.lost.any() or found.states is None:
+        raise grown(count * loop["sample_time"])
+    traces = _traces(system, parts, found.readings[:, :, 0], *beds.twists(found.states))
+    added, held, turning = beds.air_gap(found.states), torques_of(system), operating_readings(system)
     for j, dyno in enumerate(parts.dynamometers):
         place, torque = f"dynamometers.{dyno.name}", added[:, j] + held[dyno.torque_input]
         speed = traces[dyno.speed_sensor] + turning[dyno.speed_sensor]
         traces |= {f"{place}.torque": torque, f"{place}.speed": speed, f"{place}.power": torque * speed}
-        traces[f"{place}.command"] = issued[:, j] + held[dyno.torque_input]
+        traces[f"{place}.command"] = found.commands[:, j, 0] + held[dyno.torque_input]
     return traces
 
 
-def _of_body(
-    linear_body: Body, states: np.ndarray, inputs: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Readings (t, y), twists (t, s) and names of the springs from states (t, x) and inputs (t, u)."""
-    values = states @ linear_body.space.C.T + inputs @ linear_body.space.D.T
-    return values, states @ linear_body.twists.T, linear_body.springs
+def known_torques(parts: LinearBed, law: ControlLaw, torques: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Torques (t, w) in N·m as the controller knows them."""
+    loop, count = parts.case.loop, len(next(iter(torques.values())))
+    told = {name: torque for name, torque in torques.items() if name not in parts.drives or name in loop.measured}
+    return torque_columns(told, law.known, count)
+
+
+# --- Whether loop and simulation agree: the motion that the loop's own matrices foretell, against the simulated one.
+#
+# Poles, margins and errors come from matrices that a controller was designed with. A fault in these would be in all of
+# them, and in the controller. The simulation steps the equations of motion, with a delay line of its own.
+
+DISAGREEMENT = 5e-3  # rms of the difference over the range of a signal; steps of the simulation leave 1e-5
+
+
+def foretold_motion(parts: LinearBed, torques: Mapping[str, np.ndarray], sensors: Sequence[str]) -> np.ndarray:
+    """Readings and commands (t, y + k) of the bed as planned under control, by the matrices of the loop."""
+    loop, law, bed = parts.case.loop, control_law(parts), parts.bed
+    count, step = len(next(iter(torques.values()))), loop["sample_time"]
+    drives, known = torque_columns(torques, parts.drives, count), known_torques(parts, law, torques)
+    unlimited, sampled = np.full(len(parts.dynamometers), np.inf), bed.sampled
+    of_torques = discretise(bed.A, bed.torques, step)
+    rows, inputs = parts.rig.space.output, parts.rig.space.inputs
+    C = np.stack([rows(name) for name in sensors])
+    D = np.stack([parts.rig.space.D[parts.rig.space.outputs.index(name)] for name in sensors])
+    D = D[:, [inputs.index(name) for name in parts.drives]]
+    n = len(parts.rig.space.A)
+    x, state = np.zeros(len(bed.A)), np.zeros(len(law.A))
+    issued, read = np.zeros((count, len(parts.dynamometers))), np.empty((count, len(sensors)))
+    for k in range(count):
+        read[k] = C @ x[:n] + D @ drives[k]
+        issued[k], state = law.step(state, bed.readings[: len(law.sensors)] @ x, known[k], unlimited)
+        change = drives[min(k + 1, count - 1)] - drives[k]
+        x = sampled.whole @ x + of_torques.held @ drives[k] + of_torques.ramp @ change
+        for ago, push in ((sampled.delay, sampled.new), (sampled.delay + 1, sampled.old)):
+            if k >= ago:
+                x += push @ issued[k - ago]
+        if not np.abs(x).max(initial=0.0) < TOO_LARGE:
+            raise grown(count * step)
+    return np.hstack([read, issued])
+
+
+def disagreement(parts: LinearBed, traces: Traces) -> float | None:
+    """Largest difference of foretold and simulated readings and commands over their range, rms.
+
+    A controller hides a fault from the readings as it hides any other disturbance; its commands show it. None where the
+    rig is not linear.
+    """
+    if not is_linear(parts.case.rig):
+        return None
+    sensors = compared_sensors(parts.case)
+    names = [*sensors, *(f"dynamometers.{dyno.name}.command" for dyno in parts.dynamometers)]
+    wanted = np.stack([traces.matched[name] for name in names], axis=1)
+    held = torques_of(parts.rig.system)
+    wanted[:, len(sensors) :] -= [held[dyno.torque_input] for dyno in parts.dynamometers]
+    torques = traces.applied_from_start
+    foretold = foretold_motion(parts, torques, sensors)[len(next(iter(torques.values()))) - len(wanted) :]
+    ranges = np.ptp(wanted, axis=0)
+    moving = ranges > AT_REST
+    off = np.sqrt(np.mean((foretold - wanted) ** 2, axis=0))[moving] / ranges[moving]
+    return float(off.max(initial=0.0))
 
 
 def _traces(
@@ -248,11 +270,6 @@ def operating_readings(system: System) -> dict[str, float]:
         readings[f"shafts.{shaft.name}.torque"] = readings[shaft_torque(shaft.name)]
         readings[f"shafts.{shaft.name}.twist"] = twists.get(f"shafts.{shaft.name}", 0.0)
     return readings
-
-
-def _check(states: np.ndarray, at: float) -> None:
-    if not np.abs(states).max(initial=0.0) < TOO_LARGE:
-        raise SimulationError("simulation", f"the motion grows out of bounds at {at:g} s", "the loop is unstable")
 
 
 # --- XiL fidelity of a match on its manoeuvre (Eqs. 14 to 23), without control and matched, from the simulated traces.
@@ -842,6 +859,9 @@ def verify(
     notes: list[str] = []
     traces, identified = _simulated(bed, notes)
     checks["simulation"] = traces is not None
+    apart = None if traces is None else disagreement(bed, traces)
+    if apart is not None:
+        checks["loop and simulation agree"] = apart <= DISAGREEMENT
     targets = target_modes_of(case, candidates_of(case, modes))
     swinging = [(mode.damping_ratio, mode.frequency) for mode in modes if mode.frequency > 0]
     least = min(swinging, default=(1.0, 0.0))

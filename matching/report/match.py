@@ -19,7 +19,7 @@ from matching.match.in_time import InTime
 from matching.match.loop import bed_set, controller_of, frequency_response, return_difference
 from matching.match.loop_modes import LoopMode
 from matching.match.result import AdapterTrade, MatchResult, TargetResult
-from matching.match.verify import Deviation, Verification
+from matching.match.verify import DISAGREEMENT, Deviation, Verification
 from matching.report.common import (
     BAND,
     INK,
@@ -136,6 +136,11 @@ def requirement_rows(robust: Verification) -> list[dict[str, str]]:
         asked = "no limit" if allowed is None else f"at most {number(allowed)} N·m rms"
         what = f"command of dynamometer {name} from sensor noise"
         rows.append((what, f"{number(noise, 3)} N·m rms", asked, allowed is None or noise <= allowed))
+    allowed = required.sensor_offset
+    for name, torque in loop.unexpected_torque.items():
+        asked = "no limit" if allowed is None else f"at most {number(allowed)} N·m"
+        what = f"flange torque of dynamometer {name} that offsets of all sensors make unexpected in a minute"
+        rows.append((what, f"{number(torque, 3)} N·m", asked, allowed is None or torque <= allowed))
     return [
         {"requirement": what, "value": value, "asked": asked, "": HOLDS[holds]} for what, value, asked, holds in rows
     ]
@@ -434,6 +439,11 @@ def _in_words(name: str, verification: Verification) -> tuple[str, str]:
     if name == "simulation":
         outcome = "diverges" if verification.traces is None else "stays bounded"
         return "Simulated manoeuvre with delay line and sampled controller", outcome
+    if name == "loop and simulation agree":
+        return (
+            "Motion foretold by the loop against the simulated one",
+            f"apart by {DISAGREEMENT:.1%} of the range at most",
+        )
     return name.capitalize(), ""
 
 
@@ -1031,15 +1041,16 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
         other = next((row.name for row in result.parameters if row.name.startswith("rig.")), "loop.inverter_lag")
         command = f"rigmatch map {result.case.path or 'CASE'} --x loop.dead_time --y {other} --out {folder}/map"
         return [*points, Step("See over two quantities where the match would hold", command=command)]
-    orders = [trade for trade in result.adapters if abs(trade.ordered / trade.planned - 1) > SAME_RELATIVE]
+    orders = [trade for trade in result.adapters if trade.changes]
     for trade in orders:
         low, high = (amount(value, trade.unit, 3) for value in trade.acceptable)
         points.append(
             Step(f"Order {component(trade.name)} {amount(trade.ordered, trade.unit)} instead of "
-                        f"{amount(trade.planned, trade.unit)}", f"{low} to {high} serves as well")
+                        f"{amount(trade.planned, trade.unit)}", f"{low} to {high} serves as well{_twist(trade)}")
         )  # fmt: skip
     if not orders:
-        points.append(Step("Order the adapters as planned", "no change of them gains anything that is allowed"))
+        reason = "no change of them gains 2 %" if result.adapters else "none of them may change under [move]"
+        points.append(Step("Order the adapters as planned", reason))
     points.append(
         Step("Put the controller onto the bed: an FMU with its C sources and its supervision",
                     command=f"rigmatch export {folder} --controller controller.fmu")
@@ -1050,14 +1061,22 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
     ]
 
 
+def _twist(trade: AdapterTrade) -> str:
+    """What a stiffness to be ordered twists by at its rated torque."""
+    if trade.rated_torque is None or trade.twist is None:
+        return ""
+    return f"; it twists by {number(np.degrees(trade.twist), 2)}° at {number(trade.rated_torque)} N·m"
+
+
 def to_watch(result: MatchResult) -> list[str]:
     """What may spoil the match, most important first."""
     points = [f"check failed: {what}, {outcome}" for what, outcome, holds in checks(result) if not holds]
     beds = result.verification.beds
-    if beds and beds.worst and 0 < beds.worst.damping_ratio < beds.required_damping:
+    if beds and beds.worst and beds.worst.mode and 0 < beds.worst.damping_ratio < beds.worst.mode.asked:
         points.append(
-            f"the worst bed within [uncertainty] has a damping ratio of {number(beds.worst.damping_ratio, 2)}, "
-            f"{number(beds.required_damping, 2)} is required; most by {sentence([*map(component, beds.worst.named)])}"
+            f"the worst bed within [uncertainty] damps its mode at {beds.worst.mode.words()} by "
+            f"{number(beds.worst.damping_ratio, 2)}, {number(beds.worst.mode.asked, 2)} is required; most by "
+            f"{sentence([*map(component, beds.worst.named)])}"
         )
     wrong = result.verification.robustness
     points += [f"the loop becomes unstable with {component(row.name)} {off(row)}" for row in wrong if not row.stable]

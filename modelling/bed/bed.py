@@ -58,11 +58,16 @@ class ControlLaw:
     delayed_commands: slice | None = None
 
     def step(
-        self, state: np.ndarray, readings: np.ndarray, known: np.ndarray, limits: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Commands (k,), N·m, within ±``limits`` (k,), and the state (x,) of the next sample."""
+        self, state: np.ndarray, readings: np.ndarray, known: np.ndarray,
+        limits: np.ndarray | tuple[np.ndarray, np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Commands (k, …), N·m, and the state (x, …) of the next sample, of one bed or of a batch.
+
+        Commands stay within ±``limits`` (k, …), or between the first and the second of a pair.
+        """
+        low, high = limits if isinstance(limits, tuple) else (-limits, limits)
         corrected = state + self.L @ (readings - self.E @ state)
-        sent = np.clip(self.K @ corrected + self.Dy @ readings + self.Dw @ known, -limits, limits)
+        sent = np.clip(self.K @ corrected + self.Dy @ readings + self.Dw @ known, low, high)
         return sent, self.A @ corrected + self.By @ readings + self.Bw @ known + self.Bs @ sent
 
 

@@ -56,8 +56,8 @@ class BedHardware:
 class NonlinearBeds:
     """Rigs with lags, or vehicles where there are no dynamometers.
 
-    States [model, air-gap torques as commanded (k), lagged flange torques (k)], absolute. Everything outside counts
-    from the operating point: commands, torques and readings.
+    States [model, air-gap torques as commanded (k), lagged flange torques (k), commands on their way (i·k), newest
+    first]; the first three absolute. Everything outside counts from the operating point: commands, torques, readings.
 
     Parameters
     ----------
@@ -97,11 +97,14 @@ class NonlinearBeds:
         still[: len(self.model.states)] = np.stack([point.state for point in points], axis=1)
         still[len(self.model.states) : len(self.model.states) + k] = held[:, [names.index(name) for name in driven]].T
         flanges = [self.model.sensors.index(name) for name in self._sensors]
-        self._steady = self._readings(still, np.zeros((len(self.drives), count)))
-        still[len(self.model.states) + k :] = self._steady[flanges]
-        self.start = still
-        self._k, self._longest = k, max((weights.shape[1] for weights in self._weights), default=0)
-        self._issued = np.zeros((self._longest, k, count))  # newest first
+        self.steady = self._readings(still, np.zeros((len(self.drives), count)))
+        still[len(self.model.states) + k :] = self.steady[flanges]
+        self.dynamometers, self._longest = k, max((weights.shape[1] for weights in self._weights), default=0)
+        self.start = np.vstack([still, np.zeros((self._longest * k, count))])
+        self._physical = len(still)
+        for i, weights in enumerate(self._weights):
+            self._weights[i] = np.pad(weights, ((0, 0), (0, self._longest - weights.shape[1])))
+        self._arriving = np.stack(self._weights) if self._weights else np.zeros((count, self.pieces, 0))
 
     def _functions(self, k: int, driven: Sequence[str], step: float) -> tuple[ca.Function, ca.Function]:
         """(x, what acts in each fine step [commands (k); torques (d)], p) → x; (x, torques, p) → readings (y,)."""
@@ -144,18 +147,16 @@ class NonlinearBeds:
         """
         middles = (np.arange(self.pieces) + 0.5) / self.pieces
         torques = before.T[:, None] + (after - before).T[:, None] * middles[None, :, None]
-        act = torques
-        if self._k:
-            self._issued = np.concatenate([commands[None], self._issued[:-1]])
-            arrived = [
-                weights @ self._issued[: weights.shape[1], :, i] for i, weights in enumerate(self._weights)
-            ]  # fmt: skip
-            act = np.concatenate([np.stack(arrived), torques], axis=2)
-        return self._sample(x, act.reshape(-1, act.shape[2]).T)
+        act, k, issued = torques, self.dynamometers, x[self._physical :]
+        if k:
+            issued = np.vstack([commands, issued[: len(issued) - k]])
+            by_bed = issued.reshape(self._longest, k, -1).transpose(2, 0, 1)  # (b, i, k)
+            act = np.concatenate([self._arriving @ by_bed, torques], axis=2)
+        return np.vstack([self._sample(x[: self._physical], act.reshape(-1, act.shape[2]).T), issued])
 
     def read(self, x: np.ndarray, torques: np.ndarray) -> np.ndarray:
         """Readings of all the model's sensors (y, b), less those at the operating point; no sensor's lag."""
-        return self._readings(x, torques) - self._steady
+        return self._readings(x[: self._physical], torques) - self.steady
 
     def twists(self, states: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
         """Twists (t, s) of the springs of the first bed for its states (t, x), less those at the start, and names."""
@@ -164,8 +165,13 @@ class NonlinearBeds:
 
     def lagged(self, x: np.ndarray) -> np.ndarray:
         """Flange torques (k, b) behind their lag, less those at the operating point."""
-        at = len(self.model.states) + self._k
-        return x[at:] - self.start[at:]
+        at, k = len(self.model.states) + self.dynamometers, self.dynamometers
+        return x[at : at + k] - self.start[at : at + k]
+
+    def air_gap(self, states: np.ndarray) -> np.ndarray:
+        """Air-gap torques (t, k) as commanded, of the first bed, less those at the operating point."""
+        at, k = len(self.model.states), self.dynamometers
+        return states[:, at : at + k] - self.start[at : at + k, 0]
 
 
 class _RepeatedCall:

@@ -15,6 +15,7 @@ from modelling.controller.law import (
     IN_A_ROW,
     KEPT_SAMPLES,
     LARGEST_SHARE,
+    MEAN_SAMPLES,
     REMEMBERED_SAMPLES,
     SAMPLES_IN_A_ROW,
     SLOWEST,
@@ -46,7 +47,7 @@ def memory_bytes(controller: ExportedController) -> int:
         + 2 * len(controller.settings.curve_speeds)
         + y
         + x
-        + 2 * y
+        + 3 * y
         + (w + 1)
         + 4 * k
         + KEPT_TORQUES * k
@@ -54,7 +55,7 @@ def memory_bytes(controller: ExportedController) -> int:
         + 1
         + WATCHED_SAMPLES * y
     )
-    return 8 * reals + 4 * (10 + k + 2 * (s + 1))
+    return 8 * reals + 4 * (11 + k + 2 * (s + 1))
 
 
 def _header(controller: ExportedController) -> str:
@@ -101,6 +102,7 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_HELD_BELOW_LIMIT {_real(HELD_BELOW_LIMIT)}",
         f"#define CONTROLLER_SLOWEST {_real(SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {SAMPLES_IN_A_ROW}",
+        f"#define CONTROLLER_MEAN_SAMPLES {MEAN_SAMPLES}",
         f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",
         f"#define CONTROLLER_OPENED_IN_A_ROW {IN_A_ROW}",
         f"#define CONTROLLER_LARGEST_SHARE {_real(LARGEST_SHARE)}",

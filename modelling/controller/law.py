@@ -224,6 +224,7 @@ ZERO_TORQUE, SPEED_HOLD, EMULATION = 0, 1, 2  # modes
 FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
 TORQUE_GONE = FAULTS.index("torque gone")
 HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
+MEAN_SAMPLES = 16  # whose mean the readings are that an emulation begins from: a quarter of one sample's noise
 SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wrong value does not count
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
@@ -310,11 +311,11 @@ def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.nd
 
 # --- The controller with its supervision, sample by sample, in Python: what the C sources have to equal.
 #
-# Three modes: zero torque, speed hold and emulation. Emulation begins from the readings, torques and commands of its
-# first sample, so it begins without a bump at any steady speed. What goes wrong ends it: readings that are not finite,
-# do not come or do not change, a rotor too fast, a torque that is gone at once, a shaft that opens, or readings that
-# are not what the controller's model expects. Then the speeds are held, or, where they are not known any more, the
-# torque is zero, until zero torque is asked for.
+# Three modes: zero torque, speed hold and emulation. Emulation begins from the mean of the readings before it, and from
+# the torques and commands of its first sample, so it begins without a bump at any steady speed. What goes wrong ends
+# it: readings that are not finite, do not come or do not change, a rotor too fast, a torque that is gone at once, a
+# shaft that opens, or readings that are not what the controller's model expects. Then the speeds are held, or, where
+# they are not known any more, the torque is zero, until zero torque is asked for.
 
 
 @dataclass(frozen=True)
@@ -355,7 +356,7 @@ class SupervisedController:
         self._sent, self._integral, self._held = np.zeros(k), np.zeros(k), np.zeros(k)
         self._state = np.zeros(len(self.law.A))
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
-        self._last = np.zeros(y)
+        self._last, self._mean, self._averaged = np.zeros(y), np.zeros(y), 0
         self._past_torques = np.zeros((max(KEPT_SAMPLES, WATCHED_SAMPLES), k))
         self._deviations = np.zeros((WATCHED_SAMPLES, y))
         self._watch.reset()
@@ -393,6 +394,8 @@ class SupervisedController:
             self._mode, self._fault, self._fallback = ZERO_TORQUE, 1, ZERO_TORQUE
             self._sent = np.zeros(len(self._sent))
         if not unknown:
+            if self._mode != EMULATION:
+                self._average(readings)
             self._last = readings.copy()
             self._past_torques = np.vstack([readings[self._torques], self._past_torques[:-1]])
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
@@ -433,17 +436,25 @@ class SupervisedController:
         self._gone |= (self._watch.watched.carried[opened] != 0).any(axis=0)  # the rotors that it loaded
         return bool(self._gone.any())
 
+    def _average(self, readings: np.ndarray) -> None:
+        """Readings are averaged while nothing is emulated: the noise of one sample is no offset of the emulation."""
+        self._averaged = min(self._averaged + 1, MEAN_SAMPLES)
+        self._mean += (readings - self._mean) / self._averaged
+
     def _enter(self, mode: int, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> None:
         if mode == self._mode:
             return
         self._mode = mode
+        if mode != EMULATION:
+            self._averaged = 0
         if mode == SPEED_HOLD:
             wanted = self._held if self._fault else hold
             # a rotor whose load is gone would be swung by the torque that balanced it
             carried = np.where(self._gone & (self._fault == TORQUE_GONE), 0.0, self._sent)
             self._integral = carried - self.settings.hold_proportional * (wanted - readings[self._speeds])
         if mode == EMULATION:
-            self._start = readings.copy(), known.copy(), self._sent.copy()
+            self._average(readings)
+            self._start = self._mean.copy(), known.copy(), self._sent.copy()
             self._state = np.zeros(len(self.law.A))
             self._past_torques[:] = readings[self._torques]
             self._surprised = 0

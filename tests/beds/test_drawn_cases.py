@@ -33,16 +33,22 @@ def broken(result):
             found.append("damping of beds")
     if error.after > case.tolerance:
         found.append("error to measured torques")
-    if case.loop.structure.is_observer:
-        loop, required = robust.loop, robust.required
-        if error.unmeasured > case.unmeasured_tolerance:
-            found.append("error to unmeasured torques")
-        if loop.largest_rolled_off > required.rolled_off:
-            found.append("roll-off")
-        if required.command_noise is not None and max(loop.command_noise.values()) > required.command_noise:
-            found.append("noise")
-        if robust.beds.worst is not None and robust.beds.worst.damping_ratio <= 0:
-            found.append("worst bed")
+    loop, required = robust.loop, robust.required
+    if error.unmeasured > case.unmeasured_tolerance:
+        found.append("error to unmeasured torques")
+    if loop.largest_rolled_off > required.rolled_off:
+        found.append("roll-off")
+    if required.command_noise is not None and max(loop.command_noise.values()) > required.command_noise:
+        found.append("noise")
+    if (
+        required.sensor_offset is not None
+        and max(loop.unexpected_torque.values(), default=0.0) > required.sensor_offset
+    ):
+        found.append("offsets")
+    if robust.slowest_own is not None and robust.slowest_own.rate < required.decay_rate:
+        found.append("feed-forward")
+    if robust.beds.worst is not None and robust.beds.worst.damping_ratio <= 0:
+        found.append("worst bed")
     return found
 
 

@@ -83,7 +83,7 @@ def test_what_is_not_kept_is_named(result):
     robust = replace(robust, beds=replace(robust.beds, damped=5, faults=(FAULT,)))
     strict = replace(result.case, unmeasured_tolerance=1e-4)
     said = not_kept(strict, robust)
-    assert said[0].startswith("3 of 8 beds")
+    assert any(words.startswith("3 of 8 beds") for words in said)
     assert any("sensor noise makes" in words and "0.001 N·m is allowed" in words for words in said)
     assert any("response error to unmeasured torques" in words for words in said)
     assert any("|T| is 0.70" in words for words in said)
@@ -92,21 +92,17 @@ def test_what_is_not_kept_is_named(result):
     assert not noted(result.case, closed)
 
 
-def test_a_feedback_law_is_held_to_damped_beds_and_to_measured_torques_alone(result):
-    """What else an observer has to keep is noted of it."""
+def test_a_feedback_law_is_held_to_the_same_limits(result):
+    """A limit that is exceeded is a limit for every structure."""
     loop = replace(result.case.loop, structure=STRUCTURES["model_based"])
     case = replace(result.case, loop=loop, tolerance=1e-9, unmeasured_tolerance=1e-4)
     beds = replace(result.robust.beds, stable=6, worst=replace(result.robust.beds.worst, damping_ratio=-0.01))
     robust = replace(result.robust, beds=beds, loop=replace(result.robust.loop, largest_rolled_off=0.7))
-    said, notes = (words(case, robust) for words in (not_kept, noted))
-    assert [sentence.split(",")[0][:24] for sentence in said] == [
-        "2 of 8 beds drawn within",
-        "the response error to me",
-    ]
-    assert len(notes) == 3
-    assert notes[0].startswith("the worst bed within [uncertainty] is not stable (damping ratio -0.0100)")
-    assert any("unmeasured torques" in words for words in notes)
-    assert any("|T| is 0.70" in words for words in notes)
+    said = not_kept(case, robust)
+    assert said == not_kept(replace(case, loop=result.case.loop), robust)
+    assert said[0].startswith("2 of 8 beds drawn within")
+    for words in ("to measured torques", "to unmeasured torques", "(damping ratio -0.0100)", "|T| is 0.70"):
+        assert any(words in sentence for sentence in said)
     damped = replace(result.robust, beds=replace(result.robust.beds, damped=5, faults=(FAULT,)))
     (missed,) = not_kept(replace(result.case, loop=loop), damped)
     assert missed.startswith("3 of 8 beds drawn within [uncertainty] damp the mode at 5.2 Hz (inertias.rotor, 70%")

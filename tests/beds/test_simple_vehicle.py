@@ -106,7 +106,9 @@ def _fixed(system):
 
 def test_a_match_with_a_rigid_body_says_how_near_it_comes(tmp_path):
     case, found = fitted_simple_vehicle(written(tmp_path, RIGID_BODY))
-    result = match(case, beds=2, settings=SearchSettings(drawn=2, pool=8, rounds=1, steps=1, blind=0, scenarios=0))
+    result = match(
+        case, beds=2, settings=SearchSettings(drawn=2, pool=8, rounds=1, steps=1, blind=0, scenarios=0, emulated=0)
+    )
     assert result.response_error.after == pytest.approx(found.fitted, rel=0.2)  # what is missing, and nothing else
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from matching.match.box import read_uncertainty, uncertainty_table
+from matching.match.box import Box, Uncertain, read_uncertainty, uncertainty_table
 from matching.match.case import apply
 from modelling.errors import InputError
 
@@ -87,3 +87,11 @@ def test_beds_of_the_search_fill_the_box_evenly_whatever_the_seed(small_case):
     # of 64 points of a Sobol sequence, each coordinate has exactly 16 in every quarter
     quarters = np.stack([np.histogram(column, bins=4, range=(-1, 1))[0] for column in spread.T])
     assert np.all(quarters == 16)
+
+
+def test_a_quantity_keeps_its_sign_over_its_box():
+    """A ratio may be negative; a dead time that may be off by more than itself stays at 0."""
+    box = Box((Uncertain("rig.gears.reverse.ratio", -3.0, 0.15), Uncertain("loop.dead_time", 2e-4, 5e-4)))
+    assert box.at(np.zeros(2)) == {"rig.gears.reverse.ratio": -3.0, "loop.dead_time": 2e-4}
+    assert box.at(np.array([1.0, -1.0])) == pytest.approx({"rig.gears.reverse.ratio": -2.85, "loop.dead_time": 0.0})
+    assert box.at(np.array([-1.0, 1.0]))["rig.gears.reverse.ratio"] == pytest.approx(-3.15)

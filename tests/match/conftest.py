@@ -14,7 +14,19 @@ from matching.match.match import match
 from matching.match.variables import SearchSettings
 
 NOT_ASKED = InTime(not_simulated="left out here, tested in tests/beds/test_in_time.py")
-LITTLE = SearchSettings(drawn=4, pool=8, rounds=1, steps=6, joint_rounds=1, scenarios=0, blind=0, starts=1, fresh=20)
+LITTLE = SearchSettings(
+    drawn=4,
+    pool=8,
+    rounds=1,
+    steps=6,
+    joint_rounds=1,
+    restarts=0,
+    emulated=0.0,
+    scenarios=0,
+    blind=0,
+    starts=1,
+    fresh=20,
+)
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 

@@ -138,3 +138,14 @@ def test_targets_that_no_vehicle_has(mode, hint, tmp_path):
     with pytest.raises(InputError, match=hint) as caught:
         target_modes(load_case(file))
     assert "targets[1].mode" in str(caught.value)
+
+
+def test_a_plan_outside_its_bounds_is_refused_with_both(tmp_path):
+    """A flange of 360 kN·m/rad that may be 20 to 120: to clip it would hide what stands on the bed."""
+    for name in ("vehicle.toml", "rig.toml"):
+        (tmp_path / name).write_text((EXAMPLES / "road_to_rig" / name).read_text())
+    text = (EXAMPLES / "road_to_rig" / "observer.toml").read_text()
+    flange = '\n[move]\n"rig.shafts.flange_left.stiffness" = { lower = 2e4, upper = 1.2e5, planned = 3.6e5 }\n'
+    (tmp_path / "case.toml").write_text(text.split("[move]")[0] + flange)
+    with pytest.raises(InputError, match=r"the plan of 360000 N\*m/rad lies outside its bounds 20000 … 120000"):
+        load_case(tmp_path / "case.toml")

@@ -99,7 +99,8 @@ def test_what_mechanics_alone_would_take_names_both_ways_or_that_one_is_none(ine
     motion = CutMotion("adapter", np.array([-100.0, 40.0]), np.zeros(2), np.zeros(2))
     flange = Joint("shafts.flange", ("adapter", "rotor"))
     part = BehindCut(("adapter", "rotor"), (flange,), (motion,), {"left": "rotor"})
-    case = SimpleNamespace(moves=(), targets=(Target(2),), limits={}, rig=rig)
+    moves, loop = (SimpleNamespace(name="rig.shafts.flange.stiffness"),), SimpleNamespace(tunes_observer=False)
+    case = SimpleNamespace(moves=moves, targets=(Target(2),), limits={}, rig=rig, loop=loop)
     question = SimpleNamespace(case=case, on_rig=["mode"], demands=Demands((part,), {}))
     (said,) = limits._mechanics(question, [SimpleNamespace(vehicle_mode=2, vehicle=5.0)])
     assert "200 N·m/rad in flange, which twists 29° (0.1 turns) at 100 N·m" in said

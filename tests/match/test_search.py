@@ -29,7 +29,7 @@ ROAD = Path(__file__).parents[2] / "examples" / "road_to_rig"
 GENTLE = {
     "proportional_gain": 60.0, "integral_gain": 60.0, "torque_feed_forward": 0.2, "acceleration_feed_forward": 0.3,
 }  # fmt: skip
-FEW = SearchSettings(drawn=2, pool=4, rounds=1, steps=2, joint_rounds=1, scenarios=0, blind=0)
+FEW = SearchSettings(drawn=2, pool=4, rounds=1, steps=2, joint_rounds=1, restarts=0, emulated=0.0, scenarios=0, blind=0)
 HALF_STEP = 2e-4  # the observer's poles near a target stand close together: curvature is large
 
 
@@ -132,7 +132,7 @@ def test_a_stated_requirement_is_what_the_search_keeps():
     rooms = search.requirement_margins(x, at)
     search.required = other
     halved = search.requirement_margins(x, at)
-    for part in (3, 4):  # noise, roll-off: 1 − figure/allowed
+    for part in (3, 5):  # noise, roll-off: 1 − figure/allowed
         np.testing.assert_allclose(1 - halved[part], 2 * (1 - rooms[part]), rtol=1e-12)
 
 
@@ -174,7 +174,9 @@ def test_better_is_what_gains_more_than_its_scatter():
     assert not is_better(delivered(0.5 * planned, keeps=False), delivered(planned))
     unstable = np.where(np.arange(400) == 7, np.inf, 0.5 * planned)
     assert not is_better(delivered(unstable), delivered(planned))
-    assert is_better(delivered(planned), delivered(unstable))
+    assert not is_better(delivered(planned), delivered(unstable))  # one bed of 400 alone is an accident of the draw
+    many = np.where(np.arange(400) < 40, np.inf, planned)
+    assert is_better(delivered(planned), delivered(many))
 
 
 def test_a_difference_that_has_no_controller_leaves_the_other_slopes():

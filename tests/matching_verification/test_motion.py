@@ -47,7 +47,7 @@ def test_arrivals():
 def test_free_rig_is_its_response(reference):
     parts = linear_bed(reference)
     f = 5.0
-    trace = free_motion(parts.rig.system, parts, {"motor_torque": sines([f], 12)}, STEP, parts.rig)["side_left_torque"]
+    trace = free_motion(parts.rig.system, parts, {"motor_torque": sines([f], 12)}, STEP)["side_left_torque"]
     rig = parts.rig.space
     H = parts.rig.response(np.array([2j * np.pi * f]))[
         0, rig.outputs.index("side_left_torque"), rig.inputs.index("motor_torque")
@@ -57,13 +57,13 @@ def test_free_rig_is_its_response(reference):
 
 def test_a_motion_out_of_bounds_says_when(reference):
     parts = linear_bed(reference)
-    with pytest.raises(SimulationError, match=r"grows out of bounds at 0\.05 s"):
-        free_motion(parts.rig.system, parts, {"motor_torque": np.full(50, 1e300)}, STEP, parts.rig)
+    with pytest.raises(SimulationError, match=r"grows out of bounds within 0\.05 s"):
+        free_motion(parts.rig.system, parts, {"motor_torque": np.full(50, 1e300)}, STEP)
 
 
 @pytest.mark.parametrize("dead_time", [0.0005, 0.003, 0.0047])
 def test_a_perfect_model_and_the_rig_do_the_same(reference, dead_time):
-    """The feed-forward's recursion against the rig with a true delay line: to rounding."""
+    """The feed-forward's recursion against the equations of motion with a true delay line: to the steps of RK4."""
     case = replace(reference, loop=reference.loop.with_values({"dead_time": dead_time, "torque_feed_forward": 0.0}))
     parts, feed_forward = linear_bed(case), feed_forward_of(case)
     rng = np.random.default_rng(0)
@@ -81,7 +81,7 @@ def test_a_perfect_model_and_the_rig_do_the_same(reference, dead_time):
         state = feed_forward.A @ state + feed_forward.B @ sent[k] + feed_forward.W @ news[k]
     for sensor in ("motor_speed", "side_left_torque", "flange_right_torque"):
         wanted = np.array(outputs)[:, feed_forward.outputs.index(sensor)]
-        np.testing.assert_allclose(traces[sensor], wanted, atol=1e-9 * np.ptp(wanted))
+        np.testing.assert_allclose(traces[sensor], wanted, atol=2e-5 * np.ptp(wanted))
 
 
 def test_nonlinear_path_is_the_linear_one_where_nothing_bends(reference):

@@ -63,7 +63,7 @@ def test_no_dead_time_between_samples_costs_more(reference, dead_time):
 
 def test_reference_case_is_stable_under_every_check(verified):
     assert verified.stable
-    assert set(verified.checks) == {"sampled loop", "feed-forward poles", "simulation"}
+    assert set(verified.checks) == {"sampled loop", "feed-forward poles", "simulation", "loop and simulation agree"}
     assert verified.spectral_abscissa < 0
 
 

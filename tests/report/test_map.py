@@ -130,8 +130,8 @@ def test_a_point_of_an_observer_says_what_its_beds_do_not_keep(monkeypatch):
     observed = load_case(OBSERVER)
     error = SimpleNamespace(after=0.02, unmeasured=0.4, bound=0.01)
     worst = SimpleNamespace(damping_ratio=0.01)
-    beds = SimpleNamespace(stable=150, drawn=200, holds=False, worst=worst)
-    verification = SimpleNamespace(stable=True, modulus_margin=0.5, violations=())
+    beds = SimpleNamespace(stable=150, drawn=200, holds=False, worst=worst, measured=(0.05, 0.07), unmeasured=(0.3,))
+    verification = SimpleNamespace(stable=True, modulus_margin=0.5, violations=(), beds=beds)
     made = SimpleNamespace(
         case=observed, tuned=observed, status="limited", response_error=error, verification=verification, targets=(),
         robust=SimpleNamespace(beds=beds), limits=("so",), objective=1.0, parameters=(), pairs=(),
@@ -140,6 +140,7 @@ def test_a_point_of_an_observer_says_what_its_beds_do_not_keep(monkeypatch):
     places = ("loop.dead_time", 5e-3), (STIFFNESS, 1e5)
     point = match_at(observed, *places, 0, 1)
     assert (point.stable_beds, point.limited_by) == (0.75, ("response_error", "beds"))
+    assert point.bed_error == pytest.approx(np.sqrt((0.6**2 + 1.0**2) / 2))  # medians over 0.1 and 0.3
     assert improved_at(observed, *places, None) is None
     beds.stable, beds.holds, error.unmeasured = 200, True, 0.01
     point = match_at(observed, *places, 0, 1)

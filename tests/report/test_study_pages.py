@@ -15,7 +15,7 @@ import pytest
 import rigmatch as rm
 from matching.fidelity import Band
 from matching.match.map import Axis, Map, Point
-from matching.match.tolerance import Spread, Tolerance
+from matching.match.tolerance import Spread, Tolerance, Varied
 from matching.report import evidence, studies
 from matching.report.acting import acting
 from matching.report.evidence import attribution_figure, bands_figure, contributions, delay_curve, ishikawa
@@ -24,7 +24,7 @@ from matching.report.studies import plot_tolerance as plot
 from modelling.display import files
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-STIFFNESS = "rig.shafts.flange.stiffness"
+STIFFNESS, MOTOR = "rig.shafts.flange.stiffness", "rig.inertias.motor.J"
 
 
 def tables(html):
@@ -59,8 +59,10 @@ def test_a_map_says_what_to_choose_and_gives_every_point():
     assert "&lt;map&gt;" in html
     assert "<map>" not in html
     assert "2 of 4 matched" in html
-    assert "The least response error is 0.01, at dead time 1 ms, flange, stiffness 1 N·m/rad." in html
-    assert "largest modulus margin, 2.5; error 0.02" in html
+    assert "over their tolerances, is 0.01, at dead time 1 ms, flange, stiffness 1 N·m/rad." in html
+    assert "No better than where the case is" in html
+    assert "Choose" not in html
+    assert "Largest modulus margin at dead time 1 ms, flange, stiffness 2 N·m/rad" in html
     assert "dead time: 1 ms<" in html
     assert "no stable loop found" in html
     assert "at 2 of 4 points" in html
@@ -89,24 +91,30 @@ def a_study(stable=0.9):
     edges, counts = np.linspace(0.4, 0.7, 4), np.array([10, 60, 30])
     quantiles = {0.05: 0.45, 0.5: 0.55, 0.95: 0.65}
     intervals = {0.05: (None, 0.47), 0.5: (0.54, 0.56), 0.95: (0.64, 0.66)}
-    drivers = ((STIFFNESS, 0.8), ("rig.inertias.rotor.J", 0.01))
+    drivers = ((STIFFNESS, 0.6), (MOTOR, 0.2), ("rig.inertias.rotor.J", 0.01))
     margin = Spread("modulus_margin", "", 0.56, 0.55, 0.05, quantiles, intervals, drivers, 0.81, 100, edges, counts)
-    shares = {"stable": stable, "modulus_margin": stable, "all": stable}
-    return Tolerance("bed", 100, 0, (), (margin,), shares, 0.5, 16.2)
+    shares = {"stable": stable, "damped": 1.0, "all": stable}
+    varied = tuple(Varied(name, 1.0, 0.9, 1.1, "", specimen) for name, specimen in ((STIFFNESS, False), (MOTOR, True)))
+    return Tolerance("bed", 100, 0, varied, (margin,), shares, 0.5, 16.2)
 
 
 def test_a_tolerance_study_says_what_to_tighten_and_what_fails():
     html = page_of(a_study())
     assert "90.0 % of 100 drawn beds are stable" in html
-    assert "causes 80 % of the variance of modulus margin" in html
-    assert "rotor" not in html.split("What to watch")[0].split("What to do now")[1]  # its share is too small
+    assert "causes 60 % of the variance of modulus margin" in html
+    to_do = html.split("What to watch")[0].split("What to do now")[1]
+    assert "rotor" not in to_do  # its share is too small
+    assert "motor" not in to_do  # the vehicle has the same one
     assert "0.45 (… to 0.47)" in html
     assert "0.65 (0.64 to 0.66)" in html
-    assert "10.0 % of the beds fall below the required modulus margin" in html
+    assert "10.0 % of the beds are not stable" in html
     rows = tables(html)["tolerance.csv"]
     assert [int(row["draws"]) for row in rows] == [10, 60, 30]
     assert float(rows[0]["to"]) == pytest.approx(0.5)
-    assert "no drawn bed fails" in page_of(a_study(1.0))
+    all_pass = page_of(a_study(1.0))
+    assert "no drawn bed fails" in all_pass
+    assert "every drawn bed keeps what a match asks" in all_pass
+    assert "Order" not in all_pass
 
 
 @pytest.fixture(scope="module")
@@ -171,8 +179,12 @@ def test_figures_of_a_map_hold_its_points():
     for axes, errors in zip(panels, (found.errors(), found.errors("unmeasured")), strict=True):
         assert np.array_equal(np.ma.getdata(axes.collections[0].get_array()).ravel(), errors.ravel())
         ring = axes.get_lines()[-1].get_xydata().tolist()
-        assert ring == [[found.x.here, found.y.here]]
-        assert axes.get_xlim() == pytest.approx((0.5e-3, 2.5e-3))
+        assert axes.get_xlabel() == "dead time in ms"  # and the data are in ms
+        assert ring == [[1e3 * found.x.here, found.y.here]]
+        assert axes.get_xlim() == pytest.approx((0.5, 2.5))
+        ticks = [float(text.get_text()) for text in axes.get_xticklabels()]
+        assert ticks == pytest.approx(axes.get_xticks().tolist())
+        assert ticks == pytest.approx([1.0, 2.0])
     assert on_page(page_of(found), "map") == (studies.MAP_CAPTION + studies.CAPTION_OF_RING, True)
 
 
@@ -183,7 +195,8 @@ def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():
     assert left.patches[0].get_data().values.tolist() == [10, 60, 30]
     assert left.patches[0].get_data().edges.tolist() == study.spreads[0].edges.tolist()
     assert [line.get_xdata()[0] for line in left.get_lines()] == [0.56, 0.5]
-    assert [(bar.get_y() + bar.get_height() / 2, bar.get_width()) for bar in right.patches] == [(0, 1), (1, 80)]
+    bars = [(bar.get_y() + bar.get_height() / 2, bar.get_width()) for bar in right.patches]
+    assert bars == [(0, 1), (1, 20), (2, 60)]
     assert on_page(page_of(study), "tolerance") == (studies.TOLERANCE_CAPTION, True)
 
 

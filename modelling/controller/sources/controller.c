@@ -238,10 +238,24 @@ static controller_real wanted_speed(const controller *c, const controller_input 
     return (c->fault != CONTROLLER_NO_FAULT) ? c->held[j] : in->hold_speed[j];
 }
 
+/* the readings are averaged while nothing is emulated, so that the noise of one sample is no offset of the emulation */
+static void average(controller *c, const controller_input *in)
+{
+    if (c->averaged < CONTROLLER_MEAN_SAMPLES) {
+        c->averaged++;
+    }
+    for (int32_t i = 0; i < READINGS; i++) {
+        c->mean[i] += (in->reading[i] - c->mean[i]) / (controller_real)c->averaged;
+    }
+}
+
 static void enter(controller *c, const controller_input *in, int32_t mode)
 {
     if (mode != c->mode) {
         c->mode = mode;
+        if (mode != CONTROLLER_EMULATION) {
+            c->averaged = 0;
+        }
         if (mode == CONTROLLER_SPEED_HOLD) {
             for (int32_t j = 0; j < DYNAMOMETERS; j++) {
                 /* a rotor whose load is gone would be swung by the torque that balanced it */
@@ -253,7 +267,8 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
         }
         if (mode == CONTROLLER_EMULATION) {
             (void)memset(c->state, 0, sizeof c->state);
-            (void)memcpy(c->reading_start, in->reading, sizeof c->reading_start);
+            average(c, in);
+            (void)memcpy(c->reading_start, c->mean, sizeof c->reading_start);
             (void)memcpy(c->known_start, in->known, sizeof c->known_start);
             (void)memcpy(c->sent_start, c->sent, sizeof c->sent_start);
             for (int32_t n = 0; n < CONTROLLER_KEPT; n++) {
@@ -371,6 +386,9 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
         (void)memset(c->sent, 0, sizeof c->sent);
     }
     if (!unknown) {
+        if (c->mode != CONTROLLER_EMULATION) {
+            average(c, in);
+        }
         (void)memcpy(c->last, in->reading, sizeof c->last);
         for (int32_t j = 0; j < DYNAMOMETERS; j++) {
             for (int32_t n = CONTROLLER_KEPT - 1; n > 0; n--) {

@@ -1,0 +1,95 @@
+"""Beds in time: the batch, the exported controller for minutes, and a fault in the loop's matrices that it finds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from matching.export import exported_controller
+from matching.match import loop as loop_of_match
+from matching.match.loop import control_law, linear_bed
+from matching.match.minutes import MinuteSettings, minutes
+from matching.match.verify import verify
+from modelling.bed import bed as bed_of_model
+from modelling.bed import observer
+from modelling.controller.batch import ControllerBatch
+
+SHORT = MinuteSettings(seconds=1.5, settle=1.0, pulse=0.2)
+
+
+@pytest.fixture(scope="module")
+def exported(small_result):
+    return exported_controller(small_result.tuned)
+
+
+def test_a_fault_of_30_percent_in_the_matrices_of_loop_and_design_is_found(small_case, monkeypatch):
+    """The controller, its poles and its errors come from the same matrices, so all of them agree with each other."""
+    sound = verify(small_case, deviations=False)
+    assert sound.checks["loop and simulation agree"]
+    exact = bed_of_model.delayed_bed
+
+    def too_strong(*arguments):
+        made = exact(*arguments)
+        return replace(made, new=1.3 * made.new, old=1.3 * made.old)
+
+    for module in (bed_of_model, loop_of_match, observer):
+        monkeypatch.setattr(module, "delayed_bed", too_strong)
+    wrong = verify(small_case, deviations=False)
+    assert wrong.checks["sampled loop"]
+    assert not wrong.checks.get("loop and simulation agree", False)
+    assert not wrong.stable
+
+
+def test_a_law_steps_many_beds_as_it_steps_each(small_case):
+    law, random = control_law(linear_bed(small_case)), np.random.default_rng(1)
+    states, readings = random.normal(size=(len(law.A), 5)), random.normal(size=(len(law.sensors), 5))
+    known, limit = random.normal(size=(len(law.known), 5)), np.array([[3.0]])
+    sent, after = law.step(states, readings, known, limit)
+    for i in range(5):
+        alone = law.step(states[:, i], readings[:, i], known[:, i], limit[:, 0])
+        np.testing.assert_allclose(sent[:, i], alone[0], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(after[:, i], alone[1], rtol=1e-10, atol=1e-12)
+
+
+def test_a_batch_of_exported_controllers_is_the_controller_in_python(exported):
+    """C sources against Python, two beds with readings of their own, through hold, emulation and a fault."""
+    law, random = exported.law, np.random.default_rng(2)
+    y, w, k = len(law.sensors), len(law.known), len(law.dynamometers)
+    batch, alone = ControllerBatch(exported, 2), [exported.running(), exported.running()]
+    for n in range(120):
+        readings, known = 0.1 * random.normal(size=(y, 2)), random.normal(size=(w, 2))
+        readings[:, 1] *= 1.0 if n < 100 else np.nan
+        commands, modes, faults = batch.step(readings, known, 1 if n < 40 else 2, np.zeros((k, 2)), n)
+        for b, one in enumerate(alone):
+            answer = one.step(readings[:, b], known[:, b], 1 if n < 40 else 2, np.zeros(k), n)
+            np.testing.assert_allclose(commands[:, b], answer.commands, rtol=1e-9, atol=1e-9)
+            assert (modes[b], faults[b]) == (answer.mode, answer.fault)
+    assert faults.tolist() == [0, 1]
+
+
+def test_a_controller_that_stays_in_emulation_and_one_that_does_not(small_result, exported):
+    stays = minutes(small_result.tuned, exported, 3, SHORT)
+    assert len(stays.runs) == 4
+    assert [run.emulated for run in stays.runs] == [SHORT.seconds] * 4
+    assert not stays.sentences()
+    assert all(0 < run.drift < 5 for run in stays.runs)
+    strict = replace(exported.settings, unexpected=np.full(len(exported.settings.unexpected), 1e-2))
+    gives_up = minutes(small_result.tuned, replace(exported, settings=strict), 3, SHORT)
+    assert {run.fault for run in gives_up.runs} == {"unexpected"}
+    assert max(run.emulated for run in gives_up.runs) < SHORT.seconds
+    assert len(gives_up.sentences()) == 4
+    assert "(unexpected)" in gives_up.sentences()[0]
+
+
+def test_an_emulation_begins_from_the_mean_of_the_readings(exported):
+    """What one sample's noise makes of the start is a quarter of what it was."""
+    law, random = exported.law, np.random.default_rng(4)
+    starts = []
+    for _ in range(200):
+        one = exported.running()
+        for n in range(40):
+            noisy = 50.0 + random.normal(size=len(law.sensors))
+            one.step(noisy, np.zeros(len(law.known)), 1 if n < 39 else 2, np.zeros(len(law.dynamometers)), n)
+        starts.append(one._start[0])
+    assert np.std(starts) == pytest.approx(1 / np.sqrt(16 - 1), rel=0.35)
+    assert np.mean(starts) == pytest.approx(50.0, abs=0.05)
