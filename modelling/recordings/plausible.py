@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from modelling import units
 from modelling.errors import InputError
-from modelling.system import Sensor, System
+from modelling.system import System
 from modelling.topology import joints, speed_ratios
 
 # --- A drivetrain as one rigid body: its inertia, and torque and speed of a recording, all at the shaft of one sensor.
@@ -200,8 +200,9 @@ def check_columns(time: np.ndarray, channels: Mapping[str, np.ndarray], system: 
             if part.name not in channels or sensor.name not in channels:
                 continue
             turned = {**channels, part.name: channels[sensor.name], sensor.name: channels[part.name]}
-            alone = [other for other in system.sensors if other.name == sensor.name]
-            as_is, other = (_shown_inertia(time, each, system, alone) for each in (channels, turned))
+            kept = {sensor.name, *(each.name for each in system.inputs)}
+            alone = ({name: each[name] for name in kept & {*each}} for each in (channels, turned))
+            as_is, other = (_shown_inertia(time, each, system) for each in alone)
             stands = as_is[1] > CERTAIN and 1 / STANDS < as_is[0] < STANDS
             if not stands and other[1] > CLEARLY and 1 / EXCHANGED < other[0] < EXCHANGED:
                 raise InputError(
@@ -211,12 +212,10 @@ def check_columns(time: np.ndarray, channels: Mapping[str, np.ndarray], system: 
                 )
 
 
-def _shown_inertia(
-    time: np.ndarray, channels: Mapping[str, np.ndarray], system: System, sensors: list[Sensor]
-) -> tuple[float, float]:
+def _shown_inertia(time: np.ndarray, channels: Mapping[str, np.ndarray], system: System) -> tuple[float, float]:
     """The inertia that channels (t,) show over that of the model, and over its standard error; the most certain one."""
     found = [(0.0, 0.0)]
-    for body in as_one_rigid_body(time, channels, replace(system, sensors=tuple(sensors))):
+    for body in as_one_rigid_body(time, channels, system):
         for count in BLOCKS:
             inertia, certainty = _fitted_inertia(time, body.torque, body.speed, count)
             found.append((inertia / body.inertia, certainty))
