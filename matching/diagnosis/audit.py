@@ -122,6 +122,7 @@ def _refitted(system: System, data: FitData, order: Sequence[int], settings: Dia
 
 MAINS, MULTIPLES = (50.0, 60.0), 6  # Hz, and how many multiples are looked at
 LINE = 40.0  # power of a line over that of its neighbours: in 1e7 noise spectra one line is as large
+DRIVEN = 10.0  # the same of an input, from which a line is its own
 NEIGHBOURS, GUARD = 12, 2  # bins to each side, and next to the line, which its own width fills
 STEADY = 0.7  # of the amplitude, that the mean of the halves' phasors keeps: a line of the drive changes its phase
 
@@ -146,24 +147,27 @@ def find_hum(system: System, fit: Fit) -> list[Hum]:
     out = []
     for j, sensor in enumerate(system.sensors):
         if segment.measured[:, j].all():
-            out += _lines(sensor.name, errors[:, j] * fit.problem.data.noise[j], step)
+            out += _lines(sensor.name, errors[:, j] * fit.problem.data.noise[j], segment.inputs, step)
     return out
 
 
-def _lines(name: str, left: np.ndarray, step: float) -> list[Hum]:
-    """Lines of the mains in a residual (t,) at even steps, s."""
-    window = np.hanning(len(left))
-    spectrum = np.abs(fft.rfft((left - left.mean()) * window)) ** 2
+def _lines(name: str, left: np.ndarray, inputs: np.ndarray, step: float) -> list[Hum]:
+    """Lines of the mains in a residual (t,) at even steps, s, that no input (t, u) has: else a wrong model leaves
+    them."""
+    spectrum = _spectrum(left)
+    driven = [_spectrum(column) for column in inputs.T]
     resolved, out, taken = 1 / (len(left) * step), list[Hum](), set[int]()
     for mains in MAINS:
         for multiple in range(1, MULTIPLES + 1):
             alias = abs(mains * multiple - round(mains * multiple * step) / step)
             at = round(alias / resolved)
             near = slice(max(at - 1, 0), at + 2)
-            if at <= NEIGHBOURS + GUARD or at + NEIGHBOURS + GUARD >= len(spectrum) or at in taken:
+            if at <= NEIGHBOURS + GUARD or at + NEIGHBOURS + GUARD + 1 >= len(spectrum) or at in taken:
                 continue
-            around = np.r_[spectrum[at - NEIGHBOURS - GUARD : at - GUARD], spectrum[at + GUARD + 1 :][:NEIGHBOURS]]
-            if spectrum[near].max() < LINE * np.median(around):
+            beside = np.r_[at - NEIGHBOURS - GUARD : at - GUARD, at + GUARD + 1 : at + GUARD + 1 + NEIGHBOURS]
+            if spectrum[near].max() < LINE * np.median(spectrum[beside]):
+                continue
+            if any(power[near].max() > DRIVEN * np.median(power[beside]) for power in driven):
                 continue
             halves = [_phasor(part, np.arange(len(left))[p] * step, alias) for p, part in _halves(left)]
             size = float(np.mean(np.abs(halves)))
@@ -171,6 +175,11 @@ def _lines(name: str, left: np.ndarray, step: float) -> list[Hum]:
                 taken |= {at - 1, at, at + 1}
                 out.append(Hum(name, alias, float(abs(np.mean(halves))), f"{multiple} × {mains:g} Hz"))
     return out
+
+
+def _spectrum(values: np.ndarray) -> np.ndarray:
+    """Power (f,) of values (t,)."""
+    return np.abs(fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
 
 
 def _halves(values: np.ndarray) -> list[tuple[slice, np.ndarray]]:

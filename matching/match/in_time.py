@@ -296,9 +296,9 @@ def hardware(case: Case, imperfection: Imperfection) -> BedHardware:
     """Lags, delay and torque gains of an imperfect bed."""
     values, loop = imperfection.values, case.loop
     return BedHardware(
-        values.get("loop.inverter_lag", loop["inverter_lag"]),
-        values.get("loop.torque_sensor_lag", loop["torque_sensor_lag"]),
-        loop.command_delay(values.get("loop.dead_time")),
+        tuple(loop.lags("inverter_lag", values.get("loop.inverter_lag")).tolist()),
+        tuple(loop.lags("torque_sensor_lag", values.get("loop.torque_sensor_lag")).tolist()),
+        tuple(loop.command_delays(values.get("loop.dead_time")).tolist()),
         tuple(values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) for dynamometer in loop.dynamometers),
     )
 

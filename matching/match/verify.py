@@ -159,7 +159,11 @@ def matched_motion(parts: LinearBed, torques: Mapping[str, np.ndarray]) -> dict[
     """
     loop, k, system = parts.case.loop, len(parts.dynamometers), parts.rig.system
     law, count = control_law(parts), len(next(iter(torques.values())))
-    hardware = BedHardware(loop["inverter_lag"], loop["torque_sensor_lag"], loop.command_delay(), (1.0,) * k)
+    inverters, flanges, delays = (
+        tuple(each.tolist())
+        for each in (loop.lags("inverter_lag"), loop.lags("torque_sensor_lag"), loop.command_delays())
+    )
+    hardware = BedHardware(inverters, flanges, delays, (1.0,) * k)
     beds = NonlinearBeds([system], loop, parts.dynamometers, [hardware])
     unlimited = np.full((k, 1), np.inf)
     running = RunningLaw(
@@ -207,14 +211,18 @@ def foretold_motion(parts: LinearBed, torques: Mapping[str, np.ndarray], sensors
     C = np.stack([rows(name) for name in sensors])
     D = np.stack([parts.rig.space.D[parts.rig.space.outputs.index(name)] for name in sensors])
     D = D[:, [inputs.index(name) for name in parts.drives]]
-    n = len(parts.rig.space.A)
-    x, state = np.zeros(len(bed.A)), np.zeros(len(law.A))
+    n, more = len(parts.rig.space.A), len(sampled.whole) - len(bed.A)
+    x, state = np.zeros(len(sampled.whole)), np.zeros(len(law.A))
+    read_by, push_held, push_ramp = (
+        np.pad(bed.readings, ((0, 0), (0, more))),
+        *(np.pad(part, ((0, more), (0, 0))) for part in (of_torques.held, of_torques.ramp)),
+    )
     issued, read = np.zeros((count, len(parts.dynamometers))), np.empty((count, len(sensors)))
     for k in range(count):
         read[k] = C @ x[:n] + D @ drives[k]
-        issued[k], state = law.step(state, bed.readings[: len(law.sensors)] @ x, known[k], unlimited)
+        issued[k], state = law.step(state, read_by[: len(law.sensors)] @ x, known[k], unlimited)
         change = drives[min(k + 1, count - 1)] - drives[k]
-        x = sampled.whole @ x + of_torques.held @ drives[k] + of_torques.ramp @ change
+        x = sampled.whole @ x + push_held @ drives[k] + push_ramp @ change
         for ago, push in ((sampled.delay, sampled.new), (sampled.delay + 1, sampled.old)):
             if k >= ago:
                 x += push @ issued[k - ago]

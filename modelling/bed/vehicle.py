@@ -271,7 +271,7 @@ def without_exact_delays(vehicle: System, rig: System) -> WithoutDelays:
             raise InputError(
                 f"rig: {place}",
                 "is delayed inside the control loop",
-                "state it in loop.dead_time, which holds for all dynamometers: the longest",
+                "state it as dead_time under [loop], or under [dynamometers.NAME]",
             )
         if place in places[0] and place in places[1] and here != there:
             raise InputError(

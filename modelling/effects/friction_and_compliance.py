@@ -341,6 +341,41 @@ def _dahl(angle: float, time: np.ndarray, rate: np.ndarray) -> np.ndarray:
     return np.array(list(accumulate(zip(kept.tolist(), added.tolist()), lambda z, s: s[0] * z + s[1], initial=0.0)))
 
 
+# --- Rubber: a spring that a damper lets go, parallel to the shaft (Maxwell element of the standard linear solid).
+
+
+class Relaxation(Kind):
+    """A spring of ``stiffness`` in series with a damper, both parallel to the shaft: ż = twist_rate − z/time_constant.
+
+    Slow twist meets the shaft alone, fast twist the shaft and the spring; in between it damps (dynamic stiffening of
+    rubber; García Tárrago et al., Polymer Testing 26, 2007).
+    """
+
+    kind = "relaxation"
+    words = "is stiffer by {stiffness} for fast twist, which relaxes within {time_constant} (rubber)"
+    in_recording = (
+        "fast oscillations see a stiffer shaft than slow ones, whatever their size; torque over twist is an ellipse."
+    )
+    tables = ("shafts",)
+    parameters = {"stiffness": Parameter("N*m/rad", lower=0.0), "time_constant": Parameter("s", lower=1e-5)}
+    state = State("rad", "twist of the relaxing spring of {place}")
+    linear = True
+
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
+        z = assembly.add_state(f"{law.place}.{self.kind}", lambda z: law.rate - z / p["time_constant"])
+        law.parallel.append(p["stiffness"] * z)
+        law.parallel_stiffness.append(p["stiffness"])
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        twist = motion.twist[at.split(".")[1]]
+        for time_constant in (0.003, 0.01, 0.03, 0.1, 0.3, 1.0):  # s: of vibrations of 50 to 0.2 Hz
+            fast = twist - motion.lagged(twist, time_constant)
+            yield Guess(({at: fast},), if_positive("stiffness", time_constant=time_constant))
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        return (0.1 * guess, 10 * guess) if key == "time_constant" else super().fit_bounds(key, guess, step)
+
+
 # --- Damping of a shaft that grows with the square of its twist rate (hydraulic damper, oil between plates).
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis.audit import channel_times, time_hypotheses
+from matching.diagnosis.audit import _lines, channel_times, time_hypotheses
 from matching.diagnosis.base import fit_base
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.diagnose import diagnose
@@ -85,3 +85,13 @@ def test_a_hypothesis_counts_as_often_as_it_predicts_drawn_blocks_best():
     shares = drawn_shares([error(*rng.uniform(4, 9, 16)), error(*rng.uniform(4, 9, 16))], 500)
     assert shares.sum() == pytest.approx(1.0)
     assert 0.0 < shares[0] < 1.0
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_a_line_that_an_input_has_is_no_hum(driven):
+    rng = np.random.default_rng(5)
+    time = np.arange(4000) * 1e-3
+    line = np.sin(2 * np.pi * 50 * time + 1)
+    torque = np.stack([rng.standard_normal(4000), 3 * line * driven + rng.standard_normal(4000)], axis=1)
+    found = _lines("speed", 0.5 * line + rng.standard_normal(4000), torque, 1e-3)
+    assert [hum.source for hum in found] == ([] if driven else ["1 × 50 Hz"])

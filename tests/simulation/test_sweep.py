@@ -25,6 +25,7 @@ OUTLIERS = 0.02  # of the samples: those within a step in which a torque jumps l
 BODIES = {"plain": {}, "light": {"motor": 0.05}, "stiff": {"stiffness": 30.0}}  # factors
 PLACES = EFFECTS | {
     "quadratic_damping": ("shafts.link", {"coefficient": 0.05}),
+    "relaxation": ("shafts.link", {"stiffness": 100.0, "time_constant": 0.02}),
     "gear_loss": ("shafts.link", {"efficiency": 0.3}),  # three times that is below 1
     "table": ("shafts.link", {"twist_1": -0.02, "torque_1": -1.0, "twist_2": 0.02, "torque_2": 1.0}),
 }
