@@ -50,7 +50,7 @@ def case_files(case: Case) -> dict[str, str]:
 
 
 def case_text(case: Case) -> str:
-    """A case as the text of a case file beside ``vehicle.toml`` and ``rig.toml``, in SI."""
+    """A case as the text of a case file next to ``vehicle.toml`` and ``rig.toml``, in SI."""
     loop = case.loop
     data: dict[str, Any] = {"title": case.title} if case.title else {}
     data |= {"vehicle": "vehicle.toml", "rig": "rig.toml"}
@@ -503,7 +503,7 @@ def load_case(path: str | Path) -> Case:
 
 
 def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
-    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for beside ``where``."""
+    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for next to ``where``."""
     path = Path(where)
     check_file(data, TOP, where, "case")
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
