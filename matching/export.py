@@ -93,7 +93,7 @@ class WatchedBed:
         Rows: torque of every shaft, N·m, at its second end.
     measured_shafts : tuple of str (k)
         Whose torques the dynamometers' torque sensors read.
-    delay : float
+    delay : ndarray (k,)
         s, from a sample to the moment its command begins to act.
     """
 
@@ -105,7 +105,7 @@ class WatchedBed:
     inputs: Mapping[str, np.ndarray]
     shaft_torques: Mapping[str, np.ndarray]
     measured_shafts: tuple[str, ...]
-    delay: float
+    delay: np.ndarray
 
     def torque_pair(self, shaft: str) -> np.ndarray:
         """What a torque of 1 N·m in a shaft does to the states (x,), at both its ends."""
@@ -125,14 +125,17 @@ class WatchedBed:
         """Deviations from what the controller expects and readings (t, y, e); no limits."""
         law, x = self.law, len(self.A)
         bed = delayed_bed(self.A, self.commands, np.eye(x), self.delay, law.sample_time)
-        now, state = np.zeros((x, events.torques.shape[2])), np.zeros((len(law.A), events.torques.shape[2]))
+        now, state = (
+            np.zeros((len(bed.whole), events.torques.shape[2])),
+            np.zeros((len(law.A), events.torques.shape[2])),
+        )
         unlimited = np.array(np.inf)
         sent = [np.zeros((len(law.dynamometers), now.shape[1]))] * (bed.delay + 2)
         off, read = np.empty_like(events.errors), np.empty_like(events.errors)
         for n, (torques, known, errors) in enumerate(
             zip(events.torques, events.known, events.errors, strict=True)
         ):  # fmt: skip
-            read[n] = self.readings @ now + errors
+            read[n] = self.readings @ now[:x] + errors
             off[n] = read[n] - law.E @ state
             newest, state = law.step(state, read[n], known, unlimited)
             sent = [newest, *sent[:-1]]
@@ -460,7 +463,10 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
         for dynamometer in loop.dynamometers
     ]
     inertias = np.array([case.rig.parameters[f"inertias.{rotor}.J"].value for rotor in rotors])
-    proportional, integral = hold_gains(speeds, inertias, loop["dead_time"], loop["inverter_lag"], loop["sample_time"])
+    proportional, integral = hold_gains(
+        speeds, inertias, float(loop.command_delays().max()) + loop["sample_time"] / 2,
+        float(loop.lags("inverter_lag").max()), loop["sample_time"],
+    )  # fmt: skip
     unexpected = np.full(len(law.sensors), NO_LIMIT)
     if torque < NO_LIMIT:
         # a controller without a model of the rig expects nothing

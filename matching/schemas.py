@@ -139,6 +139,7 @@ def _case() -> Schema:
                             "items": table({"input": TEXT, "sensor": TEXT}, ("input", "sensor"))},
                 **dict.fromkeys(case_file.TOLERANCES, VALUE)}  # fmt: skip
     dynamometer = dict.fromkeys(case_file.DYNAMOMETER_KEYS, TEXT) | {"torque_gain": VALUE}
+    dynamometer |= dict.fromkeys(case_file.OWN_TIMES, value("s"))
     targets = {field.name: VALUE for field in dataclasses.fields(Target)} | {"mode": {"type": "integer", "minimum": 1}}
     keys = {
         "title": TEXT, "vehicle": TEXT, "rig": TEXT, "residual_vehicle": table({"model": TEXT}, ("model",)),

@@ -102,7 +102,7 @@ class RecordedBed:
         s = 2j * np.pi * frequencies
         y, k = len(self.sensors), bed.commands.shape[1]
         H = transfer(bed.A, np.hstack([bed.commands, bed.torques]), C[:y], D[:y], s)
-        H[:, :, :k] *= np.exp(-s * bed.delay)[:, None, None]
+        H[:, :, :k] *= np.exp(-s[:, None] * bed.delay)[:, None, :]
         return H
 
 

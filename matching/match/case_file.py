@@ -50,12 +50,13 @@ def case_files(case: Case) -> dict[str, str]:
 
 
 def case_text(case: Case) -> str:
-    """A case as the text of a case file beside ``vehicle.toml`` and ``rig.toml``, in SI."""
+    """A case as the text of a case file next to ``vehicle.toml`` and ``rig.toml``, in SI."""
     loop = case.loop
     data: dict[str, Any] = {"title": case.title} if case.title else {}
     data |= {"vehicle": "vehicle.toml", "rig": "rig.toml"}
     data["dynamometers"] = {
-        dyno.name: {key: value for key, value in vars(dyno).items() if key != "name"} for dyno in loop.dynamometers
+        dyno.name: {key: value for key, value in vars(dyno).items() if key != "name" and value is not None}
+        for dyno in loop.dynamometers
     }
     data["loop"] = {"structure": loop.structure.name, "knows": list(loop.measured)}
     if loop.further_sensors:
@@ -107,6 +108,7 @@ def _bounds(case: Case, move: Move) -> dict[str, float]:
 # --- Reading the loop and the dynamometers of a case file.
 
 DYNAMOMETER_KEYS = ("torque_input", "torque_sensor", "speed_sensor", "follows")
+OWN_TIMES = ("dead_time", "inverter_lag", "torque_sensor_lag")  # of a dynamometer, where not as the loop states them
 SMALLEST_GAIN = 0.1  # of a dynamometer's torque: a smaller one is no calibration but a mistake
 
 
@@ -127,6 +129,12 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
         raise InputError(f"{where}: loop.fixed", "is neither true nor false", "fixed = true: the controller is given")
     values = {}
     for name, known_quantity in known.items():
+        if (
+            name in HARDWARE
+            and isinstance(table.get(name), dict)
+            and set(table[name]) & set(table_of(data, "dynamometers", where))
+        ):
+            raise _one_for_all(f"{where}: loop.{name}", name)
         value = (
             quantity(table[name], known_quantity.unit, f"{where}: loop.{name}").value
             if name in table
@@ -147,12 +155,28 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
     return Loop(structure, dynamometers, knows, values, further, fixed)
 
 
+def _one_for_all(where: str, key: str) -> InputError:
+    """The error for a property of the loop that is stated for each dynamometer."""
+    if key in OWN_TIMES:
+        return InputError(where, "names dynamometers", f"write {key} under [dynamometers.NAME] for each of them")
+    return InputError(where, f"one {key} holds for all dynamometers", f"state it as {key} under [loop]")
+
+
 def _torque_gain(table: Mapping[str, Any], where: str) -> float:
     """Air-gap torque over command as calibrated; 1 unless stated."""
     gain = to_si(table.get("torque_gain", 1.0), "1", where)
     if not SMALLEST_GAIN <= gain <= 1 / SMALLEST_GAIN:
         raise InputError(where, f"{gain:g} is no calibration", f"{SMALLEST_GAIN:g} … {1 / SMALLEST_GAIN:g} is possible")
     return gain
+
+
+def _own_time(value: Any, key: str, where: str) -> float:
+    """A time (s) that a dynamometer has for itself."""
+    known = HARDWARE[key]
+    time = to_si(value, "s", where)
+    if not known.lower <= time <= known.upper:
+        raise InputError(where, f"{time:g} is not possible", f"{known.lower:g} … {known.upper:g} s is needed")
+    return time
 
 
 def _names(table: Mapping[str, Any], key: str, known: list[str], example: str, where: str) -> tuple[str, ...]:
@@ -173,7 +197,10 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
     cuts = {cut.shaft: cut for cut in residual.interfaces}
     for name in tables:
         place = f"dynamometers.{name}"
-        table = table_of(tables, name, f"{where}: dynamometers", {*DYNAMOMETER_KEYS, "torque_gain"})
+        for key in set(HARDWARE) - set(OWN_TIMES):
+            if isinstance(tables[name], dict) and key in tables[name]:
+                raise _one_for_all(f"{where}: {place}.{key}", key)
+        table = table_of(tables, name, f"{where}: dynamometers", {*DYNAMOMETER_KEYS, "torque_gain", *OWN_TIMES})
         texts = [text_of(table, key, f"{where}: {place}") for key in DYNAMOMETER_KEYS]
         choices = [list(known) for known in (inputs, sensors, sensors, cuts)]
         for key, value, known in zip(DYNAMOMETER_KEYS, texts, choices, strict=True):
@@ -187,7 +214,8 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
                     f"a {measures} sensor is needed",
                 )
         gain = _torque_gain(table, f"{where}: {place}.torque_gain")
-        yield Dynamometer(name, texts[0], texts[1], texts[2], texts[3], gain)
+        times = {key: _own_time(table[key], key, f"{where}: {place}.{key}") for key in OWN_TIMES if key in table}
+        yield Dynamometer(name, texts[0], texts[1], texts[2], texts[3], gain, **times)
     followed = [table.get("follows") for table in tables.values()]
     for shaft in cuts:
         if followed.count(shaft) != 1:
@@ -475,11 +503,12 @@ def load_case(path: str | Path) -> Case:
 
 
 def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
-    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for beside ``where``."""
+    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for next to ``where``."""
     path = Path(where)
     check_file(data, TOP, where, "case")
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
     _check_not_swapped(data, vehicle, rig, where)
+    rig, late = _without_late_dynamometers(data, rig)
     try:
         vehicle, rig, notes = without_exact_delays(vehicle, rig)
     except InputError as fault:
@@ -493,6 +522,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     if simple is not None:
         residual = cut(simple, rig)
     loop = read_loop(data, rig, residual, where)
+    loop, of_dynamometers = _with_late_dynamometers(loop, late)
     rig = rig_at_operating_point(vehicle, rig, residual, loop, where)
     band = _band(data, where)
     limits, curve = read_limits(data, rig, where)
@@ -514,7 +544,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         read_uncertainty(data, vehicle, rig, loop, where),
         torque_curve=curve,
         simple_vehicle=simple,
-        notes=(*_unlike(vehicle, rig), *notes),
+        notes=(*_unlike(vehicle, rig), *notes, *of_dynamometers),
         **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
     )
 
@@ -526,6 +556,47 @@ def _check_not_swapped(data: Mapping[str, Any], vehicle: System, rig: System, wh
     of_vehicle, of_rig = ({part.name for part in system.inputs} for system in (vehicle, rig))
     if named and named <= of_vehicle and named.isdisjoint(of_rig):
         raise InputError(f"{where}: vehicle, rig", "are exchanged: the vehicle has the dynamometers", "exchange them")
+
+
+def _without_late_dynamometers(data: Mapping[str, Any], rig: System) -> tuple[System, dict[str, float]]:
+    """The rig without the dead times of its model at inputs of dynamometers, and these (s) by input."""
+    tables = data.get("dynamometers")
+    entries = tables.values() if isinstance(tables, dict) else ()
+    driven = {f"inputs.{table.get('torque_input')}" for table in entries if isinstance(table, dict)}
+    late: dict[str, float] = {}
+    kept = []
+    for effect in rig.effects:
+        if effect.law.only_delays and set(effect.places) <= driven:
+            for place in effect.places:
+                name = place.removeprefix("inputs.")
+                late[name] = late.get(name, 0.0) + sum(quantity.value for _, quantity in effect.parameters)
+        else:
+            kept.append(effect)
+    return (replace(rig, effects=tuple(kept)) if late else rig), late
+
+
+def _with_late_dynamometers(loop: Loop, late: Mapping[str, float]) -> tuple[Loop, list[str]]:
+    """The loop whose dynamometers have the dead times of the rig's model on top of the loop's, and sentences on it.
+
+    A dynamometer that states its own dead time states all of it.
+    """
+    made, notes = [], []
+    for one in loop.dynamometers:
+        more = late.get(one.torque_input, 0.0)
+        if more and one.dead_time is None:
+            made.append(replace(one, dead_time=loop["dead_time"] + more))
+            notes.append(
+                f"dynamometer {one.name}: its input is late by {1e3 * more:g} ms in the rig's model, so its dead "
+                f"time is {1e3 * (loop['dead_time'] + more):g} ms"
+            )
+        else:
+            made.append(one)
+            if more and one.dead_time is not None:
+                notes.append(
+                    f"dynamometer {one.name}: its dead time of {1e3 * one.dead_time:g} ms is all of it; the "
+                    f"{1e3 * more:g} ms in the rig's model are not added"
+                )
+    return replace(loop, dynamometers=tuple(made)), notes
 
 
 def _unlike(vehicle: System, rig: System) -> list[str]:

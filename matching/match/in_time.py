@@ -1,4 +1,4 @@
-"""The tuned controller as it runs, on beds that are not the model, beside the nonlinear vehicle."""
+"""The tuned controller as it runs, on beds that are not the model, next to the nonlinear vehicle."""
 
 from __future__ import annotations
 
@@ -296,9 +296,9 @@ def hardware(case: Case, imperfection: Imperfection) -> BedHardware:
     """Lags, delay and torque gains of an imperfect bed."""
     values, loop = imperfection.values, case.loop
     return BedHardware(
-        values.get("loop.inverter_lag", loop["inverter_lag"]),
-        values.get("loop.torque_sensor_lag", loop["torque_sensor_lag"]),
-        loop.command_delay(values.get("loop.dead_time")),
+        tuple(loop.lags("inverter_lag", values.get("loop.inverter_lag")).tolist()),
+        tuple(loop.lags("torque_sensor_lag", values.get("loop.torque_sensor_lag")).tolist()),
+        tuple(loop.command_delays(values.get("loop.dead_time")).tolist()),
         tuple(values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) for dynamometer in loop.dynamometers),
     )
 
@@ -336,7 +336,7 @@ class OpenLash:
     drawn, limit_cycles : int
         ``limit_cycles`` swing on where the vehicle comes to rest, or are not stable.
     largest_swing, vehicle_swing : float
-        N·m rms of the torque at a cut over the last half second, of the worst bed and of the vehicle beside it.
+        N·m rms of the torque at a cut over the last half second, of the worst bed and of the vehicle next to it.
     """
 
     drawn: int
@@ -408,7 +408,7 @@ COME_TO_REST_S = 4.0  # after a pulse and its opposite, which leave no speed beh
 
 @dataclass(frozen=True)
 class Standstill:
-    """What encoders alone do after a pulse and its opposite, beside the same bed with exact speeds.
+    """What encoders alone do after a pulse and its opposite, against the same bed with exact speeds.
 
     Attributes
     ----------

@@ -244,7 +244,7 @@ class Bed:
     readings, compared : ndarray (y, x), (c, x)
     compared_torques : ndarray (c, d)
         What a torque does to a compared sensor at once.
-    delay : float
+    delay : ndarray (k,)
         s, from a sample to the moment its command begins to act.
     sampled : DelayedBed
     own_modes : ndarray (m,)
@@ -259,7 +259,7 @@ class Bed:
     readings: np.ndarray
     compared: np.ndarray
     compared_torques: np.ndarray
-    delay: float
+    delay: np.ndarray
     sampled: DelayedBed
     own_modes: np.ndarray
     open_loop_damping: float
@@ -285,17 +285,17 @@ def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
 def assembled_bed(case: Case, rig: StateSpace, values: Mapping[str, float]) -> Bed:
     """The bed of a linear rig, lags, dead time and gains from ``values`` or the case."""
     loop, k = case.loop, len(case.loop.dynamometers)
-    lag, sensor_lag = (values.get(f"loop.{name}", loop[name]) for name in ("inverter_lag", "torque_sensor_lag"))
-    delay = loop.command_delay(values.get("loop.dead_time"))
+    lag, sensor_lag = (loop.lags(name, values.get(f"loop.{name}")) for name in ("inverter_lag", "torque_sensor_lag"))
+    delay = loop.command_delays(values.get("loop.dead_time"))
     n = len(rig.A)
-    A = block_diag(rig.A, -np.eye(k) / lag, -np.eye(k) / sensor_lag)
+    A = block_diag(rig.A, -np.diag(1 / lag), -np.diag(1 / sensor_lag))
     commands, readings = np.zeros((n + 2 * k, k)), np.zeros((len(loop.controller_sensors), n + 2 * k))
     for j, dynamometer in enumerate(loop.dynamometers):
         A[:n, n + j] = values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) * rig.input(
             dynamometer.torque_input
         )
-        A[n + k + j, :n] = rig.output(dynamometer.torque_sensor) / sensor_lag
-        commands[n + j, j] = 1 / lag
+        A[n + k + j, :n] = rig.output(dynamometer.torque_sensor) / sensor_lag[j]
+        commands[n + j, j] = 1 / lag[j]
     for i, name in enumerate(loop.controller_sensors):
         readings[i, :n] = rig.output(name)
     readings[:k] = np.eye(k, n + 2 * k, n + k)
@@ -362,7 +362,7 @@ class SampledBeds:
     torques : ndarray (b, x, d)
         What torques at the rig, held over a sample, do.
     states : int
-        Of a bed itself, which the commands on their way follow.
+        Of a bed itself, and of commands that have to wait longer than others, which the commands on their way follow.
     own_modes : ndarray (b, m)
         Each bed's own modes, without control, 1/s; :data:`NO_MODE` where it has fewer than others.
     open_loop_damping : ndarray (b,)
@@ -423,14 +423,15 @@ def sampled_beds(case: Case, values: Sequence[Mapping[str, float]]) -> SampledBe
 def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
     """Sampled beds as one batch, each with as many delayed commands as the bed with the longest dead time has."""
     longest = max(bed.sampled.delay for bed in beds) + 1
-    matrices = [_shifting(bed, longest) for bed in beds]
+    states = max(len(bed.sampled.whole) for bed in beds)
+    matrices = [_shifting(bed, longest, states) for bed in beds]
     A, B, C, torques = (np.stack(parts) for parts in zip(*matrices, strict=True))
     most = max(len(bed.own_modes) for bed in beds)
     own = np.stack(
         [np.pad(bed.own_modes, (0, most - len(bed.own_modes)), constant_values=NO_MODE) for bed in beds]
     )  # fmt: skip
     fast = np.array([bed.open_loop_damping for bed in beds])
-    return SampledBeds(A, B, C, torques, len(beds[0].A), own, fast)
+    return SampledBeds(A, B, C, torques, states, own, fast)
 
 
 def bed_set(case: Case, values: Sequence[Mapping[str, float]], frequencies: np.ndarray) -> BedSet:
@@ -456,27 +457,28 @@ def responses_of(
         states = resolvent(bed.A).columns(s, np.hstack([bed.torques, bed.commands]))
         read.append(bed.readings @ states[:, :, :d])
         answered.append(bed.compared @ states[:, :, :d] + bed.compared_torques)
-        late = hold * np.exp(-s * bed.delay)
-        commanded.append(bed.compared @ states[:, :, d:] * late[:, None, None])
+        late = hold[:, None] * np.exp(-s[:, None] * bed.delay)
+        commanded.append(bed.compared @ states[:, :, d:] * late[:, None, :])
     if vehicle is None:
         vehicle = np.stack([vehicle_response(case, of_bed, frequencies) for of_bed in values])
     return BedSet(case, sampled, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
 
 
-def _shifting(bed: Bed, longest: int) -> tuple[np.ndarray, ...]:
-    """A, B, C and torques of a bed whose ``longest`` delayed commands are further states."""
-    x, k, delay = len(bed.A), bed.commands.shape[1], bed.sampled.delay
+def _shifting(bed: Bed, longest: int, states: int) -> tuple[np.ndarray, ...]:
+    """A, B, C and torques of a bed whose ``longest`` delayed commands are further states after so many ``states``."""
+    x, k, delay, sampled = states, bed.commands.shape[1], bed.sampled.delay, bed.sampled
+    own = len(sampled.whole)
     A, B = np.zeros((x + k * longest,) * 2), np.zeros((x + k * longest, k))
-    A[:x, :x] = bed.sampled.whole
+    A[:own, :own] = sampled.whole
     if delay:
-        A[:x, x + k * (delay - 1) : x + k * delay] = bed.sampled.new
+        A[:own, x + k * (delay - 1) : x + k * delay] = sampled.new
     else:
-        B[:x] = bed.sampled.new
-    A[:x, x + k * delay : x + k * (delay + 1)] = bed.sampled.old
+        B[:own] = sampled.new
+    A[:own, x + k * delay : x + k * (delay + 1)] += sampled.old
     A[x + k :, x:-k] = np.eye(k * (longest - 1))
     B[x : x + k] = np.eye(k)
-    waiting = k * longest
-    return A, B, np.pad(bed.readings, ((0, 0), (0, waiting))), np.pad(bed.sampled.torques, ((0, waiting), (0, 0)))
+    C = np.pad(bed.readings, ((0, 0), (0, len(A) - bed.readings.shape[1])))
+    return A, B, C, np.pad(sampled.torques, ((0, len(A) - own), (0, 0)))
 
 
 @dataclass(frozen=True)
@@ -596,12 +598,12 @@ def controller_on(bed: LinearBed, feed_forward: FeedForward | None = None) -> Sa
     made, r = without_limits(control_law(bed, feed_forward)), len(bed.residual_space.A)
     if made.delayed_commands is not None:
         emulated, of_readings = np.zeros((r, len(made.A))), np.zeros((r, len(made.sensors)))
-        end = made.delayed_commands.start
+        begin = len(bed.bed.A)  # after rig and lags
     else:
         assert feed_forward is not None, "the structure has one"
         emulated, of_readings = _emulated(bed, len(made.A), made.reached)
-        end = made.reached + len(feed_forward.A) - k
-    emulated[:, end - r : end] = np.eye(r)
+        begin = made.reached + len(bed.bed.A)
+    emulated[:, begin : begin + r] = np.eye(r)
     return _reading_all(replace(made, emulated=(emulated, of_readings)), loop.controller_sensors)
 
 

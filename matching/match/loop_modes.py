@@ -55,10 +55,11 @@ def emulated(
         else tuple(body(part) for part in cut(parts.case.emulated_vehicle, parts.case.rig).parts)
     )
     count = len(next(iter(traces.values())))
-    step, rate = loop["sample_time"], np.array([[1 / loop["torque_sensor_lag"]]])
+    step, rates = loop["sample_time"], 1 / loop.lags("torque_sensor_lag")
     measured = {
-        cut.torque: sign * linear_motion(-rate, rate, traces[dyno.torque_sensor][:, None], step)[:, 0]
-        for dyno, cut, sign in zip(parts.dynamometers, parts.cuts, parts.torque_signs, strict=True)
+        cut.torque: sign
+        * linear_motion(np.array([[-rate]]), np.array([[rate]]), traces[dyno.torque_sensor][:, None], step)[:, 0]
+        for dyno, cut, sign, rate in zip(parts.dynamometers, parts.cuts, parts.torque_signs, rates, strict=True)
     }
     outputs: dict[str, np.ndarray] = {}
     for part in bodies:
@@ -207,7 +208,7 @@ class ClosedLoop:
 
 
 def _driven(matrix: np.ndarray, value: complex, drive: np.ndarray) -> np.ndarray:
-    """States of the loop that a mode of what runs on known torques alone drives; beside a pole of the loop, least."""
+    """States of the loop that a mode of what runs on known torques alone drives; next to a pole of the loop, least."""
     shifted = value * np.eye(len(matrix)) - matrix
     try:
         states: np.ndarray = np.linalg.solve(shifted, drive)

@@ -96,9 +96,9 @@ class Traces:
 
     Each of the three maps names to traces (t,), less their values at the operating point: sensors by name,
     ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and ``.twist``; of both rigs ``residual_vehicle.SENSOR``, what
-    the residual vehicle reads (:mod:`.emulated`). Of the matched rig also ``dynamometers.NAME.torque`` (air gap),
-    ``.speed``, ``.power`` and ``.command``, which are absolute. ``operating`` holds the values of the matched rig's
-    shafts at the operating point, ``applied_from_start`` the torques with what only leads in.
+    the residual vehicle reads (:func:`.loop_modes.emulated`). Of the matched rig also ``dynamometers.NAME.torque``
+    (air gap), ``.speed``, ``.power`` and ``.command``, which are absolute. ``operating`` holds the values of the
+    matched rig's shafts at the operating point, ``applied_from_start`` the torques with what only leads in.
     """
 
     time: np.ndarray
@@ -159,7 +159,11 @@ def matched_motion(parts: LinearBed, torques: Mapping[str, np.ndarray]) -> dict[
     """
     loop, k, system = parts.case.loop, len(parts.dynamometers), parts.rig.system
     law, count = control_law(parts), len(next(iter(torques.values())))
-    hardware = BedHardware(loop["inverter_lag"], loop["torque_sensor_lag"], loop.command_delay(), (1.0,) * k)
+    inverters, flanges, delays = (
+        tuple(each.tolist())
+        for each in (loop.lags("inverter_lag"), loop.lags("torque_sensor_lag"), loop.command_delays())
+    )
+    hardware = BedHardware(inverters, flanges, delays, (1.0,) * k)
     beds = NonlinearBeds([system], loop, parts.dynamometers, [hardware])
     unlimited = np.full((k, 1), np.inf)
     running = RunningLaw(
@@ -207,14 +211,18 @@ def foretold_motion(parts: LinearBed, torques: Mapping[str, np.ndarray], sensors
     C = np.stack([rows(name) for name in sensors])
     D = np.stack([parts.rig.space.D[parts.rig.space.outputs.index(name)] for name in sensors])
     D = D[:, [inputs.index(name) for name in parts.drives]]
-    n = len(parts.rig.space.A)
-    x, state = np.zeros(len(bed.A)), np.zeros(len(law.A))
+    n, more = len(parts.rig.space.A), len(sampled.whole) - len(bed.A)
+    x, state = np.zeros(len(sampled.whole)), np.zeros(len(law.A))
+    read_by, push_held, push_ramp = (
+        np.pad(bed.readings, ((0, 0), (0, more))),
+        *(np.pad(part, ((0, more), (0, 0))) for part in (of_torques.held, of_torques.ramp)),
+    )
     issued, read = np.zeros((count, len(parts.dynamometers))), np.empty((count, len(sensors)))
     for k in range(count):
         read[k] = C @ x[:n] + D @ drives[k]
-        issued[k], state = law.step(state, bed.readings[: len(law.sensors)] @ x, known[k], unlimited)
+        issued[k], state = law.step(state, read_by[: len(law.sensors)] @ x, known[k], unlimited)
         change = drives[min(k + 1, count - 1)] - drives[k]
-        x = sampled.whole @ x + of_torques.held @ drives[k] + of_torques.ramp @ change
+        x = sampled.whole @ x + push_held @ drives[k] + push_ramp @ change
         for ago, push in ((sampled.delay, sampled.new), (sampled.delay + 1, sampled.old)):
             if k >= ago:
                 x += push @ issued[k - ago]
@@ -275,7 +283,7 @@ def operating_readings(system: System) -> dict[str, float]:
 # --- XiL fidelity of a match on its manoeuvre (Eqs. 14 to 23), without control and matched, from the simulated traces.
 #
 # R_SD compares torque and speed at every cut, as the paper does with M and n of each load dynamometer; R_RVM the
-# vehicle's sensors behind the cuts with what the residual vehicle reads (see ``verification/emulated.py``);
+# vehicle's sensors behind the cuts with what the residual vehicle reads (:func:`.loop_modes.emulated`);
 # R_MU takes U = 2·u of the torque and speed sensor of every dynamometer over the range that the vehicle shows there.
 # The simulated signals carry no noise, so the uncertainty stated is that of U as an offset and of the delays.
 

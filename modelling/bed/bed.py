@@ -103,7 +103,8 @@ HARDWARE = {
 class Dynamometer:
     """One dynamometer: the rig input it drives, its torque and speed sensors, the cut shaft whose outer end it is.
 
-    ``torque_gain`` is its air-gap torque over its command as calibrated: commands are divided by it.
+    ``torque_gain`` is its air-gap torque over its command as calibrated: commands are divided by it. ``dead_time``,
+    ``inverter_lag`` and ``torque_sensor_lag`` (s) are its own where it has others than the loop states for all.
     """
 
     name: str
@@ -112,6 +113,9 @@ class Dynamometer:
     speed_sensor: str
     follows: str
     torque_gain: float = 1.0
+    dead_time: float | None = None
+    inverter_lag: float | None = None
+    torque_sensor_lag: float | None = None
 
 
 class ControlStructure(ABC):
@@ -130,7 +134,7 @@ class ControlStructure(ABC):
     is_observer : bool
         Whether :meth:`observer` gives the whole controller.
     further_starts : tuple of dict
-        Values of all quantities where a search may begin beside those of the case.
+        Values of all quantities where a search may begin in addition to those of the case.
     """
 
     name: str
@@ -219,8 +223,8 @@ class Loop:
     """Structure, dynamometers, measured rig inputs, and values of :data:`HARDWARE` and the structure's quantities (SI).
 
     ``measured`` are the inputs of the rig whose torque is measured, or known as a demand, and reaches the controller;
-    ``further_sensors`` those of the rig that reach it beside the dynamometers' own. ``fixed``: the controller is given,
-    and no search moves its quantities.
+    ``further_sensors`` those of the rig that reach it in addition to the dynamometers' own. ``fixed``: the controller
+    is given, and no search moves its quantities.
     """
 
     structure: ControlStructure
@@ -261,6 +265,18 @@ class Loop:
         """
         return max((self["dead_time"] if dead_time is None else dead_time) - self["sample_time"] / 2, 0.0)
 
+    def command_delays(self, dead_time: float | None = None) -> np.ndarray:
+        """The same of every dynamometer (k,); where the loop's dead time is another one, all differ by as much."""
+        more = 0.0 if dead_time is None else dead_time - self["dead_time"]
+        own = [self["dead_time"] if one.dead_time is None else one.dead_time for one in self.dynamometers]
+        return np.array([self.command_delay(value + more) for value in own])
+
+    def lags(self, name: str, value: float | None = None) -> np.ndarray:
+        """``inverter_lag`` or ``torque_sensor_lag`` of every dynamometer (k,), s; another value scales all alike."""
+        factor = 1.0 if value is None else value / self[name]
+        own = [getattr(one, name) for one in self.dynamometers]
+        return np.array([factor * (self[name] if lag is None else lag) for lag in own])
+
     def with_values(self, values: Mapping[str, float]) -> Loop:
         """The same loop with some values changed by name."""
         return replace(self, values={**self.values, **values})
@@ -286,7 +302,7 @@ class BedModel:
         The first states, of the rig; the air-gap torques (k), the lagged flange torques (k) and the residual vehicle
         follow.
     shaft_torques : ndarray (x, k)
-        What a torque beside that of each cut shaft's spring and damper does, like columns of B.
+        What a torque in addition to that of each cut shaft's spring and damper does, like columns of B.
     """
 
     space: StateSpace
@@ -319,8 +335,8 @@ def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
     k, n = len(loop.dynamometers), len(rig_space.A)
     A = block_diag(
         rig_space.A,
-        -np.eye(k) / loop["inverter_lag"],
-        -np.eye(k) / loop["torque_sensor_lag"],
+        -np.diag(1 / loop.lags("inverter_lag")),
+        -np.diag(1 / loop.lags("torque_sensor_lag")),
         *(part.A for part in parts),
     )
     starts = np.cumsum([n + 2 * k, *(len(part.A) for part in parts)])
@@ -329,8 +345,8 @@ def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
     for j, dynamometer in enumerate(loop.dynamometers):
         cut = next(cut for cut in residual.interfaces if cut.shaft == dynamometer.follows)
         A[:n, n + j] = rig_space.input(dynamometer.torque_input)
-        B[n + j, j] = 1 / loop["inverter_lag"]
-        A[n + k + j, :n] = rig_space.output(dynamometer.torque_sensor) / loop["torque_sensor_lag"]
+        B[n + j, j] = 1 / loop.lags("inverter_lag")[j]
+        A[n + k + j, :n] = rig_space.output(dynamometer.torque_sensor) / loop.lags("torque_sensor_lag")[j]
         at = next(i for i, part in enumerate(parts) if cut.torque in part.inputs)
         rows = slice(starts[at], starts[at + 1])
         A[rows, :n] += np.outer(parts[at].input(cut.torque), cut.factor * rig_space.output(_torque(cut)))
@@ -412,6 +428,9 @@ WHOLE_SAMPLE = 1e-9  # of a sample: dead times this little short of a whole numb
 class DelayedBed:
     """x(j + 1) = whole·x(j) + new·u(j − delay) + old·u(j − delay − 1) + torques·w(j), all held over a sample.
 
+    Where dead times differ, ``delay`` is the shortest, and the commands that have to wait longer pass through further
+    states, which follow those of the bed.
+
     Attributes
     ----------
     whole : ndarray (x, x)
@@ -431,17 +450,45 @@ class DelayedBed:
     delay: int
 
 
-def delayed_bed(A: np.ndarray, commands: np.ndarray, torques: np.ndarray, dead_time: float, step: float) -> DelayedBed:
+def delayed_bed(
+    A: np.ndarray, commands: np.ndarray, torques: np.ndarray, dead_time: float | np.ndarray, step: float
+) -> DelayedBed:
     """Exact discretisation of ẋ = A·x + commands·u(t − dead_time) + torques·w over a step, both in s.
 
-    A (x, x), commands (x, k), torques (x, w).
+    A (x, x), commands (x, k), torques (x, w); ``dead_time`` of all commands, or of each (k,).
     """
-    delay = int(np.floor(dead_time / step + WHOLE_SAMPLE))
-    late = max(dead_time - delay * step, 0.0)  # s at the begin of each sample, in which the command before still acts
-    k = commands.shape[1]
-    before, early = held(A, np.hstack([commands, torques]), late)
-    after, new = held(A, np.hstack([commands, torques]), step - late)
-    return DelayedBed(after @ before, new[:, :k], after @ early[:, :k], after @ early[:, k:] + new[:, k:], delay)
+    k, x = commands.shape[1], len(A)
+    times = np.broadcast_to(np.asarray(dead_time, float), (k,))
+    whole, of_torques = held(A, torques, step)
+    delays = np.floor(times / step + WHOLE_SAMPLE).astype(int)
+    delay = int(delays.min(initial=0)) if not k else int(delays.min())
+    new, old = np.zeros((x, k)), np.zeros((x, k))
+    for value in np.unique(times):
+        which = times == value
+        # s at the begin of each sample, in which the command before still acts
+        late = max(float(value) - int(delays[which][0]) * step, 0.0)
+        _, early = held(A, commands[:, which], late)
+        after, new[:, which] = held(A, commands[:, which], step - late)
+        old[:, which] = after @ early
+    waiting = [j for j in range(k) if delays[j] > delay]
+    if not waiting:
+        return DelayedBed(whole, new, old, of_torques, delay)
+    # a command that has to wait m samples longer: m + 1 registers, of which the last two act
+    size = x + sum(int(delays[j]) - delay + 1 for j in waiting)
+    made = DelayedBed(
+        np.pad(whole, (0, size - x)), np.pad(new, ((0, size - x), (0, 0))), np.pad(old, ((0, size - x), (0, 0))),
+        np.pad(of_torques, ((0, size - x), (0, 0))), delay,
+    )  # fmt: skip
+    first = x
+    for j in waiting:
+        more = int(delays[j]) - delay
+        made.whole[:x, first + more - 1], made.whole[:x, first + more] = new[:, j], old[:, j]
+        made.new[:x, j] = made.old[:x, j] = 0.0
+        made.new[first, j] = 1.0
+        for register in range(first + 1, first + more + 1):
+            made.whole[register, register - 1] = 1.0
+        first += more + 1
+    return made
 
 
 def held(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -451,7 +498,7 @@ def held(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndar
     return block[:n, :n], block[:n, n:]
 
 
-def of_model(model: BedModel, dead_time: float, step: float) -> DelayedBed:
+def of_model(model: BedModel, dead_time: float | np.ndarray, step: float) -> DelayedBed:
     """The model of rig, lags and residual vehicle, sampled (s); inputs: the commands, then the measured torques."""
     k = len(model.speed_error)
     plant = model.space

@@ -55,13 +55,13 @@ def design_feed_forward(
     """
     step = loop["sample_time"]
     model, k = bed_model(rig, residual, loop), len(loop.dynamometers)
-    plant, size = model.space, len(model.space.A)
-    bed = of_model(model, loop.command_delay(), step)
+    plant, bed = model.space, of_model(model, loop.command_delays(), step)
+    size, more = len(bed.whole), len(bed.whole) - len(plant.A)  # states, and of these registers of longer dead times
     torques = discretise(plant.A, plant.B[:, k:], step)
     A = np.vstack([np.hstack([bed.whole, bed.old]), np.zeros((k, size + k))])
     B = np.vstack([bed.new, np.eye(k)])
-    W, ramp = (np.vstack([part, np.zeros((k, len(model.measured)))]) for part in (torques.held, torques.ramp))
-    E = np.hstack([model.speed_error, np.zeros((k, k))])
+    W, ramp = (np.vstack([part, np.zeros((more + k, len(model.measured)))]) for part in (torques.held, torques.ramp))
+    E = np.hstack([model.speed_error, np.zeros((k, more + k))])
     R = command_weight * np.eye(k)
     Q = E.T @ E + STATE_WEIGHT * np.eye(len(A))
     X = riccati(A, B, Q, R, what="feed-forward for this rig and vehicle")
@@ -69,7 +69,7 @@ def design_feed_forward(
     closed, stay = A - B @ F, 1 - LEAK_PER_SAMPLE
     to_come = np.linalg.solve(np.eye(len(A)) - stay * closed.T, closed.T @ X @ W)
     of_torques = np.linalg.solve(B.T @ X @ B + R, B.T @ (X @ W + stay * to_come))
-    C = np.hstack([plant.C, np.zeros((len(plant.C), k))])
+    C = np.hstack([plant.C, np.zeros((len(plant.C), more + k))])
     # the state is kept without what the newest torques did since the sample before: ξ = x − ramp·w
     return FeedForward(
         A, B, A @ ramp + W - ramp, C, plant.D[:, k:] + C @ ramp, F, of_torques + F @ ramp, bed.delay, step,

