@@ -129,6 +129,12 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
         raise InputError(f"{where}: loop.fixed", "is neither true nor false", "fixed = true: the controller is given")
     values = {}
     for name, known_quantity in known.items():
+        if (
+            name in HARDWARE
+            and isinstance(table.get(name), dict)
+            and set(table[name]) & set(table_of(data, "dynamometers", where))
+        ):
+            raise _one_for_all(f"{where}: loop.{name}", name)
         value = (
             quantity(table[name], known_quantity.unit, f"{where}: loop.{name}").value
             if name in table
@@ -147,6 +153,13 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
     those = {name for dynamometer in dynamometers for name in (dynamometer.torque_sensor, dynamometer.speed_sensor)}
     further = tuple(name for name in measures if name not in those)
     return Loop(structure, dynamometers, knows, values, further, fixed)
+
+
+def _one_for_all(where: str, key: str) -> InputError:
+    """The error for a property of the loop that is stated for each dynamometer."""
+    if key in OWN_TIMES:
+        return InputError(where, "names dynamometers", f"write {key} under [dynamometers.NAME] for each of them")
+    return InputError(where, f"one {key} holds for all dynamometers", f"state it as {key} under [loop]")
 
 
 def _torque_gain(table: Mapping[str, Any], where: str) -> float:
@@ -184,6 +197,9 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
     cuts = {cut.shaft: cut for cut in residual.interfaces}
     for name in tables:
         place = f"dynamometers.{name}"
+        for key in set(HARDWARE) - set(OWN_TIMES):
+            if isinstance(tables[name], dict) and key in tables[name]:
+                raise _one_for_all(f"{where}: {place}.{key}", key)
         table = table_of(tables, name, f"{where}: dynamometers", {*DYNAMOMETER_KEYS, "torque_gain", *OWN_TIMES})
         texts = [text_of(table, key, f"{where}: {place}") for key in DYNAMOMETER_KEYS]
         choices = [list(known) for known in (inputs, sensors, sensors, cuts)]
