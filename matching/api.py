@@ -482,6 +482,7 @@ def diagnose(
     ...     print(cause.kind, cause.at, cause.evidence)
     """
     from matching.diagnosis.diagnose import diagnose as run
+    from modelling.recordings.plausible import check_motion
     from modelling.recordings.recording import Recording
 
     system = system_of(model)
@@ -489,6 +490,8 @@ def diagnose(
         [what] if isinstance(what, str | PathLike | Recording) else list(what or ()) for what in (recordings, holdout)
     )
     read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
+    for each in read:
+        check_motion(each.channels, system, each.source or "recording")
     if time_limit is not None and not time_limit > 0:
         raise InputError("time_limit", f"{time_limit:g} s is out of range", "give a positive number of seconds")
     computing()

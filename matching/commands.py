@@ -298,6 +298,7 @@ def modes_summary(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+AT_REST = 1e-9  # of a sensor's readings or error: it moves by no more than rounding
 SMALLEST_TOLERANCE = 1e-9  # share of a reading's range; below, rounding decides
 
 
@@ -349,12 +350,13 @@ def _inaccurate(errors: dict[str, float], tolerance: float, linear: bool) -> lis
 
 
 def _misfit(simulated: np.ndarray, recorded: np.ndarray, unit: str) -> dict[str, Any]:
-    """Root mean square of a sensor's difference (t,), and its share of the recorded range; None where that is 0."""
+    """Root mean square of a sensor's difference (t,), and its share of the recorded range; None of a sensor at rest."""
     import numpy as np
 
     there = np.isfinite(recorded)
     rms, spread = float(np.sqrt(np.mean((simulated - recorded)[there] ** 2))), float(np.ptp(recorded[there]))
-    return {"rms": rms, "unit": unit, "of_range": rms / spread if spread else None}
+    rests = spread <= AT_REST * max(rms, float(np.abs(recorded[there]).max()))
+    return {"rms": rms, "unit": unit, "of_range": None if rests else rms / spread}
 
 
 def simulate_summary(result: dict[str, Any]) -> str:

@@ -185,6 +185,7 @@ class FitData:
 MEDIAN_OF_NORMAL = 0.6745  # median of |x| for x normal with standard deviation 1
 SMALLEST_SHARE = 1e-6  # of the largest reading: less is rounding
 SMALLEST = 1e-12  # SI, for readings that are all 0
+UNMEASURED = 1e6  # SI, noise of a sensor without any reading: it tells nothing
 
 
 def noise_from_scatter(parts: Sequence[np.ndarray]) -> float:
@@ -264,11 +265,30 @@ def prepare_data(system: System, recordings: Sequence[Recording]) -> tuple[FitDa
         raise InputError(
             recordings[0].source, "has no part without gaps that is long enough", f"{FEWEST_SAMPLES} samples"
         )
+    segments, resting = _without_resting(system, segments)
+    notes += resting
     noise, remarks = _noise(system, segments)
     data = FitData(tuple(segments), noise)
     if not data.readings_count:
         raise InputError(recordings[0].source, "has no usable reading", "see the notes on its channels")
     return data, list(dict.fromkeys(notes + remarks))
+
+
+def _without_resting(system: System, segments: Sequence[Segment]) -> tuple[list[Segment], list[str]]:
+    """Segments without sensors that keep one value and state no uncertainty: nothing tells how exact they are."""
+    kept, notes = [replace(segment, readings=segment.readings.copy()) for segment in segments], []
+    for j, sensor in enumerate(system.sensors):
+        values = np.concatenate([segment.readings[:, j] for segment in kept])
+        values = values[np.isfinite(values)]
+        if (
+            not sensor.uncertainty
+            and values.size
+            and np.ptp(values) <= max(SMALLEST_SHARE**2 * np.abs(values).max(), SMALLEST)
+        ):
+            notes.append(f"{sensor.name} keeps one value and states no uncertainty: left out; state one to use it")
+            for segment in kept:
+                segment.readings[:, j] = np.nan
+    return kept, notes
 
 
 def _segments(system: System, recording: Recording, number: int) -> tuple[list[Segment], list[str]]:
@@ -314,7 +334,9 @@ def _noise(system: System, segments: Sequence[Segment]) -> tuple[np.ndarray, lis
     noise, notes = [], []
     for j, sensor in enumerate(system.sensors):
         uncertainty = sensor.uncertainty
-        if not uncertainty:
+        if not any(segment.measured[:, j].any() for segment in segments):
+            uncertainty = uncertainty or UNMEASURED
+        elif not uncertainty:
             uncertainty = noise_from_scatter([segment.readings[:, j] for segment in segments])
             scatter = f"{uncertainty:.3g} {sensor.unit}"
             notes.append(f"{sensor.name} states no uncertainty: {scatter} is estimated from its scatter")

@@ -95,7 +95,7 @@ from matching.diagnosis.windows import window_uncertainties
 from modelling.errors import FitError, InputError
 from modelling.recordings.recording import Recording
 from modelling.resources import is_limited, limited, time_is_over
-from modelling.simulation.simulate import check_speed_units
+from modelling.simulation.simulate import check_exchanged, check_speed_units
 from modelling.system import System
 
 # --- From a base fit to causes with their rivals; of long data by way of a time window.
@@ -343,12 +343,13 @@ def diagnose(
 
 def _base_fit(system: System, train: FitData, recordings: Sequence[Recording], settings: DiagnosisSettings) -> Fit:
     """The fit of a system as given. Where it is far off, a speed or an angle without a unit may be in another one than
-    taken: an InputError then says which."""
+    taken, or two columns may be exchanged: an InputError then says which."""
     try:
         fit = fit_base(system, train, settings)
     except FitError as reason:
         for recording in recordings:
             check_speed_units(system, recording)
+            check_exchanged(system, recording)
         source, wrong = recordings[0].source, f"the model cannot be fitted to it: {reason}"
         raise InputError(source, wrong, "check units and signs of the channels, and the values of the model") from None
     readings = np.concatenate([segment.readings for segment in train.segments])
@@ -356,6 +357,7 @@ def _base_fit(system: System, train: FitData, recordings: Sequence[Recording], s
     if (rms_errors(fit) * train.noise > FAR_OFF * np.array(spread)).any():
         for recording in recordings:
             check_speed_units(system, recording)
+            check_exchanged(system, recording)
     return fit
 
 

@@ -30,6 +30,7 @@ from matching.report.common import RIG, VEHICLE
 from modelling.errors import InputError
 from modelling.escape import file_name
 from modelling.recordings.readers import READERS, read_table
+from modelling.units import factor
 from modelling.writing import write_all
 
 LARGEST_UPLOAD = "2000MB"  # of a dropped file; a larger one is opened by its path
@@ -155,6 +156,7 @@ class MeasurementTab:
         unit = self.file.columns[self.signal.value]
         # as plain text: Bokeh fetches a library from the network for a label with $$
         self.figure.yaxis.axis_label = PlainText(text=f"{self.signal.value} [{unit or 'SI'}]")
+        self.figure.xaxis.axis_label = PlainText(text=f"time [{self.file.time_unit}]")
         self._draw_simulated(unit)
 
     def _figure(self) -> Any:
@@ -232,8 +234,11 @@ class MeasurementTab:
         system = self.workspace.models[self.role.value].system
         si = next((wanted.si for wanted in wanted_channels(system) if wanted.name == name), "")
         drawn = Measurement(Path(), table, table.names[0])
-        time, values = drawn.signal(name, self.figure.x_range.start, self.figure.x_range.end)
-        self.simulated.data = {"t": time, "y": in_units_of(values, si, unit)}
+        assert self.file is not None
+        of_file = self.file.time_unit
+        seconds = factor(of_file, "s")
+        time, values = drawn.signal(name, self.figure.x_range.start * seconds, self.figure.x_range.end * seconds)
+        self.simulated.data = {"t": in_units_of(time, "s", of_file), "y": in_units_of(values, si, unit)}
 
     def _show_diagnosis(self, _: Ended) -> None:
         out = self.workspace.out / "diagnosis"

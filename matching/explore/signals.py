@@ -98,6 +98,11 @@ class Measurement:
         return {column.name: column.unit for column in self.table.columns if column.name != self.time}
 
     @property
+    def time_unit(self) -> str:
+        """Unit of time in the file; seconds where it states none."""
+        return self.table[self.time].unit or "s"
+
+    @property
     def span(self) -> tuple[float, float]:
         """First and last time, in the file's unit."""
         time = self._column(self.time)

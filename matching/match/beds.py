@@ -305,7 +305,7 @@ def damping_left(share: float) -> float:
 # The least damped mode may be one of the residual vehicle that no bed moves, and another one fall below it in a corner
 # of the box. So the descent follows those modes that their gradients promise to be damped least in a corner.
 
-STARTS = 1  # drawn beds with the least damping, beside the bed as planned
+STARTS = 1  # drawn beds with the least damping, in addition to the bed as planned
 ROUNDS = 4  # of the descent at most, each with a gradient of its own
 ERROR_ROUNDS = 2  # of the error's, which takes longer to work out
 DIFFERENCE = 0.02  # of a half-width

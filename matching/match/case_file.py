@@ -50,7 +50,7 @@ def case_files(case: Case) -> dict[str, str]:
 
 
 def case_text(case: Case) -> str:
-    """A case as the text of a case file beside ``vehicle.toml`` and ``rig.toml``, in SI."""
+    """A case as the text of a case file next to ``vehicle.toml`` and ``rig.toml``, in SI."""
     loop = case.loop
     data: dict[str, Any] = {"title": case.title} if case.title else {}
     data |= {"vehicle": "vehicle.toml", "rig": "rig.toml"}
@@ -129,6 +129,12 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
         raise InputError(f"{where}: loop.fixed", "is neither true nor false", "fixed = true: the controller is given")
     values = {}
     for name, known_quantity in known.items():
+        if (
+            name in HARDWARE
+            and isinstance(table.get(name), dict)
+            and set(table[name]) & set(table_of(data, "dynamometers", where))
+        ):
+            raise _one_for_all(f"{where}: loop.{name}", name)
         value = (
             quantity(table[name], known_quantity.unit, f"{where}: loop.{name}").value
             if name in table
@@ -147,6 +153,13 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
     those = {name for dynamometer in dynamometers for name in (dynamometer.torque_sensor, dynamometer.speed_sensor)}
     further = tuple(name for name in measures if name not in those)
     return Loop(structure, dynamometers, knows, values, further, fixed)
+
+
+def _one_for_all(where: str, key: str) -> InputError:
+    """The error for a property of the loop that is stated for each dynamometer."""
+    if key in OWN_TIMES:
+        return InputError(where, "names dynamometers", f"write {key} under [dynamometers.NAME] for each of them")
+    return InputError(where, f"one {key} holds for all dynamometers", f"state it as {key} under [loop]")
 
 
 def _torque_gain(table: Mapping[str, Any], where: str) -> float:
@@ -184,6 +197,9 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
     cuts = {cut.shaft: cut for cut in residual.interfaces}
     for name in tables:
         place = f"dynamometers.{name}"
+        for key in set(HARDWARE) - set(OWN_TIMES):
+            if isinstance(tables[name], dict) and key in tables[name]:
+                raise _one_for_all(f"{where}: {place}.{key}", key)
         table = table_of(tables, name, f"{where}: dynamometers", {*DYNAMOMETER_KEYS, "torque_gain", *OWN_TIMES})
         texts = [text_of(table, key, f"{where}: {place}") for key in DYNAMOMETER_KEYS]
         choices = [list(known) for known in (inputs, sensors, sensors, cuts)]
@@ -487,7 +503,7 @@ def load_case(path: str | Path) -> Case:
 
 
 def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
-    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for beside ``where``."""
+    """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for next to ``where``."""
     path = Path(where)
     check_file(data, TOP, where, "case")
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))

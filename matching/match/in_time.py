@@ -1,4 +1,4 @@
-"""The tuned controller as it runs, on beds that are not the model, beside the nonlinear vehicle."""
+"""The tuned controller as it runs, on beds that are not the model, next to the nonlinear vehicle."""
 
 from __future__ import annotations
 
@@ -336,7 +336,7 @@ class OpenLash:
     drawn, limit_cycles : int
         ``limit_cycles`` swing on where the vehicle comes to rest, or are not stable.
     largest_swing, vehicle_swing : float
-        N·m rms of the torque at a cut over the last half second, of the worst bed and of the vehicle beside it.
+        N·m rms of the torque at a cut over the last half second, of the worst bed and of the vehicle next to it.
     """
 
     drawn: int
@@ -408,7 +408,7 @@ COME_TO_REST_S = 4.0  # after a pulse and its opposite, which leave no speed beh
 
 @dataclass(frozen=True)
 class Standstill:
-    """What encoders alone do after a pulse and its opposite, beside the same bed with exact speeds.
+    """What encoders alone do after a pulse and its opposite, against the same bed with exact speeds.
 
     Attributes
     ----------

@@ -208,7 +208,7 @@ class ClosedLoop:
 
 
 def _driven(matrix: np.ndarray, value: complex, drive: np.ndarray) -> np.ndarray:
-    """States of the loop that a mode of what runs on known torques alone drives; beside a pole of the loop, least."""
+    """States of the loop that a mode of what runs on known torques alone drives; next to a pole of the loop, least."""
     shifted = value * np.eye(len(matrix)) - matrix
     try:
         states: np.ndarray = np.linalg.solve(shifted, drive)

@@ -292,7 +292,7 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
 
 
 def _limited_by(result: MatchResult) -> tuple[str, ...]:
-    """Names of what stands in the way: as in ``search.limits``, without the words."""
+    """Names of what stands in the way: as in :mod:`matching.match.limits`, without the words."""
     if not result.verification.stable:
         return ("stability",)
     rig = {f"rig.{name}": parameter.value for name, parameter in result.tuned.rig.parameters.items()}

@@ -87,7 +87,7 @@ def match(
         Have adapters stay as planned that gain nothing, and work out what each gains; without it they are as the search
         has them, as a map compares its points.
     aside : SideProcesses, optional
-        Works out ``in_time`` beside the verification; without it only where somebody asks for it.
+        Works out ``in_time`` during the verification; without it only where somebody asks for it.
     begins : sequence of mapping
         Values by name, SI, from which the search begins instead, as a map begins from its neighbours.
     settings : SearchSettings, optional

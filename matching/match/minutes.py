@@ -33,7 +33,7 @@ class MinuteSettings:
     settle : float
         s of speed hold before; the first half of it brings the rotors to their speed.
     drawn : int
-        Beds drawn from the case's box, beside the bed as planned.
+        Beds drawn from the case's box, in addition to the bed as planned.
     offset : float
         Uncertainties of a sensor by which it drifts over the time: a warm flange, one way or the other.
     encoder_gain : float

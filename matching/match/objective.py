@@ -527,10 +527,10 @@ def backward(search: Search, at: Point, change: np.ndarray) -> tuple[np.ndarray,
             total += np.einsum("fki,fkm,fjm->ij", left[part], pull, right[part], optimize=True).real
     cost = np.tensordot(change, total, 2)
     every = slice(parts[0].start, parts[0].stop)
-    beside = slice(sum(map(len, f)), None)
-    left, right, beside_left, beside_right = left[every], right[every], left[beside], right[beside]
+    there = slice(sum(map(len, f)), None)
+    left, right, left_there, right_there = left[every], right[every], left[there], right[there]
     of_margin = left.copy(), right.copy()
-    of_margin[0][minima], of_margin[1][minima] = beside_left, beside_right
+    of_margin[0][minima], of_margin[1][minima] = left_there, right_there
     rows = [*_damping_rows(search, at, change), *_loop_rows(search, at, change, (left, right), of_margin)]
     return cost, np.concatenate(rows)
 
@@ -602,7 +602,7 @@ def _ratio_change(z: np.ndarray, moved: np.ndarray, step: float) -> np.ndarray:
     return ratio
 
 
-OFF_THE_POLE = 1e-9  # of |z|: an inverse iteration beside the eigenvalue finds its vectors in one step
+OFF_THE_POLE = 1e-9  # of |z|: an inverse iteration next to the eigenvalue finds its vectors in one step
 
 
 def _vectors(matrices: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -721,7 +721,7 @@ def search_for(
     Parameters
     ----------
     moves : sequence of Move
-        What may move beside the weights of an observer.
+        What may move in addition to the weights of an observer.
     shares : mapping
         Of the target modes' energy that each of them holds, by name.
     """

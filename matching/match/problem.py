@@ -95,7 +95,7 @@ def differing_components(case: Case) -> list[str]:
 
 # --- Limits that the manoeuvre breaks whatever the moves are, and fixed quantities that are released for a limit.
 
-SPREAD = 256  # settings of the rig at which the demands are looked at, all corners beside them
+SPREAD = 256  # settings of the rig at which the demands are looked at, and all corners
 CORNERS = 8  # quantities up to which all corners are looked at
 
 

@@ -57,7 +57,7 @@ class ComparedBed:
     """A tuned bed and the vehicle that it is compared with, at any frequencies.
 
     The controller samples the sensors and the measured torques, and holds each command for one sample. A torque
-    exp(jωt) makes every sampled signal U·exp(jωkT); the held command has the same frequency beside its images at
+    exp(jωt) makes every sampled signal U·exp(jωkT); the held command has the same frequency and its images at
     ω ± 2πn/T. Inside the loop all of them count, as the rig is discretised exactly; of what the rig shows, the part at
     ω is its response (Chen and Francis, Optimal Sampled-Data Control Systems, 1995, chapter 3).
 

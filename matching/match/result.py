@@ -168,7 +168,7 @@ class MatchResult(Displayed):
     limits : tuple of str
         What stands in the way, most binding first.
     notes : tuple of str
-        What the user should know beside it.
+        What the user should know in addition.
     case, tuned : Case
         As asked and with the tuned values.
     vehicle_modes, rig_modes : tuple of Mode
@@ -189,7 +189,7 @@ class MatchResult(Displayed):
     minutes : Minutes
         The exported controller at rest and at speed.
     simulated_in_time : InTime or None
-        What ``in_time`` is, where it was worked out beside the verification; None where only on request.
+        What ``in_time`` is, where it was worked out during the verification; None where only on request.
     """
 
     status: str

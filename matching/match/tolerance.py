@@ -319,7 +319,7 @@ class Tolerance(Displayed):
     varied : tuple of Varied
     spreads : tuple of Spread
         Modulus margin, the modes that the targets became (of a model-based feed-forward those that measured torques
-        excite, and beside them those of its feedback), response errors.
+        excite, and also those of its feedback), response errors.
     shares : dict of str to float
         Yield: the share of draws that is stable, is damped as a match asks it, keeps the response errors within their
         tolerances and every target mode within its own of the vehicle with the same specimen, and all of these.
@@ -419,8 +419,8 @@ def tolerance(
     draws : int
     executor : concurrent.futures.Executor
     added : mapping of str to float, or None
-        Relative tolerances beside those of the rig file, by name or by a pattern such as ``rig.*.stiffness``; what
-        stands later counts.
+        Relative tolerances in addition to those of the rig file, by name or by a pattern such as
+        ``rig.*.stiffness``; what stands later counts.
     record, progress : see :func:`matching.studies.run`
     """
     varied = what_varies(case, added)

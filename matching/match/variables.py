@@ -70,7 +70,7 @@ class SearchSettings:
     fresh : int
         Beds that judge the result; none of them is seen by the search.
     weight_planned : float
-        Weight of the bed as planned, beside the mean of the drawn beds.
+        Weight of the bed as planned, next to the mean of the drawn beds.
     weight_change : float
         Cost of a quantity that moves over its whole range and holds all energy of a target mode; what holds less costs
         more, by Eqs. 6 to 8.

@@ -96,9 +96,9 @@ class Traces:
 
     Each of the three maps names to traces (t,), less their values at the operating point: sensors by name,
     ``interfaces.SHAFT.speed``, ``shafts.NAME.torque`` and ``.twist``; of both rigs ``residual_vehicle.SENSOR``, what
-    the residual vehicle reads (:mod:`.emulated`). Of the matched rig also ``dynamometers.NAME.torque`` (air gap),
-    ``.speed``, ``.power`` and ``.command``, which are absolute. ``operating`` holds the values of the matched rig's
-    shafts at the operating point, ``applied_from_start`` the torques with what only leads in.
+    the residual vehicle reads (:func:`.loop_modes.emulated`). Of the matched rig also ``dynamometers.NAME.torque``
+    (air gap), ``.speed``, ``.power`` and ``.command``, which are absolute. ``operating`` holds the values of the
+    matched rig's shafts at the operating point, ``applied_from_start`` the torques with what only leads in.
     """
 
     time: np.ndarray
@@ -283,7 +283,7 @@ def operating_readings(system: System) -> dict[str, float]:
 # --- XiL fidelity of a match on its manoeuvre (Eqs. 14 to 23), without control and matched, from the simulated traces.
 #
 # R_SD compares torque and speed at every cut, as the paper does with M and n of each load dynamometer; R_RVM the
-# vehicle's sensors behind the cuts with what the residual vehicle reads (see ``verification/emulated.py``);
+# vehicle's sensors behind the cuts with what the residual vehicle reads (:func:`.loop_modes.emulated`);
 # R_MU takes U = 2·u of the torque and speed sensor of every dynamometer over the range that the vehicle shows there.
 # The simulated signals carry no noise, so the uncertainty stated is that of U as an offset and of the delays.
 

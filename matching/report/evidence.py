@@ -339,8 +339,9 @@ def uncertainty_report(content: Mapping[str, Any], folder: str = "", made: Any =
     """What an evaluated budget says."""
     measurands = content["measurands"]
     names = [measurand["name"] for measurand in measurands]
+    by_draws = " (Monte Carlo)" if content.get("correlation_method") == "monte_carlo" else ""
     correlations = [
-        f"r({first}, {second}) = {content['correlation'][i][j]:+.3f}"
+        f"r({first}, {second}) = {content['correlation'][i][j]:+.3f}{by_draws}"
         for i, first in enumerate(names)
         for j, second in enumerate(names)
         if j > i

@@ -351,7 +351,7 @@ def signals(result: MatchResult) -> list[Signal]:
 
 
 def in_time_signals(result: MatchResult) -> list[Signal]:
-    """The compared sensors of the worst bed with everything wrong, beside its vehicle."""
+    """The compared sensors of the worst bed with everything wrong, next to its vehicle."""
     traces = result.in_time.traces
     if traces is None:
         return []
@@ -713,7 +713,7 @@ CAPTIONS = {
     "responses": "Frequency responses. The line of the matched rig should run inside the broad line of the vehicle; "
     "the grey band is the matched band. Dotted: the matched rig when the controller does not measure the torque.",
     "manoeuvre": "The manoeuvre, simulated with a delay line and a sampled controller.",
-    "in_time": "A bed with everything wrong at once, the worst of those drawn, beside the nonlinear vehicle with the "
+    "in_time": "A bed with everything wrong at once, the worst of those drawn, next to the nonlinear vehicle with the "
     "same specimen. Dotted: the controller does not measure the torque.",
     "sensitivity": "Sensitivity S and complementary sensitivity T of the feedback loop on the bed as planned. Grey: "
     "the limits, each from the frequency on from which it counts.",
@@ -1127,7 +1127,7 @@ def _standstill(truth: InTime) -> str:
 
 
 def _residual(result: MatchResult) -> list[dict[str, str]]:
-    """Rows of the residual vehicle; one of the case's own beside what its file says, else beside the vehicle."""
+    """Rows of the residual vehicle; one of the case's own next to what its file says, else next to the vehicle."""
     simple = result.simple_vehicle
     rows = []
     for part in result.tuned.residual_vehicle.parts:

@@ -166,7 +166,7 @@ def mode_table(modes: Sequence[dict[str, Any]], components: int = 3) -> list[dic
 
     Undamped modes have no column of damping ratios.
     """
-    damped = any(mode["damping_ratio"] for mode in modes)
+    damped = any(mode["damping_ratio"] is not None for mode in modes)
     return [
         {
             "mode": str(mode["number"]),

@@ -612,10 +612,16 @@ def _from_readings(
 def read_line(name: str, table: Any, where: str) -> tuple[InputQuantity, InputQuantity, float]:
     """Intercept and slope of a straight line fitted to readings by least squares (GUM H.3), and their correlation.
 
-    The line is ``ordinate = NAME_intercept + NAME_slope * (abscissa - origin)``.
+    The line is ``ordinate = NAME_intercept + NAME_slope * (abscissa - origin)``. In the budget's formula an abscissa in
+    °C counts from absolute zero, so a unit with an offset needs the origin.
     """
     check_keys(table, LINE, where)
     units = [unit_of(table.get(f"{axis}_unit", "1"), f"{where}.{axis}_unit") for axis in ("abscissa", "ordinate")]
+    if units[0].offset and "origin" not in table:
+        raise InputError(
+            f"{where}.abscissa_unit", f"{units[0].text} has its zero elsewhere than SI, and no origin is stated",
+            f"write for example origin = 20, and in the formula {name}_slope * (t - t0), t0 an input of 20 degC",
+        )  # fmt: skip
     x, y = (np.array(numbers(table.get(axis), f"{where}.{axis}", least=3)) for axis in ("abscissa", "ordinate"))
     if len(x) != len(y):
         raise InputError(where, f"{len(x)} abscissas but {len(y)} ordinates", "give as many of both")

@@ -11,6 +11,7 @@ from matching.uncertainty.propagate import (
     MonteCarlo,
     Propagation,
     coverage_factor,
+    drawn_correlation,
     monte_carlo,
     numerical_tolerance,
     output_correlation,
@@ -51,7 +52,11 @@ def evaluate(
             for result in results
         )
     )
-    return Uncertainty(budget, results, output_correlation(budget, [result.propagation for result in results]), inverse)
+    if len(results) > 1 and any(result.method == "monte_carlo" for result in results):
+        correlation, by = drawn_correlation(budget, budget.measurands, seed), "monte_carlo"
+    else:
+        correlation, by = output_correlation(budget, [result.propagation for result in results]), "first_order"
+    return Uncertainty(budget, results, correlation, inverse, by)
 
 
 def evaluate_measurand(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
@@ -151,7 +151,7 @@ def _score(shape: Distribution, normal: np.ndarray) -> np.ndarray:
 
 # --- Propagate
 
-LARGEST_VALUE = 1e160  # of larger ones, even the sum of the squares of their rounding errors is no number
+LARGEST_VALUE = 1e100  # no result of a program is larger
 CANCELLED = 1e-14  # of the sum of contributions, squared: a smaller variance is rounding, as of x + y at r = -1
 
 
@@ -262,7 +262,9 @@ def _propagated(budget: Budget, measurand: Measurand, derivatives: _Derivatives)
             extra += excess * u4 * (hessian[i, i] ** 2 / 4 + c[i] * derivatives.third[i] / 3)
     freedom, refusal = effective_degrees_of_freedom(budget, c)
     smooth = math.isfinite(extra) and not _on_a_kink(budget, measurand)
-    second = math.sqrt(max(first + extra, 0.0)) if smooth else math.nan
+    # a series that leaves no variance where the first order has one does not hold for these uncertainties
+    holds = smooth and (first + extra > 0 or first == extra == 0)
+    second = math.sqrt(first + extra) if holds else math.nan
     return Propagation(derivatives.value, c, math.sqrt(max(first, 0.0)), second, bias, freedom, refusal)
 
 
@@ -631,6 +633,27 @@ def monte_carlo(
                         return now
                     next_question = QUESTION_GROWTH * len(rows)
     return result()
+
+
+CORRELATION_DRAWS = 1_000_000  # they leave 0.001 of a correlation open
+
+
+def drawn_correlation(budget: Budget, measurands: Sequence[Measurand], seed: int = 1) -> np.ndarray:
+    """Correlation of the measurands (measurands, measurands) by joint draws of all inputs (JCGM 102, 7.6)."""
+    chunk = 10_000
+    values = [_drawn_values(budget, measurand, seed, chunk) for measurand in measurands]
+    count, size = CORRELATION_DRAWS // chunk, len(measurands)
+    means, products = np.zeros(size), np.zeros((size, size))
+    shift = np.array([value(0).mean() for value in values])  # of large values the products would lose all digits
+    for place in range(count):
+        drawn = np.stack([value(place) for value in values]) - shift[:, None]
+        means += drawn.mean(axis=1) / count
+        products += drawn @ drawn.T / (chunk * count)
+    covariance = products - np.outer(means, means)
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = np.clip(covariance / np.outer(u, u), -1.0, 1.0)
+    return np.where(np.outer(u, u) > 0, correlation, np.eye(size))
 
 
 def _summary(y: np.ndarray, coverage: float) -> tuple[float, ...]:

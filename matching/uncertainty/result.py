@@ -157,12 +157,15 @@ class Uncertainty(Displayed):
         Of the measurands, by the inputs they share.
     inverse : tuple of RequiredImprovement
         What has to improve for a wanted uncertainty, if one was asked for.
+    correlation_method : str
+        ``"monte_carlo"`` where a result is stated by Monte Carlo, else ``"first_order"``.
     """
 
     budget: Budget
     measurands: tuple[MeasurandResult, ...]
     correlation: np.ndarray
     inverse: tuple[RequiredImprovement, ...] = ()
+    correlation_method: str = "first_order"
 
     @property
     def statements(self) -> tuple[str, ...]:
@@ -176,6 +179,7 @@ class Uncertainty(Displayed):
             "title": self.budget.title,
             "measurands": [result.to_dict(units) for result in self.measurands],
             "correlation": self.correlation.tolist(),
+            "correlation_method": self.correlation_method,
         }
         if self.inverse:
             content["inverse"] = [answer.to_dict() for answer in self.inverse]

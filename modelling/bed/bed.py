@@ -134,7 +134,7 @@ class ControlStructure(ABC):
     is_observer : bool
         Whether :meth:`observer` gives the whole controller.
     further_starts : tuple of dict
-        Values of all quantities where a search may begin beside those of the case.
+        Values of all quantities where a search may begin in addition to those of the case.
     """
 
     name: str
@@ -223,8 +223,8 @@ class Loop:
     """Structure, dynamometers, measured rig inputs, and values of :data:`HARDWARE` and the structure's quantities (SI).
 
     ``measured`` are the inputs of the rig whose torque is measured, or known as a demand, and reaches the controller;
-    ``further_sensors`` those of the rig that reach it beside the dynamometers' own. ``fixed``: the controller is given,
-    and no search moves its quantities.
+    ``further_sensors`` those of the rig that reach it in addition to the dynamometers' own. ``fixed``: the controller
+    is given, and no search moves its quantities.
     """
 
     structure: ControlStructure
@@ -302,7 +302,7 @@ class BedModel:
         The first states, of the rig; the air-gap torques (k), the lagged flange torques (k) and the residual vehicle
         follow.
     shaft_torques : ndarray (x, k)
-        What a torque beside that of each cut shaft's spring and damper does, like columns of B.
+        What a torque in addition to that of each cut shaft's spring and damper does, like columns of B.
     """
 
     space: StateSpace

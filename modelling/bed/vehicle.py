@@ -269,7 +269,9 @@ def without_exact_delays(vehicle: System, rig: System) -> WithoutDelays:
         of_sensor = place.startswith("sensors.")
         if place not in places[0] and not of_sensor:
             raise InputError(
-                f"rig: {place}", "is delayed inside the control loop", "state it in loop.dead_time instead"
+                f"rig: {place}",
+                "is delayed inside the control loop",
+                "state it as dead_time under [loop], or under [dynamometers.NAME]",
             )
         if place in places[0] and place in places[1] and here != there:
             raise InputError(

@@ -13,7 +13,7 @@ from modelling.bed.vehicle import FeedForward
 from modelling.errors import InputError
 from modelling.linear.state_space import StateSpace
 
-# --- The sampled laws of feedback and of a feed-forward beside it.
+# --- The sampled laws of feedback and of a feed-forward next to it.
 
 
 def law_of_feedback(
@@ -244,13 +244,13 @@ class Settings:
     hold_proportional, hold_integral : ndarray (k,)
         N·m·s/rad, N·m/rad of the speed hold.
     lost_torque : ndarray (k,)
-        N·m: a flange torque above it that is gone at once is a broken shaft, see :mod:`.torque_gone`.
+        N·m: a flange torque above it that is gone at once is a broken shaft, see :func:`has_gone`.
     torque_gain : ndarray (k,)
         Air-gap torque over command as calibrated: commands are divided by it.
     curve_speeds, curve_torques : ndarray (p,)
         rad/s, N·m: largest torque over speed of every dynamometer, straight between the points.
     opened_torque : ndarray (s,)
-        N·m: a watched shaft that carries more and loses it counts as opened, see :mod:`.opened_shaft`.
+        N·m: a watched shaft that carries more and loses it counts as opened, see :class:`ShaftWatch`.
     unexpected : ndarray (y,)
         How far a reading may be from what the controller's model expects, in its unit.
     frozen_samples : int

@@ -492,6 +492,7 @@ def _shares(
         springs=parts.springs,
         coordinates=coordinates,
         eigenvalues=1j * omega,
+        damped=False,
     )
 
 

@@ -41,11 +41,13 @@ class Mode:
     modal_mass: float = field(default=0.0)
     modal_stiffness: float = field(default=0.0)
     shape: dict[str, complex] = field(default_factory=dict, repr=False)
+    damped: bool = field(default=True, repr=False)
 
     def to_dict(self) -> dict[str, Any]:
-        """As ``modes.json`` holds it."""
+        """As ``modes.json`` holds it; the damping ratio of an undamped mode, which was not calculated, is None."""
         keys = ("number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential")
-        return {key: getattr(self, key) for key in keys}
+        known = {key: getattr(self, key) for key in keys}
+        return known if self.damped else known | {"damping_ratio": None}
 
     def animate(self) -> Any:
         """The chain swinging in this mode, slowed: a drawing for a notebook, with ``save(path)`` for a file (SVG)."""
@@ -74,6 +76,8 @@ class Modes(Displayed):
         Names.
     eigenvalues : ndarray (m,), complex
         1/s.
+    damped : bool
+        Whether damping ratios were calculated.
     """
 
     frequencies: np.ndarray
@@ -89,6 +93,7 @@ class Modes(Displayed):
     springs: tuple[str, ...]
     coordinates: tuple[str, ...]
     eigenvalues: np.ndarray
+    damped: bool = True
 
     _ARRAYS = (
         "frequencies", "damping_ratios", "symmetries", "shapes", "modal_mass", "modal_stiffness", "kinetic",
@@ -98,7 +103,9 @@ class Modes(Displayed):
     def case(self, index: int) -> Modes:
         """Modes of one parameter set of a batch."""
         arrays = {name: getattr(self, name)[index] for name in self._ARRAYS}
-        return Modes(masses=self.masses, springs=self.springs, coordinates=self.coordinates, **arrays)
+        return Modes(
+            masses=self.masses, springs=self.springs, coordinates=self.coordinates, damped=self.damped, **arrays
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return self.frequencies.shape[-1]
@@ -116,6 +123,7 @@ class Modes(Displayed):
             modal_mass=float(self.modal_mass[index]),
             modal_stiffness=float(self.modal_stiffness[index]),
             shape=dict(zip(self.masses, self.mass_amplitudes[:, index].tolist(), strict=True)),
+            damped=self.damped,
         )
 
     def __iter__(self) -> Iterator[Mode]:

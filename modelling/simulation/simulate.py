@@ -267,6 +267,7 @@ WINDOWS = (0.06, 0.25)  # s; over the short one, which comes first, even a lash 
 LEAST_SAMPLES = 8  # of a window, however seldom they are taken
 MEDIAN_OF = 9  # samples, from which a speed to begin with is taken
 ROUNDS = 6  # of Gauss-Newton
+AT_REST = 1e-12  # SI, or of the largest reading: a sensor whose range is smaller does not move
 SHARE_OF_RANGE = 1e-3  # taken for the uncertainty of a sensor that states none
 WORTHWHILE = 1e-6  # relative decrease of the misfit
 INSENSITIVE = 1e-9  # of the largest derivative by an angle or by a speed: below, it is what rounding leaves of none
@@ -460,7 +461,8 @@ def _undetermined(window: _StartWindow, start: np.ndarray) -> np.ndarray:
 
 
 def _share_of_range(values: np.ndarray) -> float:
-    return float(np.nanmax(values) - np.nanmin(values)) * SHARE_OF_RANGE or 1.0
+    spread = float(np.nanmax(values) - np.nanmin(values))
+    return spread * SHARE_OF_RANGE if spread > AT_REST * max(1.0, float(np.nanmax(np.abs(values)))) else 1.0
 
 
 # --- Speeds and angles without a unit that fit the model in 1/min or degrees and not in SI.
@@ -494,6 +496,33 @@ def check_speed_units(model: System | Model, recording: Recording) -> None:
         if names:
             model = compiled(model) if isinstance(model, System) else model
             _check_unit(model, _longest_part(recording), names, unit, in_si, si)
+
+
+def check_exchanged(model: System | Model, recording: Recording) -> None:
+    """Check that no input and sensor of a recording hold each other's values: called where the model is far off.
+
+    Raises
+    ------
+    InputError
+        If the model fits with two columns exchanged only; names them.
+    """
+    model = compiled(model) if isinstance(model, System) else model
+    recording = _longest_part(recording)
+    sensors = recording.sensors(model.system)
+    as_read = max(_misfits(model, recording, sensors), default=0.0)
+    if as_read <= FAR_OFF:
+        return
+    for name in model.inputs:
+        for sensor in sensors:
+            if not np.isfinite(recording[sensor]).all():
+                continue
+            turned = recording.channels | {name: recording[sensor], sensor: recording[name]}
+            if max(_misfits(model, replace(recording, channels=turned), sensors)) < min(FITS, as_read / CLEARLY):
+                raise InputError(
+                    f"{recording.source}: columns {name!r} and {sensor!r}",
+                    "hold each other's values: only exchanged they fit the model",
+                    "exchange their names, or map them in a channel file (--channels)",
+                )
 
 
 def _check_unit(model: Model, recording: Recording, names: list[str], unit: str, in_si: float, si: str) -> None:

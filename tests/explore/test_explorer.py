@@ -180,3 +180,31 @@ def test_a_slider_that_is_moved_outside_a_server_shows_its_value_at_once(tmp_pat
     tab.slider.value = (low + high) / 2
     assert tab.trial.values == {tab.quantity.value: (low + high) / 2}
     assert not tab._waiting
+
+
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
+@pytest.mark.parametrize(("unit", "size"), [("s", 1.0), ("ms", 1e-3), ("min", 60.0), ("", 1.0)])
+def test_the_axis_of_a_recording_says_the_unit_of_its_data(tmp_path, unit, size):
+    """Half a second of motion, whatever the file counts in; the simulation, in s, is drawn over the same axis."""
+    pytest.importorskip("panel")
+    from matching.explore.files import opened
+    from matching.explore.measurement import MeasurementTab
+    from modelling.recordings.readers import read_table
+    from modelling.units import factor
+
+    header = f"time [{unit}]" if unit else "time"
+    log = tmp_path / "log.csv"
+    rows = "".join(f"{t / 100 / size!r},{t % 7},{t}\n" for t in range(50))
+    log.write_text(f"{header},motor_torque [N*m],motor_speed [rad/s]\n{rows}")
+    tab = MeasurementTab(opened([ROOT / "examples" / "diagnosis" / "model.toml", log], tmp_path))
+    (tmp_path / "simulated.csv").write_text(
+        "time [s],motor_speed [rad/s]\n" + "".join(f"{t / 50},{t}\n" for t in range(25))
+    )
+    tab._table = read_table(tmp_path / "simulated.csv")
+    tab.signal.value = "motor_speed"
+    tab.show_signal()
+    said = tab.figure.xaxis.axis_label.text
+    drawn = tab.source.data["t"], tab.simulated.data["t"]
+    assert said == f"time [{unit or 's'}]"
+    for times, last in zip(drawn, (0.49, 0.48), strict=True):
+        assert max(times) * factor(said[6:-1], "s") == pytest.approx(last)

@@ -1,7 +1,15 @@
 """The examples run as scripts do, with their own asserted numbers."""
 
+from pathlib import Path
+
 import pytest
 from match.conftest import script
+
+from matching.match.case_file import load_case
+from matching.match.match import match
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TESTS = Path(__file__).parents[1]
 
 
 def test_adapters_alone_end_limited(adapters):
@@ -37,3 +45,24 @@ def test_compact_car(compact):
 def test_an_example_as_it_is(name):
     """With all starts and what may move free: it asserts its own figures."""
     script(name).main()
+
+
+@pytest.mark.long
+def test_a_controller_that_is_given_ends_limited():
+    """The figures of its README, on the bad side alone."""
+    result = match(load_case(EXAMPLES / "fixed_controller" / "case.toml"))
+    assert result.status == "limited"
+    assert result.verification.stable
+    assert result.response_error.after < 0.5 < result.response_error.before
+    assert not any(quantity.name.startswith("loop.") for quantity in result.parameters)
+
+
+def test_every_example_is_run_by_a_test():
+    """Each folder of examples is named by a test, and each script is run by one."""
+    tests = {path: path.read_text(encoding="utf-8") for path in TESTS.rglob("test_*.py")}
+    tests |= {path: path.read_text(encoding="utf-8") for path in TESTS.rglob("conftest.py")}
+    for folder in sorted(path for path in EXAMPLES.iterdir() if path.is_dir()):
+        named = [text for text in tests.values() if folder.name in text and "example" in text.lower()]
+        assert named, f"no test names examples/{folder.name}"
+        if (folder / "run.py").exists():
+            assert any("run.py" in text or "script(" in text for text in named), f"no test runs {folder.name}/run.py"

@@ -315,7 +315,9 @@ def test_reduced_values():
 
 
 def test_shape_of_modes_json():
+    assert damped_modes(VEHICLE).to_dict()["modes"][1]["damping_ratio"] > 0
     entry = modes(VEHICLE).to_dict()["modes"][1]
+    assert entry["damping_ratio"] is None  # the vehicle is damped; it was not calculated
     assert list(entry) == ["number", "frequency", "damping_ratio", "symmetry", "kinetic", "potential"]
     assert entry["number"] == 2
     assert set(entry["kinetic"]) == {f"inertias.{part.name}" for part in VEHICLE.inertias}

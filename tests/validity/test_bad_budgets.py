@@ -187,7 +187,13 @@ def test_an_uncertainty_whose_square_is_no_number_counts_without_a_first_derivat
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [("a = ", "is not TOML"), (None, "does not exist"), (b"\xff\xfe", "is not UTF-8")]
+    ("content", "words"),
+    [
+        ("a = ", "line 1: a has no value"),
+        (None, "does not exist"),
+        (b"a\xff", "is not UTF-8"),
+        (b"\xff\xfe", "is saved as UTF-16"),
+    ],
 )
 def test_files(tmp_path, content, words):
     path = tmp_path / "budget.toml"

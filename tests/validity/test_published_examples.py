@@ -9,6 +9,7 @@ import pytest
 from matching.uncertainty.budget import Distribution, budget_from_tables, read_budget
 from matching.uncertainty.evaluate import evaluate
 from matching.uncertainty.propagate import written
+from modelling.errors import InputError
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "gum"
 
@@ -160,3 +161,52 @@ def test_comparison_loss_9_4(x1, r, first, second, value, uncertainty, interval)
     # The ends of a shortest interval scatter more than its width, which is nearly stationary in them.
     assert high - low == pytest.approx(interval[1] - interval[0], rel=0.005)
     assert (low, high) == pytest.approx(interval, abs=0.035 * uncertainty + 0.5)
+
+
+def polar(x1):
+    """A phasor of real part x1 and imaginary part 0, u = 0.010, r = 0.9, in amplitude and phase (JCGM 102, 9.2)."""
+    return budget_from_tables(
+        {
+            "measurands": {"y1": {"formula": "sqrt(x1^2 + x2^2)"}, "y2": {"formula": "atan2(x2, x1)", "unit": "rad"}},
+            "correlations": [{"between": ["x1", "x2"], "r": 0.9}],
+            "inputs": {"x1": {"value": x1, "uncertainty": 0.010}, "x2": {"value": 0, "uncertainty": 0.010}},
+        }
+    )
+
+
+@pytest.mark.parametrize(("x1", "published"), [(0.001, -0.071), (0.010, 0.352), (0.100, 0.882)])
+def test_the_correlation_of_amplitude_and_phase_jcgm_102_table_7(x1, published):
+    found = evaluate(polar(x1))
+    assert found.correlation_method == "monte_carlo"
+    assert found.correlation[0, 1] == pytest.approx(published, abs=0.002)
+    assert all(result.propagation.second_order != 0 for result in found.measurands)
+
+
+def test_the_correlation_of_a_linear_budget_is_that_of_first_order():
+    tables = {
+        "measurands": {"a": {"formula": "x1 + x2"}, "b": {"formula": "x1 - 2*x2"}},
+        "inputs": {name: {"value": 1, "uncertainty": u} for name, u in (("x1", 0.3), ("x2", 0.1))},
+    }
+    found = evaluate(budget_from_tables(tables))
+    assert found.correlation_method == "first_order"
+    u = np.array([0.3, 0.1])
+    a, b = np.array([1, 1]) * u, np.array([1, -2]) * u
+    assert found.correlation[0, 1] == pytest.approx(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+@pytest.mark.parametrize("unit", ["degC", "degF"])
+def test_a_line_over_a_temperature_needs_its_origin(unit):
+    """The thermometer of GUM H.3 at 30 °C; the line is the same whichever origin is stated."""
+    readings = {"abscissa": [20, 22, 24, 26, 28, 30], "ordinate": [0.17, 0.168, 0.169, 0.165, 0.163, 0.161]}
+    line = readings | {"abscissa_unit": unit, "ordinate_unit": "K"}
+    with pytest.raises(InputError, match=f"{unit} has its zero elsewhere than SI"):
+        budget_from_tables({"measurand": {"formula": "b_intercept + b_slope * t"}, "lines": {"b": line}})
+    expected = np.polyval(np.polyfit(readings["abscissa"], readings["ordinate"], 1), 30)
+    for origin in (0, 20, 25):
+        tables = {
+            "measurand": {"formula": "b_intercept + b_slope * (t - t0)", "unit": "K"},
+            "lines": {"b": line | {"origin": origin}},
+            "inputs": {name: {"value": at, "unit": unit} for name, at in (("t", 30), ("t0", origin))},
+        }
+        (result,) = evaluate(budget_from_tables(tables), with_monte_carlo=False).measurands
+        assert result.propagation.value == pytest.approx(expected, rel=1e-9)
