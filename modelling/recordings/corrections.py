@@ -18,7 +18,7 @@ TURN = 2 * math.pi  # rad
 class CorrectionSettings:
     """From which values on a correction or a note leaves no doubt; ratios without a unit.
 
-    Where no source is given, the number was chosen by trial: recordings without the fault (``tests/readers``, the
+    Where no source is given, the number was chosen by trial: recordings without the fault (``tests/recordings``, the
     examples, drives and beds of others) stay as they are, and recordings with the fault are corrected.
 
     Attributes

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from beds.plant_loop import air_gap, behind_lag, plant_model
+from match_beds.plant_loop import air_gap, behind_lag, plant_model
 from plant.engine import simulate
 
 from matching.match.box import of_system

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from beds.drawn_cases import draw
 from independent.dynamic_stiffness import Judge as Independent
 from independent.dynamic_stiffness import check_loop
+from match_beds.drawn_cases import draw
 
 from matching.match.beds import Judge, loop_figures, planned, sensor_noise
 from matching.match.case_file import load_case

@@ -13,7 +13,7 @@ from matching.match.in_time import InTime
 from matching.match.match import match
 from matching.match.variables import SearchSettings
 
-NOT_ASKED = InTime(not_simulated="left out here, tested in tests/beds/test_in_time.py")
+NOT_ASKED = InTime(not_simulated="left out here, tested in tests/match_beds/test_in_time.py")
 LITTLE = SearchSettings(
     drawn=4,
     pool=8,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from beds.plant_loop import bed_run, plant_model, vehicle_run
+from match_beds.plant_loop import bed_run, plant_model, vehicle_run
 from plant.marks import needs_compiler
 
 from matching.match import in_time

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 from modelling.fidelity.delay import corner_energy
-from tests.validity.drawn_delays import RATES, deviations, kinked, smooth
+from tests.fidelity.drawn_delays import RATES, deviations, kinked, smooth
 
 CHANCE = 5e-4  # on either side that a right estimate fails a test
 

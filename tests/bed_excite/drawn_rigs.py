@@ -8,7 +8,7 @@ import tomli_w
 from scipy.linalg import expm, null_space
 from small_bed import CASE, RIG, VEHICLE
 
-from tests.beds.drawn_cases import models, scale
+from tests.match_beds.drawn_cases import models, scale
 
 BUILDS = ("four_wheel", "differential", "chain", "motors", "compact_bev")
 FINE = 5  # steps a sample

@@ -7,7 +7,7 @@ import pytest
 
 from matching.bed.excite import ExcitationOrder, plan_excitation
 from matching.match.case_file import load_case
-from tests.excitation.drawn_rigs import Rig, draw
+from tests.bed_excite.drawn_rigs import Rig, draw
 
 ORDER = ExcitationOrder(duration=6.0, beds=2)
 FRESH_SEED = 12  # of beds that the plan was not made on

@@ -6,7 +6,7 @@ import tomllib
 from dataclasses import replace
 
 import pytest
-from beds.drawn_cases import BUILDS, DEAD_TIMES_S, STRUCTURES, draw
+from match_beds.drawn_cases import BUILDS, DEAD_TIMES_S, STRUCTURES, draw
 
 from matching.match.case import apply
 from matching.match.case_file import load_case

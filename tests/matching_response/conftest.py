@@ -1,3 +1,0 @@
-from matching_verification.conftest import feedback, reference
-
-__all__ = ["feedback", "reference"]  # fixtures
