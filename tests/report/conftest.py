@@ -14,7 +14,7 @@ from matching.match.result import MatchResult, ParameterResult, TargetResult
 from matching.match.verify import manoeuvre_torques, verify
 from matching.report.acting import acting
 from matching.report.match import pictures
-from modelling.modal.modes import modes
+from modelling.modal.modes import damped_modes, modes
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
 IN_TIME = 1200  # samples of the manoeuvre on beds that are not the model: enough to draw
@@ -75,8 +75,8 @@ def hand_made(case):
         seen.notes,
         case,
         tuned,
-        vehicle,
-        rig,
+        tuple(damped_modes(case.vehicle)),
+        tuple(damped_modes(case.rig)),
         seen.modes,
         tuple(targets),
         tuple(parameters),
