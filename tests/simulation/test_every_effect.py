@@ -97,7 +97,7 @@ def bare(data: dict) -> dict:
     for table, parts in data.items():
         if table in ("gears", "inputs", "sensors"):
             parts = {name: part for name, part in parts.items() if f"{table}.{name}" in at or f"{table}.{name}" in kept}
-        if table == "inertias" and not kept:
+        if table == "inertias" and "inertias.c" not in kept:
             parts = {name: part for name, part in parts.items() if name != "c"}
         if parts:
             out[table] = parts
@@ -195,7 +195,7 @@ def test_every_effect_at_every_place_through_every_command(tmp_path, capsys, mon
     monkeypatch.chdir(tmp_path)
     seen = recording(40)
     rows = np.column_stack([seen.time, *(seen[name] for name in ["t", "w", "phi", "m"])])
-    np.savetxt("run.csv", rows, "%.6f", ",", header="time [s],t,w,phi,m", comments="")
+    np.savetxt("run.csv", rows, "%.6f", ",", header="time [s],t,w [rad/s],phi [rad],m", comments="")
     failed = []
     for name, whole in [*models(every_place=True)][part::4]:
         data = shape(whole)
