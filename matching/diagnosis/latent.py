@@ -3,7 +3,7 @@
 A kind that the vocabulary lacks is imitated by one that it has, at the right place: rubber by hysteresis, a rate limit
 by a lag. What the imitation leaves is then again a force of that place. If a free force (a smooth curve over twist,
 speed, load, angle or time, or a force with a memory) predicts much of that on data it was not fitted to, the place is
-right and the kind is not. A cap on the size of what is left would be wrong: friction is found right beside large errors
+right and the kind is not. A cap on the size of the residual would be wrong: friction is found right beside large errors
 of the model, which lie elsewhere, or are small beside the friction.
 """
 
@@ -28,7 +28,7 @@ MOST_VALUES = 30_000_000  # of the signatures of a family; 240 MB
 
 @dataclass(frozen=True)
 class FreeForce:
-    """The free force that predicts most of what is left.
+    """The free force that predicts most of the residual.
 
     Attributes
     ----------

@@ -91,7 +91,7 @@ def first_state(system: System, model: Model, segment: Segment) -> np.ndarray:
     a connected part gives its angle; the rest of the part stands without twist. An imposed motion begins as recorded.
     """
     x, n = np.zeros(len(model.states)), model.n
-    with_zero = sensors_with_zero(system)
+    with_zero, every = sensors_with_zero(system), joints(system)
     speeds: dict[str, float] = {}
     for j, sensor in enumerate(system.sensors):
         values = segment.readings[:FIRST_SAMPLES, j]
@@ -102,11 +102,11 @@ def first_state(system: System, model: Model, segment: Segment) -> np.ndarray:
             train = speed_ratios(sensor.of, joints(system, "gears"))
             speeds |= {name: ratio * float(values.mean()) for name, ratio in train.items()}
         elif sensor.measures == "angle" and j not in with_zero:
-            for name, share in speed_ratios(sensor.of, joints(system)).items():
+            for name, share in speed_ratios(sensor.of, every).items():
                 if name in model.coordinates:
                     x[model.coordinates.index(name)] = share * float(values[0])
-    for part in connected_parts((inertia.name for inertia in system.inertias), joints(system)):
-        ratios = speed_ratios(part[0], joints(system))
+    for part in connected_parts((inertia.name for inertia in system.inertias), every):
+        ratios = speed_ratios(part[0], every)
         common = np.mean([speeds[name] / ratios[name] for name in part if name in speeds] or [0.0])
         for name in set(part) & set(model.coordinates):
             x[n + model.coordinates.index(name)] = speeds.get(name, common * ratios[name])

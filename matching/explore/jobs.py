@@ -217,7 +217,7 @@ class Runner:
         return None if task is None else task.job
 
     def panel(self) -> Any:
-        """*Cancel* and what is told, without the button; what runs already, or has ended, is shown."""
+        """*Cancel* and the line of progress, without the button; a command that runs or has ended is shown."""
         if self._name in self._tasks:
             self._follow(self._tasks[self._name])
         return pn.FlexBox(self.message, self.clock, self.cancel, align_items="center", sizing_mode="stretch_width")

@@ -118,7 +118,7 @@ class Point:
 
 @dataclass
 class Search:
-    """Cost of a point on a set of beds, and what is left of the requirements.
+    """Cost of a point on a set of beds, and its relative constraint margins.
 
     Attributes
     ----------
