@@ -15,7 +15,7 @@ from matching.match.loop import (
     side_by_side,
 )
 from matching.match.objective import Search
-from matching.match.opened import with_opened
+from matching.match.opened import OPENED
 from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds
 from matching.match.variables import CONTROLLER
 from matching.match.worst import add_scenarios
@@ -73,10 +73,13 @@ def solve(
     of_controller = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     everything = np.ones(len(search.variables), bool)
     search.free = of_controller if of_observer else everything
-    ends, gains = _from_starts(search, [search.begin(values) for values in begins])
+    begin_at = [search.begin(values) for values in begins]
+    ends, gains = _from_starts(search, begin_at)
+    if search.opened and search.misses_opened(ends[0].x):
+        # no controller of this kind keeps them: what is delivered is the best one without them
+        search.leave_out_opened()
+        ends, gains = _from_starts(search, begin_at)
     tell("controller")
-    if of_observer and settings.scenarios and ends[0].judged.cost <= 1:
-        ends[0] = with_opened(search, ends[0])  # beyond their tolerance the errors limit the match anyway
     left = settings.most_steps - sum(end.steps for end in ends)
     alone = best = _with_scenarios(search, ends[0], left, 1 if of_observer else settings.joint_rounds)
     if not of_observer:
@@ -124,7 +127,8 @@ def _restarted(search: Search, best: SearchEnd) -> tuple[SearchEnd, SearchEnd | 
 def is_stable(search: Search, x: np.ndarray) -> bool:
     """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
     hardware, controller = search.hardware(x), search.controller(x)
-    sets = (side_by_side([bed_of(hardware.case, {})]), hardware.beds_at(search.positions))
+    closed = [number for number in range(len(search.positions)) if number not in search.opened]
+    sets = (side_by_side([bed_of(hardware.case, {})]), hardware.beds_at(search.positions[closed]))
     return all(stable_loops(closed_poles(beds, controller), search.neutral).all() for beds in sets)
 
 
@@ -155,11 +159,11 @@ def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEn
         (starts, gains), most_rounds = _with_gains(search, starts), settings.joint_rounds
     begins = _ranked([_anew(search, start) for start in starts]) if of_observer else [_anew(search, x) for x in starts]
     search.active = (0,)
-    for begin in begins[: settings.starts]:
+    for begin in begins[: min(settings.starts, OPENED.starts) if search.opened else settings.starts]:
         ends.append(rounds(search, end_at(search, begin.x), most_rounds, most_steps))
         if of_observer and keeps_all(search, ends[-1]):
             break
-    if settings.blind and all(misses(search, end) for end in ends):
+    if settings.blind and not search.opened and all(misses(search, end) for end in ends):
         ends.append(rounds(search, end_at(search, _spread(search, 1)[0]), most_rounds, most_steps))
     return sorted((judged_again(search, end) for end in ends), key=lambda end: end.penalised_cost), gains
 
@@ -194,9 +198,11 @@ def _starts(search: Search, about: np.ndarray | None = None) -> list[np.ndarray]
     begin = np.clip(search.begin() if about is None else about, low, high)
     if search.case.loop.tunes_observer:
         further = [
-            {f"{CONTROLLER}{name}": value for name, value in values.items()} for values in loop.structure.further_starts
+            {f"{CONTROLLER}{name}": value for name, value in values.items()}
+            for values in loop.structure.starts(search.case.rig, loop)
         ]
-        return [begin, *(np.clip(search.begin(values), low, high) for values in further)]
+        stated = [begin] if loop.states_weights or about is not None else []
+        return [*stated, *(np.clip(search.begin(values), low, high) for values in further)]
     gains = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     if not gains.any():
         return [begin]

@@ -64,7 +64,7 @@ def add_scenarios(search: Search, at: SearchEnd) -> bool:
     if not box.uncertain:
         return False
     try:
-        seen = np.array([number for number in search.active if search.left.get(number, 1.0) == 1.0])
+        seen = np.array([number for number in search.active if number not in search.opened])
         worst = worst_positions(lambda positions: search.damping_margins_at(at.x, positions), search.positions[seen])
         unstable = worst[search.damping_margins_at(at.x, worst) < settings.stable_share - 1]
         # what beds miss anyway, more beds do not cure
