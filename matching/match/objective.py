@@ -252,12 +252,6 @@ class Search:
             self.opened |= dict.fromkeys(added, opened)
         return added
 
-    def misses_opened(self, x: np.ndarray) -> bool:
-        """Whether a bed with opened cut shafts that the search sees is not stable at a point (m,)."""
-        margins = self.judged(x).margins
-        seen = [place for place, number in enumerate(self.active) if number in self.opened]
-        return bool((margins[seen] < -self.settings.damping_reserve).any())
-
     def leave_out_opened(self) -> None:
         """Have the search see no more beds with opened cut shafts."""
         kept = [number for number in range(len(self.positions)) if number not in self.opened]

@@ -71,7 +71,7 @@ class OpenedSettings:
     """
 
     active: int = 6
-    starts: int = 2
+    starts: int = 3
 
 
 OPENED = OpenedSettings()

@@ -61,11 +61,12 @@ def solve(
 ) -> Found:  # fmt: skip
     """The best point that was found.
 
-    An observer's search begins at the better one of the case's weights and further starts, and at the next one where it
-    ends with a requirement missed; where all do by more than the reserve, at the best of settings spread over the
-    bounds. Only then do residual vehicle and adapters move as well: its weights alone come near the end. The cost of a
-    feedback law has several valleys: its gains are tuned alone from several starts, then everything from the best end,
-    and from the case's own gains where no end keeps every requirement. No answer is worse than the case as given.
+    An observer's search begins at the case's weights, where it states any, else at weights that are scaled by the bed,
+    and at the next ones where it ends with a requirement missed or with errors beyond their tolerances; where all do by
+    more than the reserve, at the best of settings spread over the bounds. Only then do residual vehicle and adapters
+    move as well: its weights alone come near the end. The cost of a feedback law has several valleys: its gains are
+    tuned alone from several starts, then everything from the best end, and from the case's own gains where no end keeps
+    every requirement. No answer is worse than the case as given.
     With ``begins``, values by name (SI), it begins at these instead.
     """
     settings, of_observer = search.settings, search.case.loop.tunes_observer
@@ -75,8 +76,8 @@ def solve(
     search.free = of_controller if of_observer else everything
     begin_at = [search.begin(values) for values in begins]
     ends, gains = _from_starts(search, begin_at)
-    if search.opened and search.misses_opened(ends[0].x):
-        # no controller of this kind keeps them: what is delivered is the best one without them
+    if search.opened and misses(search, ends[0]):
+        # no controller was found that keeps them: what is delivered is the best one without them
         search.leave_out_opened()
         ends, gains = _from_starts(search, begin_at)
     tell("controller")
@@ -161,7 +162,7 @@ def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEn
     search.active = (0,)
     for begin in begins[: min(settings.starts, OPENED.starts) if search.opened else settings.starts]:
         ends.append(rounds(search, end_at(search, begin.x), most_rounds, most_steps))
-        if of_observer and keeps_all(search, ends[-1]):
+        if of_observer and keeps_all(search, ends[-1]) and ends[-1].judged.cost <= 1:
             break
     if settings.blind and not search.opened and all(misses(search, end) for end in ends):
         ends.append(rounds(search, end_at(search, _spread(search, 1)[0]), most_rounds, most_steps))
@@ -216,9 +217,9 @@ def _anew(search: Search, x: np.ndarray) -> SearchEnd:
 
 
 def _ranked(begins: list[SearchEnd]) -> list[SearchEnd]:
-    """First those nearly as cheap as the cheapest one, then the others, each by what they miss."""
+    """First those that the search may end near, in their order; what a start misses says little of where it ends."""
     cheap = NEARLY_AS_CHEAP * min(begin.judged.cost for begin in begins)
-    return sorted(begins, key=lambda begin: (begin.judged.cost > cheap, begin.penalised_cost))
+    return sorted(begins, key=lambda begin: begin.judged.cost > max(cheap, 1.0))
 
 
 def _spread(search: Search, count: int) -> list[np.ndarray]:
