@@ -94,7 +94,7 @@ from matching.diagnosis.verdict import (
 from matching.diagnosis.windows import window_uncertainties
 from modelling.errors import FitError, InputError
 from modelling.recordings.recording import Recording
-from modelling.resources import is_limited, limited, time_is_over
+from modelling.resources import ended_early_by, ends_early, is_limited, limited, time_is_over
 from modelling.simulation.simulate import check_exchanged, check_speed_units
 from modelling.system import System
 
@@ -261,7 +261,10 @@ def diagnose(
     """
     settings = settings or DiagnosisSettings()
     by_default = time_limit is None and not is_limited()
-    with limited(settings.processor_seconds if by_default else time_limit, of_processor=by_default) as limit:
+    with (
+        ends_early(),
+        limited(settings.processor_seconds if by_default else time_limit, of_processor=by_default) as limit,
+    ):
         judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
         stated, system = system, with_clocks(system, [*recordings, *judging])
         whole, train, judge, notes = _data(system, recordings, judging)
@@ -335,7 +338,9 @@ def diagnose(
             _extended(stated, final, kept), plot_data, kept,
             audit.audited(system, base_fit, order, kinds, hum),
         )  # fmt: skip
-    if limit.ended_at and (by_default or time_limit is not None):
+    if ended_early_by():
+        found.notes.append("interrupted: the best answer so far")
+    elif limit.ended_at and (by_default or time_limit is not None):
         spent = f"{settings.processor_seconds:g} s of processor time" if by_default else f"{time_limit:g} s"
         found.notes.append(f"cut short after {spent}: the best answer so far")
     return found

@@ -37,6 +37,7 @@ from matching.diagnosis.shared_causes import RefitBudget, with_shared_causes
 from matching.diagnosis.windows import fit_from_windows
 from modelling.effects import EFFECTS
 from modelling.errors import FitError
+from modelling.resources import time_is_over
 from modelling.system import System
 
 SIDE_BY_SIDE = 4  # models that are compiled at once
@@ -268,7 +269,7 @@ class _Search:
         out = sorted(hypotheses, key=lambda hypothesis: hypothesis.cost)
         near = self.settings.near_ratio * out[0].cost if out else 0.0
         for i, hypothesis in enumerate(out[: self.settings.near_best]):
-            if hypothesis.cost < near:
+            if hypothesis.cost < near and not time_is_over(self.settings.search_share):
                 out[i] = replace(hypothesis, fit=self._finished(with_sharper_friction(self._finished(hypothesis.fit))))
         out.sort(key=lambda hypothesis: hypothesis.cost)
         out[:1] = [with_sharpest_friction(hypothesis) for hypothesis in out[:1]]
