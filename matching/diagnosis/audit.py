@@ -249,7 +249,8 @@ def time_hypotheses(system: System, fit: Fit, times: Times) -> list[tuple[str, s
         if -1 in group:
             moved, late = largest, -late
         places = shared_place(f"sensors.{system.sensors[j].name}" for j in moved)
-        if len(moved) == 1 and late > 0:  # a clock of one late channel is the same
+        alike = len({system.sensors[j].measures for j in moved}) == 1
+        if alike and late > 0:  # a clock of late channels of one quantity is the same
             out.append((SensorDelay.kind, places, {"delay": late}))
         else:
             out.append((ClockOffset.kind, places, {"offset": late}))

@@ -90,13 +90,13 @@ class Times:
     def groups(self, step: float) -> list[list[int]]:
         """Sensors by their time, by index, the largest group first; with −1 for the inputs where these belong to one
         group alone."""
-        known = sorted(np.flatnonzero(np.isfinite(self.delay[1:])) + 1, key=lambda j: self.delay[j])
+        known = sorted((np.flatnonzero(np.isfinite(self.delay[1:])) + 1).tolist(), key=lambda j: self.delay[j])
         parts: list[list[int]] = []
         for j in known:
             if parts and not any(self.apart(i, j, step) for i in parts[-1]):
-                parts[-1].append(int(j))
+                parts[-1].append(j)
             else:
-                parts.append([int(j)])
+                parts.append([j])
         if np.isfinite(self.delay[0]):
             near = [part for part in parts if not any(self.apart(0, j, step) for j in part)]
             if not near:
@@ -299,8 +299,7 @@ def _pair(
     source: _Source, target: int, segments: Sequence[tuple[np.ndarray, np.ndarray]], step: float, noise: np.ndarray
 ) -> PairTime | None:
     """How late a channel is against the one that drives the model; None where that is not told."""
-    compared = (_compared(source, target, u, y, y, step, noise) for u, y in segments)
-    whole = [part for part in compared if part is not None]
+    whole = [part for u, y in segments if (part := _compared(source, target, u, y, y, step, noise)) is not None]
     coarse = _coarse(whole, step)
     if coarse is None:
         return None
