@@ -107,7 +107,7 @@ def match(
     tell("vehicle, rig and manoeuvre")
     if aside is not None:
         aside.start()
-    settings, short = _effort(case, settings or SearchSettings())
+    settings, short = _effort(case, settings or SearchSettings(), simple)
     settings = settings if starts is None else replace(settings, starts=min(starts, settings.starts))
     count = settings.fresh if beds is None else beds
     solution, settled = _solved(problem, settings, Fresh(count, seed), tell, ordering, begins)
@@ -210,14 +210,18 @@ def _solved(
     )
 
 
-def _effort(case: Case, settings: SearchSettings) -> tuple[SearchSettings, list[str]]:
+def _effort(
+    case: Case, settings: SearchSettings, simple: SimpleVehicle | None
+) -> tuple[SearchSettings, list[str]]:  # fmt: skip
     """The effort that a case is worth, and what is to be said of it.
 
-    Where dead time and sampling alone leave more than the case allows, no controller matches, and beds with so many
-    delayed commands take long.
+    Where dead time and sampling alone leave more than the case allows, or a residual vehicle of its own does, no
+    controller matches, and beds with so many delayed commands take long.
     """
     if case.loop.torqueless:
         return settings, []
+    if simple is not None and simple.fitted > case.tolerance and case.loop.tunes_observer:
+        return SHORT, ["the residual vehicle alone leaves more than is allowed: the search is short"]
     bound = lower_bound(emulating_the_whole(case), 1)
     if bound <= max(case.tolerance, case.unmeasured_tolerance):
         return settings, []

@@ -238,6 +238,13 @@ class Search:
         beds = self.hardware(x).beds_at(positions, opened)
         return self.damping_margins(closed_poles(beds, self.controller(x)), beds)
 
+    def misses_damping_at(self, x: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """By how much (b,) beds at positions (b, p) miss their damping, with half of the search's reserve; 0 if not."""
+        beds, step = self.hardware(x).beds_at(positions), self.case.loop["sample_time"]
+        z = without_resting(closed_poles(beds, self.controller(x)), self.neutral)
+        asked = beds.asked_damping(z, step, self.required, 1 + self.settings.damping_reserve / 2)
+        return np.maximum(1 - (damping_ratios(z, step) / asked).min(axis=1), 0.0)
+
     def add(self, positions: np.ndarray, share: float = 1.0) -> None:
         """Have the search see beds at positions (b, p) that keep a share of the damping drawn beds need."""
         self.active = (*self.active, *self._pool(positions, share))
