@@ -8,8 +8,8 @@ from scipy.stats import qmc
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData
 from matching.diagnosis.descent import Fit, FitOptions, chi_square, solve
+from matching.diagnosis.hypotheses import Hypothesis, at_noise, with_sharpest_friction
 from matching.diagnosis.problem import FitProblem, base_problem
-from matching.diagnosis.selection import Hypothesis, at_noise, with_sharpest_friction
 from matching.diagnosis.settings import DiagnosisSettings
 from modelling.errors import FitError
 from modelling.resources import time_is_over

@@ -9,21 +9,32 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import erf
 
 from matching.diagnosis.audit import AuditedChannel
 from matching.diagnosis.causes import Cause, simulated_motion
 from matching.diagnosis.data import FitData
 from matching.diagnosis.descent import Fit, Quadratic, discrepancy, reweighted
 from matching.diagnosis.holdout import HoldoutData, HoldoutFidelity
-from matching.diagnosis.screening import ScreenedCandidate, Screening, fit_extended
-from matching.diagnosis.selection import (
-    Hypothesis,
-    UnseenData,
-    at_noise,
-    scatters_only,
-    sensors_beyond_noise,
+from matching.diagnosis.hypotheses import Hypothesis, at_noise, scatters_only, sensors_beyond_noise, widened
+from matching.diagnosis.screening import (
+    ScreenedCandidate,
+    Screening,
+    as_late_as_contact,
+    bounded_below,
+    fit_extended,
 )
-from matching.diagnosis.statistics import Estimate, covariance, effective_share, inflation
+from matching.diagnosis.statistics import (
+    Estimate,
+    at_least,
+    covariance,
+    discretisation_shift,
+    effective_share,
+    estimates,
+    inflation,
+)
+from matching.diagnosis.unseen import UnseenData
+from matching.diagnosis.windows import window_uncertainties
 from modelling.display import Displayed
 from modelling.effects import EFFECTS
 from modelling.effects.effect import AXES, FittedMotion, TorqueTable, place_in_file, place_in_words, table_parameters
@@ -807,3 +818,32 @@ def shift_by_memory(fit: Fit) -> np.ndarray:
         return np.zeros(problem.size)
     gradient = other.jacobian.T @ other.residual
     return Quadratic(other.jacobian).step(gradient, problem.lower - fit.v, problem.upper - fit.v, np.inf)[0]
+
+
+def fitted_values(final: Hypothesis, fits: list[Fit]) -> dict[str, Estimate]:
+    """All fitted parameters by name; ``fits`` are equivalent to that of the hypothesis, which comes first."""
+    correlated = None if at_noise(final) else correlated_uncertainties(final.fit)
+    values = widened(estimates(final.fit, discretisation_shift(final.fit), correlated), fits)
+    if any(effect.law.abrupt for effect in final.fit.problem.system.effects):
+        values = at_least(values, window_uncertainties(final.fit))
+    return bounded_below(as_late_as_contact(values, final.fit, final.causes), final.fit, final.causes)
+
+
+def cause_parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate]) -> dict[str, CauseParameter]:
+    """The parameters of a cause, SI, from the estimates of all fitted ones by name."""
+    kind, names = EFFECTS[cause.kind], cause.names()
+    values = kind.canonical({key: estimates[name].value for key, name in names.items()})
+    return {
+        key: CauseParameter(
+            values[key], estimates[name].standard_uncertainty, kind.unit(key, cause.at, system), estimates[name].note
+        )
+        for key, name in names.items()
+    }
+
+
+def acts(parameters: Mapping[str, CauseParameter]) -> float:
+    """Probability that one of the torques of a cause, if it has any, is not nothing: normal errors, two-sided."""
+    torques = [parameter for parameter in parameters.values() if parameter.unit == "N*m"]
+    if not torques:
+        return 1.0
+    return float(erf(max(abs(one.value) / max(one.standard_uncertainty, 1e-300) for one in torques) / np.sqrt(2)))
