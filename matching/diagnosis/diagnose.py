@@ -60,6 +60,7 @@ from matching.diagnosis.simulation import compile_models
 from matching.diagnosis.statistics import adapted
 from matching.diagnosis.unseen import UnseenData, blocks_for, unseen_errors
 from matching.diagnosis.verdict import (
+    MOSTLY,
     JudgedCause,
     RatedCause,
     fitted_candidates,
@@ -106,7 +107,7 @@ def identify_causes(
     balanced = _identify(
         system, balanced_fit(base, base_problem(system, base.problem.data)[1]), unseen, progress, suspected
     )
-    return balanced if unseen.pooled(balanced.selected.best) < unseen.pooled(best) else identified
+    return balanced if unseen.prefers(balanced.selected.best, best) else identified
 
 
 def _identify(
@@ -338,19 +339,20 @@ def _verdict(
 ) -> str:
     """``adequate``, ``explained`` or ``unexplained``; errors (y,) on unseen data in times the noise.
 
-    A model without causes may drift away on unseen data as far as its quantities are uncertain. What the resolution
+    A model without causes may drift away on a hold-out recording as far as its quantities are uncertain. What the resolution
     of the inputs adds (y, l) is no error of it.
     """
     if not at_noise(final):
         return "unexplained"
+    said = "explained" if final.causes else "adequate"
+    if judge is None:  # all is fitted, and every block is noise
+        return said
     if not final.causes:
-        if judge is None:
-            return "adequate"
         left = adapted(final.fit, judge.simulate(final.fit))
         after_holdout = rms_by_sensor(left) if left else after_holdout
     added = 0.0 if rounding is None else np.maximum(rounding[:, 0], 0.0)
     met = np.nanmax(after_holdout**2 - added, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO**2
-    return "unexplained" if not met else "explained" if final.causes else "adequate"
+    return said if met else "unexplained"
 
 
 def best_without(selected: Selection, index: int) -> Hypothesis:
@@ -365,8 +367,11 @@ def _judged_causes(identified: IdentifiedCauses, final: Hypothesis, unseen: Unse
     known = KnownScreening(selected.screening, selected.screened)
     for place, (cause, ratings) in enumerate(zip(selected.best.causes, identified.rated, strict=True)):
         rest = best_without(selected, place)
-        part = 1.0 if unseen is None else unseen.share_explained(final, rest)
-        judged.append(JudgedCause(cause, ratings, rest, known, part))
+        part, mostly = 1.0, True
+        if unseen is not None:
+            part = float(np.clip(unseen.shares_explained(final, rest).max(), 0.0, 1.0))
+            mostly = unseen.share_explained(final, rest) > MOSTLY
+        judged.append(JudgedCause(cause, ratings, rest, known, part, mostly))
     return judged
 
 

@@ -398,7 +398,7 @@ class _Moves:
             for other in self._rivals(index):
                 if other.model.not_taken(other.fit) or other.cost >= best.cost:
                     continue
-                if at_noise(other) or self.unseen.pooled(other) < self.unseen.pooled(best):
+                if at_noise(other) or self.unseen.prefers(other, best):
                     return _in_place(with_balanced_sensors(other, self.settings.far_from_noise), index)
         return None
 

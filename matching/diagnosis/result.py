@@ -191,6 +191,7 @@ def finite(value: float) -> float | None:
 KNOTS = 9  # of a curve
 ROUGHNESS = (1e-6, 1e-4, 1e-2, 1.0)  # weights of the second differences that are tried, of the mean diagonal
 SMALLEST_SHARE = 0.05  # of the misfit beyond noise that a curve has to take to be shown
+CURVE_BLOCKS = 6  # of the data, each foretold by the curve of the others
 MOST_CURVES = 6
 UNITS = {"speed": "rad/s", "angle": "rad", "load": "N*m", "time": "s", "twist": "rad"}
 
@@ -210,7 +211,7 @@ class DiscrepancyCurve:
     torque, standard_uncertainty : ndarray (k,)
         N·m. What base parameters and start states can take, as the part in proportion to speed, is not in it.
     share : float
-        Of the misfit beyond noise that it would take.
+        Of the misfit beyond noise that it would take, each block of the data by the curve of the others.
     repeats : float
         Correlation of the curves of both halves of the data; NaN over time.
     """
@@ -275,8 +276,13 @@ def _curve(
     if not np.isfinite(rows).all():
         return None
     torque, covariance = _smooth(rows, screening.residual, factor)
-    share = float(2 * torque @ (rows @ screening.residual) - torque @ (rows @ rows.T) @ torque) / excess
-    half = np.cumsum(screening.mask.ravel()) <= screening.mask.sum() / 2
+    measured = np.cumsum(screening.mask.ravel()) / screening.mask.sum()
+    share = 0.0
+    for block in range(CURVE_BLOCKS):
+        own = (measured > block / CURVE_BLOCKS) & (measured <= (block + 1) / CURVE_BLOCKS)
+        foretold = _smooth(rows * ~own, screening.residual * ~own, factor)[0] @ rows[:, own]
+        share += float(2 * foretold @ screening.residual[own] - foretold @ foretold) / excess
+    half = measured <= 0.5
     repeats = np.nan
     if over != "time":
         first, second = (_smooth(rows * part, screening.residual * part, factor)[0] for part in (half, ~half))

@@ -22,8 +22,8 @@ class DiagnosisSettings:
         Blocks of the recordings that are left out in turn: each fit keeps five sixths of the data, and a simulation of
         each costs less than a Jacobian.
     block_memories : float
-        Length of a block at least, in times the memory of the residual: what a block remembers of its neighbours is then
-        a tenth of it.
+        Length of a block at least, in times the memory of the residual (its integrated autocorrelation time): an
+        exponential correlation has then fallen to 2 %.
     blocks : int
         Parts into which unseen data are cut for the bootstrap: longer than an oscillation, and enough to draw from.
     draws : int
@@ -93,7 +93,7 @@ class DiagnosisSettings:
     slight_rise: float = 0.04
     parts: int = 6
     fewest_parts: int = 3
-    block_memories: float = 10.0
+    block_memories: float = 2.0
     blocks: int = 16
     draws: int = 2000
     candidates: int = 7

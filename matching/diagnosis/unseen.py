@@ -79,106 +79,123 @@ def blocks_for(fit: Fit, settings: DiagnosisSettings) -> Blocks:
 # --- The errors of a fit on blocks that it has not used.
 
 PRIOR = 12.0  # over the square of a range: the information of a uniform distribution
-AS_PROMISED = 0.5  # of the decrease of χ² that a step promises, from which it is a fit
-SLIGHT, SLIGHT_SHARE = 3.0, 1e-3  # χ², and share of it, by which a step may miss that
-ITERATIONS = 8
+STEPS = 3  # Gauss–Newton steps with the Jacobian of the fit; each is a simulation for every block
+ENOUGH, ENOUGH_SHARE = 3.0, 3e-3  # χ² of the other blocks, and share of it, that is worth no further step
+ITERATIONS = 8  # of a refit
 
 
 def unseen_errors(fit: Fit, blocks: Blocks) -> list[np.ndarray]:
     """(measured − simulated)/noise (t, y) of every segment, each block by the model fitted to the others; NaN where
     nothing was measured.
 
-    The start state of a segment that begins in the block is fitted to all of it: no other reading tells it. Torques that
-    jump leave no use for a step to first order, nor for a longer simulation: there the errors are those of the fit.
+    The start state of a segment that begins in the block is fitted to all of it: no other reading tells it. Where
+    torques jump, neither a step to first order nor a longer simulation is of use: there the errors are those of the fit.
     """
-    problem, segments = fit.problem, fit.problem.data.segments
+    segments = fit.problem.data.segments
     number = [blocks.of(segment) for segment in segments]
-    if any(effect.law.abrupt for effect in problem.system.effects):
-        return [np.where(s.measured, part, np.nan) for s, part in zip(segments, fit.errors, strict=True)]
-    steps = _Steps(fit, number, blocks.count)
-    left_out = np.array([fit.v + steps.without(block) for block in range(blocks.count)])
-    out, costs = _errors(fit, number, left_out)
-    for block in range(blocks.count):
-        limit = steps.seen(block) - AS_PROMISED * steps.promised[block]
-        if costs[block] <= limit + max(SLIGHT, SLIGHT_SHARE * steps.seen(block)):
-            continue
-        v = _refitted(fit, number, block)
-        again, _ = _errors(fit, number, v[None], block)
-        for own, part, there in zip(number, out, again, strict=True):
-            part[own == block] = there[own == block]
-    return out
+    errors = [np.where(s.measured, part, np.nan) for s, part in zip(segments, fit.errors, strict=True)]
+    if any(effect.law.abrupt for effect in fit.problem.system.effects):
+        return errors
+    left_out = _LeftOut(fit, number, blocks.count)
+    v, costs, gradients = np.repeat(fit.v[None], blocks.count, axis=0), *left_out.at_fit()
+    for _ in range(STEPS):
+        steps, promised = left_out.steps(v, gradients)
+        if not (promised > np.maximum(ENOUGH, ENOUGH_SHARE * costs)).any() and _:
+            break
+        moved = np.clip(v + steps, fit.problem.lower, fit.problem.upper)
+        new, costs_there, gradients_there = left_out.errors(moved)
+        taken = costs_there < costs + ENOUGH
+        for own, part, there in zip(number, errors, new, strict=True):
+            part[taken[own]] = there[taken[own]]
+        v[taken], costs[taken], gradients[:, taken] = moved[taken], costs_there[taken], gradients_there[:, taken]
+        if not taken.any():
+            break
+    for block in np.flatnonzero((v == fit.v).all(axis=1)):  # no step from the fit is one towards that without the block
+        there, _, _ = left_out.errors(np.repeat(_refitted(fit, number, int(block))[None], blocks.count, axis=0))
+        for own, part, new_part in zip(number, errors, there, strict=True):
+            part[own == block] = new_part[own == block]
+    return errors
 
 
-class _Steps:
-    """Gauss–Newton steps from a fit to those without a block, by the factors of the Jacobian of each block."""
+class _LeftOut:
+    """A fit without one block after the other: Gauss–Newton steps by the Jacobian of the fit, and simulations.
+
+    Arrays have a row for every block that is left out. Gradients (2, b, v) are those of the blocks that are seen, and of
+    all.
+    """
 
     def __init__(self, fit: Fit, number: Sequence[np.ndarray], count: int):
-        problem = fit.problem
-        self.fit, k = fit, len(problem.free)
-        self.begins = np.array([part[0] for part in number])  # the block in which each segment begins
-        self.columns = np.split(np.arange(k, problem.size), len(number))
+        problem, k = fit.problem, len(fit.problem.free)
+        self.fit, self.number, self.count = fit, number, count
+        begins, columns = [part[0] for part in number], np.split(np.arange(k, problem.size), len(number))
+        self.own = [
+            [c for begin, some in zip(begins, columns, strict=True) if begin == block for c in some]
+            for block in range(count)
+        ]
         width = problem.upper[:k] - problem.lower[:k]
         prior = np.zeros(problem.size)
         prior[:k] = np.where(np.isfinite(width) & (width > 0), np.sqrt(PRIOR) / np.maximum(width, 1e-300), 0.0)
-        self.prior = np.diag(prior)
-        rows = np.concatenate(
-            [np.repeat(part, s.readings.shape[1]) for part, s in zip(number, problem.data.segments, strict=True)]
-        )
-        self.factors, self.gradients, self.costs = [], [], []
+        sensors = len(problem.data.noise)
+        self.rows = [np.flatnonzero(np.repeat(np.concatenate(number), sensors) == block) for block in range(count)]
+        factors = [np.linalg.qr(fit.jacobian[rows], mode="r") for rows in self.rows]
+        self.products = np.sum([factor.T @ factor for factor in factors], axis=0)
+        self.models: list[Quadratic | None] = []
         for block in range(count):
-            own = rows == block
-            part, residual = fit.jacobian[own], fit.residual[own]
-            self.factors.append(np.linalg.qr(part, mode="r") if len(part) else np.zeros((1, problem.size)))
-            self.gradients.append(part.T @ residual)
-            self.costs.append(float(residual @ residual))
-        self.promised = np.zeros(count)
+            try:
+                others = [factor for i, factor in enumerate(factors) if i != block]
+                self.models.append(Quadratic(np.vstack([*others, np.diag(prior)])))
+            except FitError:
+                self.models.append(None)
 
-    def seen(self, block: int) -> float:
-        """χ² of the other blocks."""
-        return sum(self.costs) - self.costs[block]
+    def at_fit(self) -> tuple[np.ndarray, np.ndarray]:
+        """χ² (b,) of the blocks that are seen, and gradients (2, b, v), at the fit itself."""
+        parts = [self.fit.residual[rows] for rows in self.rows]
+        costs = np.array([float(part @ part) for part in parts])
+        own = np.array([self.fit.jacobian[rows].T @ part for rows, part in zip(self.rows, parts, strict=True)])
+        every = np.repeat(own.sum(axis=0)[None], self.count, axis=0)
+        return costs.sum() - costs, np.array([every - own, every])
 
-    def without(self, block: int) -> np.ndarray:
-        """The step (v,) to the fit without a block."""
-        problem, v = self.fit.problem, self.fit.v
-        others = [i for i in range(len(self.factors)) if i != block]
-        seen = np.vstack([*(self.factors[i] for i in others), self.prior])
-        gradient = np.sum([self.gradients[i] for i in others], axis=0)
-        try:
-            step, self.promised[block] = Quadratic(seen).step(gradient, problem.lower - v, problem.upper - v, np.inf)
-        except FitError:
-            return np.zeros(problem.size)
-        own = [c for begin, columns in zip(self.begins, self.columns, strict=True) if begin == block for c in columns]
-        if own:
-            step[own] = 0.0
-            factor = np.vstack(self.factors)
-            toward = np.sum(self.gradients, axis=0)[own] + factor[:, own].T @ (factor @ step)
-            step[own] = -np.linalg.lstsq(factor[:, own].T @ factor[:, own], toward, rcond=1e-10)[0]
-        return step
+    def steps(self, v: np.ndarray, gradients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Steps (b, v) from variables (b, v), and the decrease (b,) of χ² that they promise."""
+        problem, steps, promised = self.fit.problem, np.zeros_like(v), np.zeros(len(v))
+        for block, model in enumerate(self.models):
+            if model is None:
+                continue
+            low, high = problem.lower - v[block], problem.upper - v[block]
+            step, promised[block] = model.step(gradients[0, block], low, high, np.inf)
+            if own := self.own[block]:
+                step[own] = 0.0
+                toward = gradients[1, block][own] + self.products[own] @ step
+                step[own] = -np.linalg.lstsq(self.products[np.ix_(own, own)], toward, rcond=1e-10)[0]
+            steps[block] = step
+        return steps, promised
 
+    def errors(self, batch: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+        """Errors (t, y) of each segment, each block by its row of variables (b, v); χ² (b,) of the blocks that are seen,
+        infinite where the simulation diverges, and gradients (2, b, v).
 
-def _errors(
-    fit: Fit, number: Sequence[np.ndarray], batch: np.ndarray, block: int | None = None
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Errors (t, y) of each segment, each block by its row of variables (b, v), and χ² (b,) of the other blocks.
-
-    The zero of an angle sensor is that of the blocks that were seen, where the segment has any.
-    """
-    problem, out, costs = fit.problem, [], np.zeros(len(batch))
-    with np.errstate(over="ignore", invalid="ignore"):
-        for i, (own, errors) in enumerate(zip(number, problem.deviations(batch), strict=True)):
-            measured = problem.data.segments[i].measured
-            left = np.full(measured.shape, np.nan)
-            weighted = problem.counted(errors.copy(), i)
-            for row, part in enumerate(errors):
-                here = own == (row if block is None else block)
-                costs[row] += float(np.sum(weighted[row][~here] ** 2))
-                for j in problem.with_zero:
-                    known = measured[:, j] & ~here
-                    known = known if known.any() else measured[:, j]
-                    part[:, j] -= np.mean(part[known, j]) if known.any() else 0.0
-                left[here] = np.where(measured[here], part[here], np.nan)
-            out.append(left)
-    return out, np.where(np.isfinite(costs), costs, np.inf)
+        The zero of an angle sensor is that of the blocks that are seen, where the segment has any.
+        """
+        problem, out, weighted = self.fit.problem, [], []
+        with np.errstate(over="ignore", invalid="ignore"):
+            for i, (own, errors) in enumerate(zip(self.number, problem.deviations(batch), strict=True)):
+                measured = problem.data.segments[i].measured
+                weighted.append(problem.counted(errors.copy(), i).reshape(len(batch), -1))
+                left = np.full(measured.shape, np.nan)
+                for block, part in enumerate(errors):
+                    here = own == block
+                    for j in problem.with_zero:
+                        known = measured[:, j] & ~here
+                        known = known if known.any() else measured[:, j]
+                        part[:, j] -= np.mean(part[known, j]) if known.any() else 0.0
+                    left[here] = np.where(measured[here], part[here], np.nan)
+                out.append(left)
+            residuals = np.concatenate(weighted, axis=1)
+            squares = np.array([[float(r[rows] @ r[rows]) for rows in self.rows] for r in residuals])
+            costs = squares.sum(axis=1) - np.diag(squares)
+            every = residuals @ self.fit.jacobian
+            own = np.array([residuals[b, rows] @ self.fit.jacobian[rows] for b, rows in enumerate(self.rows)])
+        return out, np.where(np.isfinite(squares).all(axis=1), costs, np.inf), np.array([every - own, every])
 
 
 def _refitted(fit: Fit, number: Sequence[np.ndarray], block: int) -> np.ndarray:
@@ -265,6 +282,16 @@ class UnseenData:
         error = self.error(hypothesis)
         return np.inf if error is None else error.misfit
 
+    def shares_explained(self, child: Hypothesis, parent: Hypothesis) -> np.ndarray:
+        """Share (y,) of a hypothesis's misfit of each sensor, beyond the noise, that another one explains, at most 1; 0
+        of a sensor that is at its noise."""
+        after, before = self.error(child), self.error(parent)
+        if after is None or before is None:
+            return np.full(1, float(before is None))
+        new, old = (np.nan_to_num(np.nanmean(e.blocks, axis=0), nan=1.0) for e in (after, before))
+        beyond = old > AT_NOISE
+        return np.where(beyond, (old - np.maximum(new, 1.0)) / np.where(beyond, old - 1.0, 1.0), 0.0)
+
     def share_explained(self, child: Hypothesis, parent: Hypothesis) -> float:
         """Share of a hypothesis's misfit on unseen data, beyond the noise, that another one explains: mean squares over
         the sensors in units of their ranges; between 0 and 1."""
@@ -275,6 +302,10 @@ class UnseenData:
         floor = float(np.mean(1 / before.ranges[known] ** 2)) if known.any() else 0.0
         excess = before.pooled**2 - floor
         return float(np.clip((before.pooled**2 - after.pooled**2) / excess, 0.0, 1.0)) if excess > 0 else 0.0
+
+    def prefers(self, hypothesis: Hypothesis, other: Hypothesis) -> bool:
+        """Whether a hypothesis meets unseen data better than another, as far as the sensors say on average."""
+        return bool(self._drawn(hypothesis, other)[0].mean() > 0)
 
     def accepts(self, child: Hypothesis, parent: Hypothesis) -> bool:
         """Whether a hypothesis meets unseen data better than another, beyond chance.

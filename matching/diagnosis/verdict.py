@@ -13,6 +13,7 @@ from matching.diagnosis.hypotheses import Hypothesis, at_noise
 from matching.diagnosis.latent import free_force
 from matching.diagnosis.moves import Selection
 from matching.diagnosis.result import (
+    TOLD_APART,
     Alternative,
     Candidate,
     CauseParameter,
@@ -265,7 +266,10 @@ class JudgedCause:
     known : KnownScreening or None
         The screening of what that leaves, where the search has made it.
     explained : float
-        Share of the misfit on unseen data that it explains; 1 where all is explained.
+        Share of the misfit on unseen data that it explains, of the sensor where that is most: a fault of a channel
+        explains nothing of the others. 1 where all is explained.
+    mostly : bool
+        Whether it explains almost all of all sensors.
     """
 
     cause: Cause
@@ -273,6 +277,7 @@ class JudgedCause:
     without: Hypothesis
     known: KnownScreening | None
     explained: float
+    mostly: bool
 
     @property
     def rivals(self) -> list[RatedCause]:
@@ -308,10 +313,12 @@ def named_causes(
         share, place = rating.share, 1.0
         if unseen is not None and screening is not None:
             place = _place(judgement, rating, unseen)
-            if judgement.explained < MOSTLY and _free_force_is_left(final, screening, cause.at):
+            if not judgement.mostly and _free_force_is_left(final, screening, cause.at):
                 share = min(share, NOT_THE_KIND)
         certain = share * judgement.explained * acts(parameters) / (1 + len(same))
-        whole = certain * (1 + len(same))  # of what no recording, or not this one, tells apart, any may stand
+        # of what no recording, or not this one, tells apart, any may stand
+        as_good = share + sum(r.share for r in rivals if (r.kind, r.at) in alike or _same_readings(rating, r))
+        whole = min(as_good, 1.0) * judgement.explained * acts(parameters)
         alternatives = [Alternative(kind, at, certain) for kind, at in same]
         alternatives += [Alternative(r.kind, r.at, r.share * judgement.explained) for r in rivals]
         causes.append(
@@ -346,6 +353,13 @@ def _place(judgement: JudgedCause, rating: RatedCause, unseen: UnseenData) -> fl
     errors = [unseen.error(r.hypothesis if r is not None else judgement.without) for r in every]
     there = [r is not None and _component(r.at) == _component(rating.at) for r in every]
     return float(drawn_shares(errors, unseen.settings.draws)[there].sum())
+
+
+def _same_readings(rating: RatedCause, rival: RatedCause) -> bool:
+    """Whether two fitted hypotheses differ in the readings by less than the noise tells apart."""
+    own, other = (np.concatenate([part.ravel() for part in r.hypothesis.fit.errors]) for r in (rating, rival))
+    limit = TOLD_APART * chi_square_inflation(rating.hypothesis)
+    return own.shape == other.shape and float(np.sum((own - other) ** 2)) < limit
 
 
 def drawn_shares(errors: Sequence[UnseenError | None], draws: int) -> np.ndarray:
