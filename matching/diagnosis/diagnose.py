@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -58,6 +59,7 @@ from matching.diagnosis.screening import Screening
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.simulation import compile_models
 from matching.diagnosis.statistics import adapted
+from matching.diagnosis.times import channel_times
 from matching.diagnosis.unseen import UnseenData, blocks_for, unseen_errors
 from matching.diagnosis.verdict import (
     MOSTLY,
@@ -71,7 +73,7 @@ from matching.diagnosis.verdict import (
 )
 from modelling.errors import FitError, InputError
 from modelling.recordings.recording import Recording
-from modelling.resources import is_limited, limited, time_is_over
+from modelling.resources import ended_early_by, ends_early, is_limited, limited, time_is_over
 from modelling.simulation.simulate import check_exchanged, check_speed_units
 from modelling.system import System
 
@@ -186,7 +188,10 @@ def diagnose(
     """
     settings = settings or DiagnosisSettings()
     by_default = time_limit is None and not is_limited()
-    with limited(settings.processor_seconds if by_default else time_limit, of_processor=by_default) as limit:
+    with (
+        ends_early(),
+        limited(settings.processor_seconds if by_default else time_limit, of_processor=by_default) as limit,
+    ):
         measuring = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
         stated, system = system, with_clocks(system, [*recordings, *measuring])
         data, other, notes = _data(system, recordings, measuring)
@@ -206,7 +211,7 @@ def diagnose(
             if kinds != straight or recorded.rounding is not None:
                 data = inputs.as_taken(recorded, kinds)
                 base_fit = fit_base(system, data, settings, base_fit)
-            suspected = audit.time_hypotheses(system, base_fit, audit.channel_times(system, base_fit))
+            suspected = audit.time_hypotheses(system, base_fit, times := channel_times(system, base_fit))
             unseen = UnseenData(blocks_for(base_fit, settings), settings)
             identified = identify_causes(system, base_fit, unseen, progress, suspected)
             best = identified.selected.best
@@ -217,14 +222,14 @@ def diagnose(
             if others == kinds:
                 break
             kinds = others
-        notes += inputs.note_on(system, kinds)
+        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times, data.sampling_interval)
         judge = Holdout(inputs.as_taken(other, kinds)) if other.segments else None
         weak, weighed = list[NamedCause](), list[Candidate]()
         while True:
             selected, fits = identified.selected, equivalent_fits(best.fit, best.causes)
             base, final = selected.base, replace(best, fit=fits[0])
-            residuals = [_left(hypothesis, judge, unseen) for hypothesis in (base, final)]
-            before, after = (rms_by_sensor(parts) for parts in residuals)
+            left = [_left(hypothesis, judge, unseen) for hypothesis in (base, final)]
+            before, after = (rms_by_sensor(list(of.residuals)) for of in left)
             verdict = _verdict(final, judge, after, data.rounding)
             values, judging = fitted_values(final, fits), None if verdict == "explained" else unseen
             judged = _judged_causes(identified, final, judging)
@@ -243,13 +248,7 @@ def diagnose(
             notes.append(
                 "the fitted data are reproduced to their noise, held-out data are not: something happens in those"
             )
-        held_out = holdout_data(
-            data.noise,
-            *(
-                ModelResiduals(judge.data.segments if judge else model.fit.problem.data.segments, left)
-                for model, left in zip((base, final), residuals, strict=True)
-            ),
-        )
+        held_out = holdout_data(data.noise, *left)
         curves = discrepancy_curves(final) if rest else []
         errors = errors_by_sensor(system, base, final, before, after)
         pictured(Pictured(errors, curves, plot_data := _plot_data(selected, final, held_out)))
@@ -261,9 +260,11 @@ def diagnose(
             refitted_candidates(judged) + weighed, identified.fitted, rest, curves,
             recording_to_tell_rivals(final, judged), notes,
             _extended(stated, final, kept), plot_data, kept,
-            audit.audited(system, base_fit, order, kinds, hum),
+            audit.audited(system, base_fit, times, order, kinds, hum),
         )  # fmt: skip
-    if limit.ended_at and (by_default or time_limit is not None):
+    if ended_early_by():
+        found.notes.append("interrupted: the best answer so far")
+    elif limit.ended_at and (by_default or time_limit is not None):
         spent = f"{settings.processor_seconds:g} s of processor time" if by_default else f"{time_limit:g} s"
         found.notes.append(f"cut short after {spent}: the best answer so far")
     return found
@@ -304,12 +305,17 @@ def _mended(system: System, data: FitData, base: Fit, order: list[int], hum: lis
     return audit.without_hum(system, audit.reordered(data, order), base, hum)
 
 
-def _left(hypothesis: Hypothesis, judge: Holdout | None, unseen: UnseenData) -> list[np.ndarray]:
-    """Errors (t, y) of every segment, in times the noise: of the hold-out recordings where there are any, else of every
-    block by a fit to the others."""
+def _left(hypothesis: Hypothesis, judge: Holdout | None, unseen: UnseenData) -> ModelResiduals:
+    """What a hypothesis leaves of the hold-out recordings where there are any, else of every block by a fit to the
+    others; windows of a fit share their last sample with the next, which counts once."""
     if judge is not None:
-        return holdout_residuals(judge.simulate(hypothesis.fit))
-    return unseen_errors(hypothesis.fit, unseen.blocks)
+        return ModelResiduals(judge.data.segments, holdout_residuals(judge.simulate(hypothesis.fit)))
+    segments, residuals = list(hypothesis.fit.problem.data.segments), unseen_errors(hypothesis.fit, unseen.blocks)
+    for i, (segment, following) in enumerate(pairwise(segments)):
+        if following.name == segment.name and following.time[0] == segment.time[-1]:
+            count = len(segment.time) - 1
+            segments[i], residuals[i] = segment.part(0, count), residuals[i][:count]
+    return ModelResiduals(segments, residuals)
 
 
 def _extended(stated: System, final: Hypothesis, kept: KeptTable | None) -> System:

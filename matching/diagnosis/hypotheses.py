@@ -20,7 +20,6 @@ from matching.diagnosis.descent import (
     solve,
     with_sharper_friction,
 )
-from matching.diagnosis.problem import STEPS_PER_RADIAN
 from matching.diagnosis.screening import fit_extended
 from matching.diagnosis.statistics import (
     BLOCK_LENGTHS,
@@ -313,6 +312,7 @@ def widened(estimates: Mapping[str, Estimate], fits: list[Fit]) -> dict[str, Est
 # --- The final fit of a hypothesis: finer integration steps, sharper friction, exact derivatives.
 
 ITERATIONS = 12
+FINER = 2.0  # times as many integration steps as in a search
 WORSE_SHARE, WORSE = 0.01, 10.0  # of χ², and χ²: what finer steps may add; more, and they ended elsewhere
 
 
@@ -324,7 +324,7 @@ def final_fit(hypothesis: Hypothesis) -> Hypothesis:
         return replace(hypothesis, fit=polished(hypothesis.fit))
     model = replace(hypothesis.at_fit(), starts=tuple(hypothesis.fit.starts))
     try:
-        fit = fit_extended(model, hypothesis.fit, FitOptions(ITERATIONS), 2 * STEPS_PER_RADIAN)
+        fit = fit_extended(model, hypothesis.fit, FitOptions(ITERATIONS), FINER)
         fit = polished(with_sharper_friction(fit, FINAL_STEPS))
     except FitError:
         return hypothesis
