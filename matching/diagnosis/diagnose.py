@@ -291,8 +291,8 @@ def _base_fit(system: System, train: FitData, recordings: Sequence[Recording], s
 
 
 def _without(identified: IdentifiedCauses, index: int) -> IdentifiedCauses:
-    """The same without one of the causes of its best hypothesis, which is fitted without it: what is not sure of its kind
-    stays out of the answer and of the extended model."""
+    """The same without one of the causes of its best hypothesis, which is fitted without it: what is not sure of its
+    kind stays out of the answer and of the extended model."""
     selected = identified.selected
     rest = best_without(selected, index)
     best = final_fit(rest) if rest.causes else rest
@@ -345,8 +345,8 @@ def _verdict(
 ) -> str:
     """``adequate``, ``explained`` or ``unexplained``; errors (y,) on unseen data in times the noise.
 
-    A model without causes may drift away on a hold-out recording as far as its quantities are uncertain. What the resolution
-    of the inputs adds (y, l) is no error of it.
+    A model without causes may drift away on a hold-out recording as far as its quantities are uncertain. What the
+    resolution of the inputs adds (y, l) is no error of it.
     """
     if not at_noise(final):
         return "unexplained"

@@ -1,4 +1,4 @@
-"""One selection: a set of causes with their values, and moves from it, each of which refits from the best values so far.
+"""One selection: a set of causes with their values, and moves from it. Each refits from the best values so far.
 
 The moves are: add a cause, or two that hide each other; share one cause between channels; put a simpler kind in the
 place of a cause; drop a cause, the only one too; exchange a cause. One rule decides downward, to the model without a
@@ -134,8 +134,8 @@ class _Moves:
         self.state = Selection(base, base, screening, candidates, draws.threshold())
 
     def run(self) -> Selection:
-        """Add while that helps, then share, drop and exchange, and add again where that has changed the causes; the same
-        moves once more with finer steps."""
+        """Add while that helps, then share, drop and exchange; add again where that has changed the causes; then the same
+        moves with finer steps."""
         state = self.state
         for _ in range(self.settings.rounds):
             self._grow()

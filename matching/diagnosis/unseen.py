@@ -89,7 +89,7 @@ def unseen_errors(fit: Fit, blocks: Blocks) -> list[np.ndarray]:
     nothing was measured.
 
     The start state of a segment that begins in the block is fitted to all of it: no other reading tells it. Where
-    torques jump, neither a step to first order nor a longer simulation is of use: there the errors are those of the fit.
+    torques jump, a step to first order leads nowhere: there the errors are those of the fit.
     """
     segments = fit.problem.data.segments
     number = [blocks.of(segment) for segment in segments]
@@ -110,18 +110,18 @@ def unseen_errors(fit: Fit, blocks: Blocks) -> list[np.ndarray]:
         v[taken], costs[taken], gradients[:, taken] = moved[taken], costs_there[taken], gradients_there[:, taken]
         if not taken.any():
             break
-    for block in np.flatnonzero((v == fit.v).all(axis=1)):  # no step from the fit is one towards that without the block
-        there, _, _ = left_out.errors(np.repeat(_refitted(fit, number, int(block))[None], blocks.count, axis=0))
-        for own, part, new_part in zip(number, errors, there, strict=True):
-            part[own == block] = new_part[own == block]
+    for block in np.flatnonzero((v == fit.v).all(axis=1)):  # no step leads to the fit without the block
+        new, _, _ = left_out.errors(np.repeat(_refitted(fit, number, int(block))[None], blocks.count, axis=0))
+        for own, part, there in zip(number, errors, new, strict=True):
+            part[own == block] = there[own == block]
     return errors
 
 
 class _LeftOut:
     """A fit without one block after the other: Gauss–Newton steps by the Jacobian of the fit, and simulations.
 
-    Arrays have a row for every block that is left out. Gradients (2, b, v) are those of the blocks that are seen, and of
-    all.
+    Arrays have a row for every block that is left out. Gradients (2, b, v) are those of the blocks that are seen, and
+    those of all.
     """
 
     def __init__(self, fit: Fit, number: Sequence[np.ndarray], count: int):
@@ -137,7 +137,7 @@ class _LeftOut:
         prior[:k] = np.where(np.isfinite(width) & (width > 0), np.sqrt(PRIOR) / np.maximum(width, 1e-300), 0.0)
         sensors = len(problem.data.noise)
         self.rows = [np.flatnonzero(np.repeat(np.concatenate(number), sensors) == block) for block in range(count)]
-        factors = [np.linalg.qr(fit.jacobian[rows], mode="r") for rows in self.rows]
+        factors = [np.asarray(np.linalg.qr(fit.jacobian[rows], mode="r")) for rows in self.rows]
         self.products = np.sum([factor.T @ factor for factor in factors], axis=0)
         self.models: list[Quadratic | None] = []
         for block in range(count):
@@ -171,8 +171,8 @@ class _LeftOut:
         return steps, promised
 
     def errors(self, batch: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-        """Errors (t, y) of each segment, each block by its row of variables (b, v); χ² (b,) of the blocks that are seen,
-        infinite where the simulation diverges, and gradients (2, b, v).
+        """Errors (t, y) of each segment, each block by its row of variables (b, v); χ² (b,) of the blocks that are
+        seen, infinite where the simulation diverges; and gradients (2, b, v).
 
         The zero of an angle sensor is that of the blocks that are seen, where the segment has any.
         """
@@ -194,8 +194,8 @@ class _LeftOut:
             squares = np.array([[float(r[rows] @ r[rows]) for rows in self.rows] for r in residuals])
             costs = squares.sum(axis=1) - np.diag(squares)
             every = residuals @ self.fit.jacobian
-            own = np.array([residuals[b, rows] @ self.fit.jacobian[rows] for b, rows in enumerate(self.rows)])
-        return out, np.where(np.isfinite(squares).all(axis=1), costs, np.inf), np.array([every - own, every])
+            inside = np.array([residuals[b, rows] @ self.fit.jacobian[rows] for b, rows in enumerate(self.rows)])
+        return out, np.where(np.isfinite(squares).all(axis=1), costs, np.inf), np.array([every - inside, every])
 
 
 def _refitted(fit: Fit, number: Sequence[np.ndarray], block: int) -> np.ndarray:

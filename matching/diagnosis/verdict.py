@@ -37,8 +37,8 @@ from modelling.system import System
 # Where a hypothesis leaves noise, that is its share of the evidence: −½ of χ² + (variables)·ln(readings) of all data
 # (Schwarz 1978). Where more than noise is left, no hypothesis is right, and such a likelihood would decide by far too
 # much. The hypotheses are then mixed so that the mixture predicts the unseen blocks best (stacking of predictive
-# distributions; Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 2018), averaged over draws of the blocks (Huggins
-# and Miller, arXiv 2007.14845): a difference that is smaller than its scatter from block to block decides nothing.
+# distributions; Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 2018), averaged over draws of the blocks
+# (Huggins and Miller, arXiv 2007.14845): a difference that is smaller than its scatter decides nothing.
 
 STACKED_DRAWS, STACKING_ROUNDS = 200, 60  # of the blocks; of the iterations that find the weights of each
 
@@ -74,8 +74,8 @@ def evidence_shares(scores: np.ndarray) -> np.ndarray:
 
 
 def stacking_weights(errors: Sequence[UnseenError | None]) -> np.ndarray:
-    """Weights (h,) with which hypotheses predict unseen blocks best together, by their mean squares in each block: those
-    of a normal error whose variance is that of the best of them, at least the noise."""
+    """Weights (h,) with which hypotheses predict unseen blocks best together, by their mean squares in each block: the
+    error is normal, of the variance that the best of them leaves, at least the noise."""
     known = [error for error in errors if error is not None]
     if not known:
         return np.full(len(errors), 1 / len(errors))
@@ -336,8 +336,8 @@ def named_causes(
 
 
 # --- Confidence where more than noise is left. A place counts as often as a hypothesis with any cause there predicts
-# unseen blocks best, each by a fit to the others, when the blocks are drawn again and again. The kind counts no more than
-# ``NOT_THE_KIND`` where a free force at its place predicts much of what it leaves (:mod:`matching.diagnosis.latent`).
+# unseen blocks best, each by a fit to the others, when the blocks are drawn again and again. The kind counts no more
+# than ``NOT_THE_KIND`` where a free force there predicts much of what it leaves (:mod:`matching.diagnosis.latent`).
 
 LEAST_CONFIDENCE = 0.5  # of a kind, from which a cause stands in the answer and in the extended model
 NOT_THE_KIND = 0.4  # most that is said of a kind that leaves a force at its own place

@@ -16,7 +16,8 @@ from modelling.model_file import from_dict
 J, DRAG, TORQUE, NOISE, COUNT = 0.5, 0.3, 2.0, 0.02, 6
 TIME = np.arange(0, 6, 0.01)
 SYSTEM = from_dict({
-    "inertias": {"rotor": {"J": {"value": 0.9, "tolerance": 0.9}, "drag": {"value": 0.15, "lower": 0.05, "upper": 1.0}}},
+    "inertias": {"rotor": {"J": {"value": 0.9, "tolerance": 0.9},
+                           "drag": {"value": 0.15, "lower": 0.05, "upper": 1.0}}},
     "inputs": {"motor": {"on": "rotor"}},
     "sensors": {"speed": {"measures": "speed", "of": "rotor", "uncertainty": NOISE}},
 })  # fmt: skip
