@@ -134,8 +134,8 @@ class _Moves:
         self.state = Selection(base, base, screening, candidates, draws.threshold())
 
     def run(self) -> Selection:
-        """Add while that helps, then share, drop and exchange; add again where that has changed the causes; then the same
-        moves with finer steps."""
+        """Add while that helps, then share, drop and exchange; add again where that has changed the causes; then move
+        with finer steps."""
         state = self.state
         for _ in range(self.settings.rounds):
             self._grow()

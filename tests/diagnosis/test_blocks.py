@@ -86,4 +86,4 @@ def test_a_segment_within_a_block_has_a_start_of_its_own() -> None:
 def test_blocks_are_long_beside_the_memory_of_the_residual() -> None:
     settings = DiagnosisSettings()
     assert blocks_for(fitted(data(np.zeros(len(TIME)))), settings).count == settings.parts
-    assert blocks_for(fitted(data(np.sin(1.5 * TIME))), settings).count == settings.fewest_parts
+    assert blocks_for(fitted(data(np.sin(0.4 * TIME))), settings).count == settings.fewest_parts
