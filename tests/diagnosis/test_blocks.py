@@ -1,10 +1,12 @@
 """Blocks of a recording that are left out in turn, against refits by SciPy over the closed form of a rotor."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit, polished, solve
@@ -83,7 +85,11 @@ def test_a_segment_within_a_block_has_a_start_of_its_own() -> None:
     assert np.sqrt(np.mean(found[1] ** 2)) == pytest.approx(1.0, abs=0.15)
 
 
-def test_blocks_are_long_beside_the_memory_of_the_residual() -> None:
-    settings = DiagnosisSettings()
-    assert blocks_for(fitted(data(np.zeros(len(TIME)))), settings).count == settings.parts
-    assert blocks_for(fitted(data(np.sin(0.4 * TIME))), settings).count == settings.fewest_parts
+@pytest.mark.parametrize(("correlation", "count"), [(0.0, 6), (0.985, 4), (0.999, 3)])
+def test_blocks_are_long_beside_the_memory_of_the_residual(correlation: float, count: int) -> None:
+    """An autoregressive residual remembers (1 + a)/(1 − a) samples: 1, 132 and 2000 of 1200."""
+    time = np.arange(1200) * 0.01
+    slow = lfilter([1], [1, -correlation], np.random.default_rng(7).standard_normal((1200, 4)), axis=0)
+    whole = FitData((Segment(time, np.zeros((1200, 0)), np.zeros((1200, 4)), "made"),), np.ones(4))
+    fit = SimpleNamespace(problem=SimpleNamespace(data=whole), errors=[slow])
+    assert blocks_for(fit, DiagnosisSettings()).count == pytest.approx(count, abs=correlation == 0.985)
