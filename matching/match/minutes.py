@@ -14,12 +14,15 @@ import numpy as np
 
 from matching.match.case import Case
 from matching.match.in_time import ANGLE_OF_A_COUNT, Imperfection, hardware, perturbed_system
+from matching.match.running import SAMPLES_BETWEEN_CHECKS
 from modelling.bed.nonlinear import NonlinearBeds
 from modelling.bed.observer import NOISE
 from modelling.controller.batch import ControllerBatch
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, ExportedController
 from modelling.linear.steady_motion import torques_of
 from modelling.simulation.stepping import SimulationError
+
+DRAWN_AT_ONCE = 500  # samples of noise (speed only)
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,8 @@ class _Sensors:
     angle: np.ndarray = field(init=False)
     last: np.ndarray | float = 0.0
     rest: np.ndarray | float = 0.0
+    drawn: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    used: int = 0
 
     def __post_init__(self) -> None:
         self.angle = np.zeros(self.gains.shape)
@@ -140,8 +145,10 @@ class _Sensors:
         rest = self.angle % ANGLE_OF_A_COUNT
         counts = np.where(self.counting, (self.rest - rest) / self.step, 0.0)
         self.rest = rest
-        noise = self.noise * self.random.standard_normal(self.gains.shape)
-        read: np.ndarray = exact + counts + noise + part * self.drift
+        if self.used == len(self.drawn):
+            self.drawn, self.used = self.noise * self.random.standard_normal((DRAWN_AT_ONCE, *self.gains.shape)), 0
+        self.used += 1
+        read: np.ndarray = exact + counts + self.drawn[self.used - 1] + part * self.drift
         return read
 
 
@@ -196,33 +203,33 @@ def _run(case: Case, controller: ExportedController, seed: int, settings: Minute
     wanted = about[speeds][:, None] + _hold_speeds(case, settings, turning) * np.array([row[2] for row in rows])
     begun, ended = round(settings.settle / step), round((settings.settle + settings.seconds) / step)
     held = np.array([torques_of(case.rig)[dynamometer.torque_input] for dynamometer in loop.dynamometers])[:, None]
-    pulses, known_at = _pulses(case, beds.drives, law.known, begun, step, settings)
-    x, none = beds.start, np.zeros((len(beds.drives), size))
+    x, pulse = beds.start, _Pulse.of(case, beds.drives, law.known, begun, step, settings, size)
     emulated, faults = np.full(size, settings.seconds), np.zeros(size, int)
     first = largest = np.zeros((k, size))
     for n in range(ended):
-        now, after = (none + pulses(m)[:, None] for m in (n, n + 1))
+        now, known = pulse.at(n)
+        after, _ = pulse.at(n + 1)
         true = beds.read(x, now)[at]
         true[flanges] = beds.lagged(x)
-        part = max(n - begun, 0) / (ended - begun)
-        readings = sensors.read(true, part) + about[:, None]
+        readings = sensors.read(true, max(n - begun, 0) / (ended - begun)) + about[:, None]
         ramp = min(2.0 * n / begun, 1.0)
-        hold = about[speeds][:, None] + ramp * (wanted - about[speeds][:, None])
+        hold = about[speeds][:, None] + ramp * (wanted - about[speeds][:, None]) if n <= begun else wanted
         mode = SPEED_HOLD if n < begun else EMULATION
-        commands, _, fault = batch.step(readings, np.zeros((len(law.known), size)) + known_at(n), mode, hold, n)
-        failed = (fault != 0) & (faults == 0) & (n >= begun)
-        emulated[failed], faults[failed] = (n - begun) * step, fault[failed]
+        commands, _, fault = batch.step(readings, known, mode, hold, n)
+        if n >= begun and fault.any():
+            failed = (fault != 0) & (faults == 0)
+            emulated[failed], faults[failed] = (n - begun) * step, fault[failed]
+            if (faults != 0).all():
+                break
         if n == begun:
             first = true[speeds].copy()
-        if n >= begun:
+        if n >= begun and n % SAMPLES_BETWEEN_CHECKS == 0:
             largest = np.maximum(largest, np.where(faults == 0, np.abs(true[speeds] - first), 0.0))
-        if (faults != 0).all():
-            break
+            if not np.isfinite(x).all():
+                raise SimulationError(
+                    "simulation", f"the bed grows out of bounds at {n * step:g} s", "check its parameters"
+                )
         x = beds.advance(x, commands - held, now, after)
-        if not np.isfinite(x).all():
-            raise SimulationError(
-                "simulation", f"the bed grows out of bounds at {n * step:g} s", "check its parameters"
-            )
     return Minutes(
         settings.seconds,
         tuple(
@@ -260,21 +267,36 @@ def _hold_speeds(case: Case, settings: MinuteSettings, turning: bool) -> float:
     return min(settings.speed, settings.speed_share * limit)
 
 
-def _pulses(
-    case: Case, drives: Sequence[str], known: Sequence[str], begun: int, step: float, settings: MinuteSettings
-) -> tuple[Any, Any]:
-    """Torques (d,) that act at a sample, and (w, 1) as the controller knows them: a pulse and its opposite."""
-    sizes = {
-        name: float(np.abs(torque.torque(torque.time())).max())
-        for name, torque in case.manoeuvre.items() if name in drives
-    }  # fmt: skip
-    name = max(sizes, key=lambda one: sizes[one]) if sizes else ""
-    size, count = settings.pulse_share * sizes.get(name, 0.0), round(settings.pulse / step)
+@dataclass(frozen=True)
+class _Pulse:
+    """A pulse of the manoeuvre's largest torque, and its opposite, right after emulation has begun.
 
-    def height(sample: int) -> float:
-        since = sample - begun - count
-        return size if 0 <= since < count else -size if count <= since < 2 * count else 0.0
+    ``sizes`` are torques that act (d, b), and as the controller knows them (w, b): of nothing, pulse and opposite.
+    """
 
-    acting = np.array([float(one == name) for one in drives])
-    told = np.array([float(one == name and one in case.loop.measured) for one in known])[:, None]
-    return (lambda sample: acting * height(sample)), (lambda sample: told * height(sample))
+    sizes: tuple[tuple[np.ndarray, np.ndarray], ...]
+    begun: int
+    count: int
+
+    @classmethod
+    def of(
+        cls, case: Case, drives: Sequence[str], known: Sequence[str], begun: int, step: float,
+        settings: MinuteSettings, beds: int,
+    ) -> _Pulse:  # fmt: skip
+        """At the input of the rig that the manoeuvre drives hardest."""
+        largest = {
+            name: float(np.abs(torque.torque(torque.time())).max())
+            for name, torque in case.manoeuvre.items() if name in drives
+        }  # fmt: skip
+        name = max(largest, key=lambda one: largest[one]) if largest else ""
+        size = settings.pulse_share * largest.get(name, 0.0)
+        acting = np.array([[float(one == name)] * beds for one in drives]).reshape(len(drives), beds)
+        told = np.array([[float(one == name and one in case.loop.measured)] * beds for one in known])
+        told = told.reshape(len(known), beds)
+        sizes = tuple((height * acting, height * told) for height in (0.0, size, -size))
+        return cls(sizes, begun, round(settings.pulse / step))
+
+    def at(self, sample: int) -> tuple[np.ndarray, np.ndarray]:
+        """What acts at a sample, and what the controller knows of it; the same arrays as long as nothing changes."""
+        since = sample - self.begun - self.count
+        return self.sizes[1 if 0 <= since < self.count else 2 if self.count <= since < 2 * self.count else 0]

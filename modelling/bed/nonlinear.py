@@ -101,7 +101,7 @@ class NonlinearBeds:
         still[len(self.model.states) + k :] = self.steady[flanges]
         self.dynamometers, self._longest = k, max((each.shape[1] for row in weights for each in row), default=0)
         self.start = np.vstack([still, np.zeros((self._longest * k, count))])
-        self._physical = len(still)
+        self._physical, self._middles = len(still), ((np.arange(self.pieces) + 0.5) / self.pieces)[None, :, None]
         self._arriving = np.zeros((count, k, self.pieces, self._longest))  # of a bed, dynamometer, piece, sample ago
         for i, row in enumerate(weights):
             for j, each in enumerate(row):
@@ -146,19 +146,22 @@ class NonlinearBeds:
 
         ``before`` are the torques now, ``after`` those at the next sample.
         """
-        middles = (np.arange(self.pieces) + 0.5) / self.pieces
-        torques = before.T[:, None] + (after - before).T[:, None] * middles[None, :, None]
-        act, k, issued = torques, self.dynamometers, x[self._physical :]
+        k, n, later = self.dynamometers, self._physical, np.empty_like(x)
+        # of what acts, as the compiled function has it: one column a bed and fine step
+        act = self._sample.acting.T.reshape(x.shape[1], self.pieces, -1)
+        torques = before.T[:, None]
+        act[:, :, k:] = torques if after is before else torques + (after - before).T[:, None] * self._middles
         if k:
-            issued = np.vstack([commands, issued[: len(issued) - k]])
-            by_bed = issued.reshape(self._longest, k, -1).transpose(2, 1, 0)[..., None]  # (b, k, i, 1)
-            arrived = (self._arriving @ by_bed)[..., 0].transpose(0, 2, 1)  # (b, pieces, k)
-            act = np.concatenate([arrived, torques], axis=2)
-        return np.vstack([self._sample(x[: self._physical], act.reshape(-1, act.shape[2]).T), issued])
+            later[n : n + k], later[n + k :] = commands, x[n:-k]
+            by_bed = later[n:].reshape(self._longest, k, -1).transpose(2, 1, 0)[..., None]  # (b, k, i, 1)
+            act[:, :, :k] = (self._arriving @ by_bed)[..., 0].transpose(0, 2, 1)
+        later[:n] = self._sample.found(x[:n])
+        return later
 
     def read(self, x: np.ndarray, torques: np.ndarray) -> np.ndarray:
         """Readings of all the model's sensors (y, b), less those at the operating point; no sensor's lag."""
-        return self._readings(x[: self._physical], torques) - self.steady
+        read: np.ndarray = self._readings(x[: self._physical], torques) - self.steady
+        return read
 
     def twists(self, states: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
         """Twists (t, s) of the springs of the first bed for its states (t, x), less those at the start, and names."""
@@ -181,19 +184,23 @@ class _RepeatedCall:
 
     def __init__(self, function: ca.Function, parameters: np.ndarray):
         shapes = [function.size_in(0), function.size_in(1), function.size_out(0)]
-        self._x, self._acting, self._found = (np.zeros(shape, order="F") for shape in shapes)
+        self._x, self.acting, self._found = (np.zeros(shape, order="F") for shape in shapes)
         self._parameters = np.asfortranarray(parameters.T)
         self._buffer, self._run = function.buffer()
-        for i, array in enumerate((self._x, self._acting, self._parameters)):
+        for i, array in enumerate((self._x, self.acting, self._parameters)):
             self._buffer.set_arg(i, memoryview(array.T))  # type: ignore[call-arg, arg-type]
         self._buffer.set_res(0, memoryview(self._found.T))  # type: ignore[call-arg, arg-type]
 
     def __call__(self, x: np.ndarray, acting: np.ndarray) -> np.ndarray:
         """The function at matrices as CasADi has them: one column a bed, or a bed and fine step."""
+        self.acting[...] = acting
+        return self.found(x).copy()
+
+    def found(self, x: np.ndarray) -> np.ndarray:
+        """The function at a state and at what stands in ``acting``, until the next call."""
         self._x[...] = x
-        self._acting[...] = acting
         self._run()
-        return self._found.copy()
+        return self._found
 
 
 def _parameters(model: Model, systems: Sequence[System]) -> np.ndarray:

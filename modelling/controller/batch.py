@@ -84,7 +84,8 @@ class ControllerBatch:
             commands = np.stack([answer.commands for answer in answers], axis=1)
             modes, faults = (np.array([getattr(one, key) for one in answers]) for key in ("mode", "fault"))
             return commands, modes, faults
-        self._in[:] = np.vstack([readings, known, hold]).T
+        y, w = len(readings), len(readings) + len(known)
+        self._in[:, :y], self._in[:, y:w], self._in[:, w:] = readings.T, known.T, hold.T
         everything, given, sent, state = self._pointers
         self._step(everything, self._count, given, mode, ctypes.c_uint(life & 0xFFFFFFFF), sent, state)
         return self._out.T.copy(), self._state[:, 0].copy(), self._state[:, 1].copy()
