@@ -224,6 +224,18 @@ def standstill(case: Case) -> list[str]:
     ]
 
 
+def long_sample(case: Case) -> list[str]:
+    """That the controller's sample is longer than a dead time: then a shorter sample gains what a machine cannot."""
+    step, loop = case.loop["sample_time"], case.loop
+    shortest = min(loop["dead_time"] if one.dead_time is None else one.dead_time for one in loop.dynamometers)
+    if loop.torqueless or step <= shortest:
+        return []
+    return [
+        f"the sample time, {1e3 * step:.3g} ms, is longer than the dead time, {1e3 * shortest:.3g} ms: a command is "
+        "held for longer than it is late, so a shorter sample time reduces the error more than a faster inverter"
+    ]
+
+
 # --- Targets met
 
 SIMULATED_FREQUENCY_TOLERANCE = 0.02  # relative, between the vehicle's frequency and what the simulated rig shows

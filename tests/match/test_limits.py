@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,10 +15,13 @@ from matching.match.case import Target
 from matching.match.case_file import load_case
 from matching.match.demands import BehindCut, CutMotion, Demands, demands
 from matching.match.match import match
-from matching.match.problem import infeasible_limits
+from matching.match.problem import infeasible_limits, long_sample
+from matching.match.requirements import read_limits, requirements
 from modelling.bed.controllers import STRUCTURES
+from modelling.errors import InputError
 from modelling.topology import Joint
 
+OBSERVER = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"
 FEW = replace(LITTLE, drawn=3, steps=4, blind=8)  # what binds does not depend on more beds
 
 
@@ -106,3 +110,24 @@ def test_what_mechanics_alone_would_take_names_both_ways_or_that_one_is_none(ine
     assert "200 N·m/rad in flange, which twists 29° (0.1 turns) at 100 N·m" in said
     assert ("no inertia behind the cuts, however large, does it alone" in said) == (inertia is None)
     assert ("or 7 times the inertia behind each cut, 3.5 kg·m² instead of 0.5" in said) == (inertia is not None)
+
+
+def test_a_sample_that_is_longer_than_the_shortest_dead_time_is_said():
+    case = load_case(OBSERVER)
+    assert long_sample(case) == []
+    (first, *others), slow = case.loop.dynamometers, case.loop.with_values({"sample_time": 0.002})
+    assert long_sample(replace(case, loop=slow)) == []
+    fast = replace(slow, dynamometers=(replace(first, dead_time=0.001), *others))
+    (said,) = long_sample(replace(case, loop=fast))
+    assert "2 ms, is longer than the dead time, 1 ms" in said
+
+
+def test_opened_shafts_are_asked_for_unless_they_are_waived():
+    case = load_case(OBSERVER)
+    for stated, asked in (({}, True), ({"opened_shafts": False}, False), ({"opened_shafts": True}, True)):
+        limits_read, _ = read_limits({"limits": stated}, case.rig, "case.toml")
+        assert requirements(replace(case, limits=limits_read)).opened_shafts == asked
+    feedback = replace(case, loop=replace(case.loop, structure=STRUCTURES["pi"]))
+    assert not requirements(feedback).opened_shafts
+    with pytest.raises(InputError, match=r"no yes or no.*true or false"):
+        read_limits({"limits": {"opened_shafts": 1}}, case.rig, "case.toml")
