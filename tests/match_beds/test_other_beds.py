@@ -121,7 +121,8 @@ def test_what_is_called_limited_stays_so_and_is_lifted_as_the_text_says(matched)
         elif named := ERROR.search(sentence):
             key = TOLERANCES[named[1]]
             raised = replace(raised, **{key: 1.01 * getattr(case, key)})
-            lifted = replace(lifted, **{key: 1.01 * float(named[2])})
+            # what is tolerated weighs less in the cost, so an error grows a little with its tolerance
+            lifted = replace(lifted, **{key: 1.05 * float(named[2])})
         elif "limits.opened_shafts = false" in sentence:
             lifted = with_limit(lifted, opened_shafts=False)
     if raised is not case:
