@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from axis_units import check
 from result_schema import check_schema
 from scipy.linalg import expm
 
@@ -198,6 +199,7 @@ def test_its_figure_holds_the_torques_and_what_each_quantity_adds(plan):
     assert [text.get_text() for text in panels[0].texts] == [part.kind for part in plan.parts]
     areas = [end for area in panels[0].patches for end in (area.get_x(), area.get_x() + area.get_width())]
     assert areas == pytest.approx([end for part in plan.parts[::2] for end in (part.begin, part.end)])
+    assert check(drawn, seconds=8.0) == 1  # the lowest panel names the time axis of all
     for line, key in zip(below.get_lines(), ("share_before", "share_after"), strict=True):
         shares = [max(getattr(quantity, key), 1e-6) for quantity in plan.expected[:12]]
         assert list(line.get_xdata()) == shares
