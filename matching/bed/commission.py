@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from matching.bed.channels import channel_recording, judge_channels, plan_channels
 from matching.bed.excite import (
     ExcitationOrder,
     ExcitationPlan,
@@ -103,6 +104,8 @@ class Commissioning(Displayed):
         What recordings of the road say: the content of ``identification.json`` for the vehicle.
     last : BedVerification, optional
         Of the last round that was verified, with its curves.
+    channels : mapping, optional
+        The content of ``channels.json``: what the check of the channels found before the first emulation.
     """
 
     rounds: tuple[Round, ...]
@@ -110,12 +113,16 @@ class Commissioning(Displayed):
     waiting_for: str | None = None
     vehicle: Mapping[str, Any] | None = None
     last: BedVerification | None = None
+    channels: Mapping[str, Any] | None = None
 
     @property
     def status(self) -> str | None:
-        """``waiting``, else that of the last verification: ``as_predicted``, ``short`` or ``undetermined``."""
+        """``waiting``, ``wrong_channel`` where no emulation was begun, else that of the last verification:
+        ``as_predicted``, ``short`` or ``undetermined``."""
         if self.waiting_for:
             return "waiting"
+        if self.channels is not None and not self.channels["right"]:
+            return "wrong_channel"
         return next((entry.verification["status"] for entry in reversed(self.rounds) if entry.verification), None)
 
     @property
@@ -128,6 +135,7 @@ class Commissioning(Displayed):
         return {
             "status": self.status, "waiting_for": self.waiting_for, "end": self.end, "best_round": self.best_round,
             "vehicle": None if self.vehicle is None else dict(self.vehicle),
+            "channels": None if self.channels is None else dict(self.channels),
             "rounds": [entry.to_dict() for entry in self.rounds],
         }  # fmt: skip
 
@@ -255,6 +263,7 @@ class CommissionOrder:
 
     ``follow`` (s): recordings in a folder are waited for, and followed until they have stood still for so long.
     ``vehicle``: recordings of the vehicle on the road, which are diagnosed before the first match.
+    ``skip_channel_check``: the channels are known to be right, emulation begins at once.
     ``diagnosis_limit`` (s): after it a diagnosis ends with the best it has; None: it takes the time it needs.
     """
 
@@ -265,6 +274,7 @@ class CommissionOrder:
     follow: float | None = None
     vehicle: tuple[Path, ...] = ()
     diagnosis_limit: float | None = DIAGNOSIS_LIMIT
+    skip_channel_check: bool = False
 
 
 class Circle:
@@ -288,6 +298,7 @@ class Circle:
         self._by_hand = ByHand(bed, order.follow, tell)
         self._tuned: dict[int, Case] = {}  # the case of each round
         self._rounds: list[Round] = []
+        self._channels: dict[str, Any] | None = None
 
     def run(self, path: Path) -> Commissioning:
         """Go round as long as a further round would gain, until the rounds are over, or a recording is waited for.
@@ -311,14 +322,17 @@ class Circle:
         try:
             for number in range(1, self._order.rounds + 1):
                 self._rounds.append(Round(number))
-                path = self._round(path, number)
-                end = end_of(self._rounds)
+                matched = self._round(path, number)
+                if matched is None:
+                    end = f"no emulation was begun: {self._channels['sentence']}" if self._channels else None
+                    break
+                path, end = matched, end_of(self._rounds)
                 if end:
                     break
         except Waiting as reason:
             waiting = reason.what
         self._on_one_scale()
-        return Commissioning(tuple(self._rounds), end, waiting, vehicle, self._last())
+        return Commissioning(tuple(self._rounds), end, waiting, vehicle, self._last(), self._channels)
 
     def _found(self, **of_step: Any) -> None:
         """Add what a step found to the present round; a step that waits for a recording keeps those before it."""
@@ -369,14 +383,18 @@ class Circle:
             again = self._stages.run(f"{name}_again", inputs, work)
             self._rounds[number - 1] = replace(self._rounds[number - 1], against_last_vehicle=again)
 
-    def _round(self, path: Path, number: int) -> Path:
-        """One round; where the next one begins from."""
+    def _round(self, path: Path, number: int) -> Path | None:
+        """One round; where the next one begins from. None: a channel is wrong, and nothing may be emulated."""
         if number > 1:
             self._found(identification=self._identified(path, number))
             path = self._folder / f"{number}_diagnose" / "case.toml"
         matched = self._matched(path, number)
         case = self._tuned[number] = tuned_case(matched).tuned
         self._exported(case, number)
+        if number == 1 and not self._order.skip_channel_check:
+            self._channels = self._checked(case, number)
+            if not self._channels["right"]:
+                return None
         self._found(verification=self._verified(case, number))
         return matched
 
@@ -404,6 +422,34 @@ class Circle:
             return {"controller.fmu": controller_fmu(exported_controller(case)).content}, {}
 
         self._stages.run(f"{number}_export", _of_case(case), work)
+
+    def _checked(self, case: Case, number: int) -> dict[str, Any]:
+        """The channels, before anything is fed back."""
+        self._tell(f"round {number} of {self._order.rounds} at most: check the channels")
+        name, plan = f"{number}_channels", plan_channels(case)
+        exported = self._folder / f"{number}_export" / "controller.fmu"
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            tripped = ""
+            if not self._bed.is_file():
+                taken = self._by_hand.recording(
+                    name, {"excitation.csv": plan.csv()},
+                    f"at rest, run {number}_export/controller.fmu in the mode 3 (check of the channels) with the "
+                    f"torques of {name}_excitation.csv as added torques and demands, and record them with every "
+                    "sensor of the rig",
+                    lambda path: judge_channels(case, read_recording(path, bed_system(case))).sentence(),
+                )  # fmt: skip
+            else:
+                law = exported_controller(case).law
+                with self._fmu(case) as bed, FmuController(exported, law) as controller:
+                    content, tripped = channel_recording(bed, case, law, controller, plan)
+                taken = HandedRecording(BY_FMU, content)
+            keep_recording(self._folder / name, taken)
+            recorded = read_recording(self._folder / name / taken.name, bed_system(case))
+            found = judge_channels(case, recorded, tripped).to_dict()
+            return {taken.name: taken.content, "channels.json": strict_json(found)}, found
+
+        return self._stages.run(name, self._of_run(plan.csv() + _of_case(case)), work, lambda _: self._as_handed(name))
 
     def _verified(self, case: Case, number: int) -> dict[str, Any]:
         self._tell(f"round {number} of {self._order.rounds} at most: run and verify")

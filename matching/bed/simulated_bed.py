@@ -439,13 +439,20 @@ class FmuController(Slave):
     def __init__(self, path: Path, law: ControlLaw):
         self._commands = [f"{name}.command" for name in law.dynamometers]
         self._hold = [f"{name}.hold_speed" for name in law.dynamometers]
-        super().__init__(path, [*law.sensors, *law.known, *self._commands, *self._hold])
+        self._added = [f"{name}.added_torque" for name in law.dynamometers]
+        super().__init__(path, [*law.sensors, *law.known, *self._commands, *self._hold, *self._added])
         self._law = law
         self.initialise({})
 
-    def step(self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int) -> Answer:
-        """One sample: readings (y,), known torques (w,), N·m, mode asked for, speeds to hold (k,), rad/s."""
-        values = dict(zip((*self._law.sensors, *self._law.known, *self._hold), (*readings, *known, *hold), strict=True))
+    def step(
+        self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int,
+        added: np.ndarray | None = None,
+    ) -> Answer:  # fmt: skip
+        """One sample: readings (y,), known torques (w,), N·m, mode asked for, speeds to hold (k,), rad/s, and torques
+        that are added (k,), N·m."""
+        more = np.zeros(len(hold)) if added is None else added
+        names = (*self._law.sensors, *self._law.known, *self._hold, *self._added)
+        values = dict(zip(names, (*readings, *known, *hold, *more), strict=True))
         self.set(values | {"mode": float(mode), "life": float(life)})
         self.advance(self._law.sample_time)
         *commands, active, fault = self.get([*self._commands, "active_mode", "fault"])
@@ -488,7 +495,7 @@ def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
         sent[i, :k] += proportional * error + total
         total += integral * step * error
         bed.step(sent[i], step)
-    return _csv(case, bed, step, held_as_linear(sent)[before:], readings[before:], plan.inputs)
+    return run_csv(case, bed, step, held_as_linear(sent)[before:], readings[before:], plan.inputs)
 
 
 def proof_recording(
@@ -526,12 +533,13 @@ def proof_recording(
         sent[i] = answer.commands
         bed.step(np.concatenate([sent[i], [now.get(name, 0.0) for name in drives]]), step)
     held = np.hstack([as_linear, held_as_linear(sent)])[before:]
-    return _csv(case, bed, step, held, readings[before:], (*wanted.inputs, *driven))
+    return run_csv(case, bed, step, held, readings[before:], (*wanted.inputs, *driven))
 
 
-def _csv(
+def run_csv(
     case: Case, bed: FmuBed, step: float, torques: np.ndarray, readings: np.ndarray, inputs: tuple[str, ...]
 ) -> str:
+    """Text of the CSV recording of a run: torques (t, u) and readings (t, y), SI."""
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors} | dict.fromkeys(inputs, "N*m")
     return csv_text(
         np.arange(len(torques)) * step, {**columns(inputs, torques), **columns(bed.sensors, readings)}, units
