@@ -453,7 +453,8 @@ def _followed(arguments: Arguments, case: Case, channels: Any) -> dict[str, Any]
 def run_commission(arguments: Arguments) -> dict[str, Any]:
     """Go round; a person at the bed is told every step in a line of its own."""
     more = {} if arguments.follow is None else {"progress": say}
-    return written(called_with_pool(arguments, **more), arguments)
+    again = shlex.join(["rigmatch", "commission", arguments.case, "--bed", arguments.bed, "--out", arguments.out])
+    return written(called_with_pool(arguments, **more), arguments, {"command": again, "out": arguments.out})
 
 
 def say(what: str) -> None:

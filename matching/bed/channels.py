@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from matching.bed.excite import torques_csv
 from matching.bed.simulated_bed import FmuBed, FmuController, bed_system, held_as_linear, run_csv
@@ -48,6 +49,7 @@ class ChannelSettings:
     decayed: float = 0.05  # of an answer, that may ring on into the next
     before: int = 10  # samples before an answer, whose mean it begins from
     compared: float = 0.3  # s of an answer that are compared: five periods of 15 Hz, known to 5 %, are in step so long
+    averaged: float = 0.06  # s of a running mean over all pulses: a period of 15 Hz, and what crosses free play
     early: float = 0.04  # s of an answer that say gain and delay: what follows depends on the modes of the bed
     still: float = 0.35  # of the answer that is expected: what rings on from the pulses before is no answer
     use_of_speed: float = 0.4  # of the speed limit of the check, on the bed as modelled: it may be off by a factor 2
@@ -219,7 +221,8 @@ def channel_recording(
         mode = ZERO_TORQUE if tripped else CHANNEL_CHECK
         answer = controller.step(readings[i, at], known, mode, np.zeros(k), i, torque[:k])
         if answer.fault and not tripped:
-            tripped = f"{i * plan.step:.3f} s after the start: {FAULTS[answer.fault]}{_fastest(bed, case, readings[i])}"
+            fault = FAULTS[answer.fault]
+            tripped = f"{fault}, {i * plan.step:.3f} s after the start{_fastest(bed, case, readings[i])}"
             last = i + round(COAST_SECONDS / plan.step)
         sent[i, :k] = answer.commands
         sent[i, k:] = 0.0 if tripped else torque[k:]
@@ -295,18 +298,17 @@ class _Blocks:
 
     def __init__(
         self, measured: np.ndarray, modelled: np.ndarray, together: np.ndarray, shares: np.ndarray, noise: np.ndarray,
-        pairs: Sequence[tuple[int, int]], settings: ChannelSettings,
+        pairs: Sequence[tuple[int, int]], settings: ChannelSettings, averaged: _Blocks | None = None,
     ):  # fmt: skip
+        self._averaged = averaged  # the same answers as running means: what free play leaves of them
         self.measured, self.modelled, self.together = measured, modelled, together  # (u, y, n), (u, y, n), (y, n)
         self.shares, self.pairs, self.settings = shares, list(pairs), settings  # amplitudes (u,) alone and together
         first, second = (np.array([pair[side] for pair in self.pairs], int) for side in (0, 1))
         self._first, self._second = first, second
         self.noise = np.concatenate([noise, np.hypot(noise[first], noise[second])])
         count = measured.shape[2]
-        seen, sizes = (
-            self._rows(*self._parts_measured()),
-            np.linalg.norm(self._rows(*self._parts(self.right())), axis=2),
-        )
+        seen = self._rows(measured, together)
+        sizes = np.linalg.norm(self._rows(*self._parts(self.right())), axis=2)
         self._seen = seen
         self._energy = np.maximum((seen**2).sum(axis=2) - count * self.noise**2, 0.0)
         alone = sizes[:, : measured.shape[1]]
@@ -320,9 +322,6 @@ class _Blocks:
         """Every channel is what it is called."""
         u, y = self.modelled.shape[:2]
         return _Wiring(tuple(range(y)), (1.0,) * y, tuple(range(u)), (1.0,) * u)
-
-    def _parts_measured(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.measured, self.together
 
     def _rows(self, alone: np.ndarray, together: np.ndarray) -> np.ndarray:
         """Outputs and differences (u + 1, y + pairs, n)."""
@@ -341,21 +340,41 @@ class _Blocks:
         return [pair for pair, known in zip(self.pairs, told, strict=True) if not known]
 
     def misfits(self, wiring: _Wiring) -> np.ndarray:
-        """Misfit (u + 1, rows) of every answer, 0 where the row says nothing of the input."""
+        """Misfit (u + 1, rows) of every answer, 0 where the row says nothing of the input.
+
+        Of an answer and its running mean, the one that is more like the model counts: free play tears the first apart,
+        and what rings on bends the second; a wrong channel is wrong in both.
+        """
         expected = self._rows(*self._parts(wiring))
         settings, size = self.settings, np.linalg.norm(expected, axis=2)
         root = np.sqrt(self._energy)
-        still = np.where(
-            root < settings.still * np.linalg.norm(self._rows(*self._parts(self.right())), axis=2),
-            0.0,
-            settings.largest,
-        )
+        usual = settings.still * np.linalg.norm(self._rows(*self._parts(self.right())), axis=2)
+        stuck = np.zeros(len(self.noise), bool)
+        stuck[: len(wiring.factors)] = np.array(wiring.factors) == 0  # it shows its noise, and nothing else
+        silent = root < np.where(stuck, settings.over_noise * self.noise, usual)
+        still = np.where(silent | (root == 0), 0.0, settings.largest)
         with np.errstate(divide="ignore", invalid="ignore"):
             alike = np.clip((self._seen * expected).sum(axis=2) / (root * size), -1.0, 1.0)
             off = np.maximum(np.abs(np.log(root / size)) - np.log(settings.free_ratio), 0.0)
             found = np.minimum(1 - alike + off**2, settings.largest)
         found = np.where(size == 0, still, np.where(root == 0, settings.largest, found))
+        if self._averaged is not None:
+            mean = self._averaged.misfits(wiring)
+            found = np.where(self._averaged.strong, np.minimum(found, mean), found)
         return np.where(self.strong, found, 0.0)
+
+    def changed(self, before: _Wiring, after: _Wiring) -> np.ndarray:
+        """Answers (u + 1, rows), as bool, of the channels in which two wirings differ."""
+        outputs = [i for i, pair in enumerate(zip(before.outputs, after.outputs, strict=True)) if pair[0] != pair[1]]
+        outputs += [i for i, pair in enumerate(zip(before.factors, after.factors, strict=True)) if pair[0] != pair[1]]
+        inputs = [j for j, pair in enumerate(zip(before.inputs, after.inputs, strict=True)) if pair[0] != pair[1]]
+        inputs += [j for j, pair in enumerate(zip(before.gains, after.gains, strict=True)) if pair[0] != pair[1]]
+        own = np.zeros(self.strong.shape, bool)
+        own[:, outputs] = True
+        own[inputs] = True
+        for row, (i, k) in enumerate(self.pairs, start=self.measured.shape[1]):
+            own[:, row] |= {i, k} == set(outputs)
+        return own
 
     def factors(self, wiring: _Wiring) -> tuple[np.ndarray, np.ndarray]:
         """Factor on every output (y,) and every input (u,) by the sizes and signs of its answers; NaN: none is told."""
@@ -582,22 +601,30 @@ def judge_channels(
     zero, noise = np.nanmean(rest, axis=0), np.maximum(np.nanstd(rest, axis=0), _resolution(read) / np.sqrt(12))
     acted = [j for j, window in enumerate(windows) if window is not None]
     used = [window for window in (*windows, together) if window is not None]
-    count = min(round(settings.compared / step), *(window.stop - window.start for window in used))
+    whole = min(window.stop - window.start for window in used)
 
-    def part(values: np.ndarray, window: slice | None) -> np.ndarray:
+    def part(values: np.ndarray, window: slice | None, count: int) -> np.ndarray:
         if window is None:
             return np.zeros((values.shape[1], count))
         before = values[max(window.start + 1 - settings.before, 0) : window.start + 1]
         return np.nan_to_num(values[window.start : window.start + count] - before.mean(axis=0)).T
 
-    measured, modelled = (np.stack([part(values, windows[j]) for j in acted]) for values in (read, model))
-    of_all = part(read, together)
     sizes = np.array([np.abs(sent[windows[j], j]).max() for j in acted])
     shares = np.array([np.abs(sent[together, j]).max() if together else 0.0 for j in acted])
     pairs = [
         (i, k) for i, k in itertools.combinations(range(len(sensors)), 2) if quantities[i] == quantities[k]
     ]  # fmt: skip
-    blocks = _Blocks(measured, modelled, of_all, np.stack([sizes, shares], axis=1), noise, pairs, settings)
+    averaged: _Blocks | None = None
+    for seconds, over in ((4 * settings.pulse, settings.averaged), (settings.compared, 0.0)):
+        count, width = min(round(seconds / step), whole), max(round(over / step), 1)
+        measured, modelled = (
+            uniform_filter1d(np.stack([part(values, windows[j], count) for j in acted]), width)
+            for values in (read, model)
+        )
+        blocks = averaged = _Blocks(
+            measured, modelled, uniform_filter1d(part(read, together, count), width), np.stack([sizes, shares], axis=1),
+            noise / np.sqrt(width), pairs, settings, averaged,
+        )  # fmt: skip
     names = [sensor.name for sensor in sensors]
     moved = [inputs[j] for j in acted]
     wiring, wrong, unlike = _found(blocks, quantities, names, moved, sum(name in driven for name in moved), settings)
@@ -677,13 +704,15 @@ def _found(
         left = blocks.misfits(wiring)
         if left.max(initial=0.0) <= settings.wrong:
             break
-        tried = [
-            (float(blocks.misfits(other).sum()), n, other, words)
-            for n, (other, words) in enumerate(_hypotheses(blocks, wiring, quantities, outputs, inputs, driven))
-        ]
-        best, _, other, words = min(tried)
-        if best > settings.better * left.sum():
+        tried = []
+        for n, (other, words) in enumerate(_hypotheses(blocks, wiring, quantities, outputs, inputs, driven)):
+            after, own = blocks.misfits(other), blocks.changed(wiring, other)
+            worst = float(np.where(own, left, 0.0).max(initial=0.0))
+            if worst > settings.wrong and (after * own).sum() <= settings.better * (left * own).sum():
+                tried.append((float(after.sum()), n, other, words))
+        if not tried or min(tried)[0] >= left.sum():
             break
+        _, _, other, words = min(tried)
         wiring = other
         wrong += words
     left = blocks.misfits(wiring)[:, : len(outputs)].max(axis=0, initial=0.0)

@@ -19,7 +19,7 @@ from matching.bed.excite import (
     steady_speed,
 )
 from matching.bed.identify import bed_from_recordings, identified_case, vehicle_from_recordings
-from matching.bed.plausible import check_excitation
+from matching.bed.plausible import NotThisBed, check_excitation
 from matching.bed.proof import plan_proof, proof_csv
 from matching.bed.simulated_bed import (
     KEPT,
@@ -28,6 +28,7 @@ from matching.bed.simulated_bed import (
     FmuController,
     HandedRecording,
     Tell,
+    Tripped,
     Waiting,
     bed_system,
     check_bed,
@@ -118,7 +119,7 @@ class Commissioning(Displayed):
     @property
     def status(self) -> str | None:
         """``waiting``, ``wrong_channel`` where no emulation was begun, else that of the last verification:
-        ``as_predicted``, ``short`` or ``undetermined``."""
+        ``as_predicted``, ``short``, ``undetermined``, or ``unlike_model`` where nothing could be judged."""
         if self.waiting_for:
             return "waiting"
         if self.channels is not None and not self.channels["right"]:
@@ -146,6 +147,11 @@ def end_of(rounds: Sequence[Round]) -> str | None:
     if now is None:
         return None
     before = rounds[-2].verification if len(rounds) > 1 else None
+    unlike = [of_round is not None and of_round["status"] == "unlike_model" for of_round in (before, now)]
+    if all(unlike):
+        return "the bed answers otherwise than its model, also with what the recordings say of it"
+    if any(unlike):
+        return None
     if before is not None and not _gained(before, now):
         return "the last round gained nothing that could be measured"
     if now["status"] != "as_predicted" or any(_could_gain(error) for error in now["errors"]):
@@ -173,6 +179,10 @@ def _gained(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
         > COVERAGE_FACTOR * math.hypot(old["standard_uncertainty"], new["standard_uncertainty"])
         for old, new in known
     )
+
+
+def _judged(entry: Round) -> bool:
+    return entry.verification is not None and entry.verification.get("status") != "unlike_model"
 
 
 def best_round(rounds: Sequence[Round]) -> int | None:
@@ -359,7 +369,7 @@ class Circle:
 
     def _last(self) -> BedVerification | None:
         """The last recording under emulation, judged once more for its curves."""
-        number = max((entry.number for entry in self._rounds if entry.verification is not None), default=None)
+        number = max((entry.number for entry in self._rounds if _judged(entry)), default=None)
         if number is None:
             return None
         case, path = self._tuned[number], kept_recording(self._folder / f"{number}_verify")
@@ -367,7 +377,7 @@ class Circle:
 
     def _on_one_scale(self) -> None:
         """Judge the recordings of all rounds against the vehicle of the last, whose specimen is known best."""
-        judged = [entry.number for entry in self._rounds if entry.verification is not None]
+        judged = [entry.number for entry in self._rounds if _judged(entry)]
         for number in judged[:-1]:
             name, case = f"{number}_verify", self._tuned[judged[-1]]
             self._tell(
@@ -467,18 +477,33 @@ class Circle:
                     lambda path: so_far(judge(case, read_recordings([path], case))),
                 )  # fmt: skip
             else:
-                law = exported_controller(case).law
-                with self._fmu(case) as bed, FmuController(exported, law) as controller:
-                    taken = HandedRecording(BY_FMU, proof_recording(bed, case, law, controller, wanted, speed))
+                made = exported_controller(case)
+                with self._fmu(case) as bed, FmuController(exported, made.law) as controller:
+                    try:
+                        text = proof_recording(bed, case, made.law, controller, wanted, speed, made.running())
+                    except Tripped as fault:
+                        keep_recording(self._folder / name, HandedRecording(BY_FMU, fault.recording))
+                        return {BY_FMU: fault.recording}, self._not_judged(fault)
+                taken = HandedRecording(BY_FMU, text)
             keep_recording(self._folder / name, taken)
             recorded = read_recordings([self._folder / name / taken.name], case)
             planned = dict(zip(wanted.inputs, wanted.torques.T, strict=True))
             check_excitation(recorded.recordings[0], planned, wanted.step)
-            result = judge(case, recorded).to_dict()
+            try:
+                result = judge(case, recorded).to_dict()
+            except NotThisBed as fault:
+                return {taken.name: taken.content}, self._not_judged(fault)
             files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
             return files | {"verification.json": strict_json(result)}, result
 
         return self._stages.run(name, self._of_run(_of_case(case)), work, lambda _: self._as_handed(name))
+
+    def _not_judged(self, fault: InputError) -> dict[str, Any]:
+        """A round whose bed is so unlike its model that nothing is judged; where the channels are right, it goes on."""
+        if self._channels is None:
+            raise fault
+        return {"status": "unlike_model", "sentence": f"{fault.wrong}", "errors": [], "functions": [], "modes": [],
+                "fidelity": [], "notes": []}  # fmt: skip
 
     def _identified(self, matched: Path, number: int) -> dict[str, Any]:
         """Excite, record, diagnose."""

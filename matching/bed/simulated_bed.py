@@ -498,6 +498,18 @@ def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
     return run_csv(case, bed, step, held_as_linear(sent)[before:], readings[before:], plan.inputs)
 
 
+class Tripped(InputError):
+    """The controller gave up; ``recording`` is the text of what was recorded up to there."""
+
+    def __init__(self, time: float, fault: str, reason: str, recording: str):
+        because = f" ({reason})" if reason else ""
+        super().__init__(
+            "bed", f"{time:.3f} s after the start the controller gave up: {fault}{because}",
+            "look at the recording, limits and watchdogs",
+        )  # fmt: skip
+        self.recording = recording
+
+
 def proof_recording(
     bed: FmuBed,
     case: Case,
@@ -505,8 +517,15 @@ def proof_recording(
     controller: FmuController | SupervisedController,
     wanted: Proof,
     speed: float,
+    replayed: SupervisedController | None = None,
 ) -> str:
-    """Text of the CSV recording of the controlled bed under a proof's torques, emulation on."""
+    """Text of the CSV recording of the controlled bed under a proof's torques, emulation on.
+
+    Raises
+    ------
+    Tripped
+        If the controller gives up; ``replayed``, the same controller in Python, says which reading led to it.
+    """
     step = wanted.step
     k, before = len(law.dynamometers), round(SETTLING_SECONDS / step)
     drives = [
@@ -524,12 +543,14 @@ def proof_recording(
         now, meant = (dict(zip(wanted.inputs, values, strict=True)) for values in (torque, as_linear[i]))
         readings[i] = bed.readings()
         known = np.array([meant.get(name, 0.0) for name in law.known])
-        answer = controller.step(readings[i, at], known, SPEED_HOLD if i < before // 2 else EMULATION, hold, i)
+        mode = SPEED_HOLD if i < before // 2 else EMULATION
+        answer = controller.step(readings[i, at], known, mode, hold, i)
+        if replayed is not None:
+            replayed.step(readings[i, at], known, mode, hold, i)
         if answer.fault:
-            raise InputError(
-                "bed", f"{(i - before) * step:.3f} s after the start the controller gave up: {FAULTS[answer.fault]}",
-                "look at the recording, limits and watchdogs",
-            )  # fmt: skip
+            held = np.hstack([as_linear[: i + 1], held_as_linear(sent[: i + 1])])
+            text = run_csv(case, bed, step, held, readings[: i + 1], (*wanted.inputs, *driven))
+            raise Tripped((i - before) * step, FAULTS[answer.fault], replayed.reason if replayed else "", text)
         sent[i] = answer.commands
         bed.step(np.concatenate([sent[i], [now.get(name, 0.0) for name in drives]]), step)
     held = np.hstack([as_linear, held_as_linear(sent)])[before:]

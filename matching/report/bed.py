@@ -222,6 +222,10 @@ def verification_steps(result: Mapping[str, Any], case: str, folder: str, *, com
                         "it records the bed without emulation, diagnoses it and matches with what it found",
                         command=f"rigmatch commission {case} --bed FOLDER --out commission"),
         ] if not commissioned else []  # fmt: skip
+    if result["status"] == "unlike_model":
+        return [
+            Step("Allow a further round: it records the bed without emulation and diagnoses it", result["sentence"]),
+        ] if not commissioned else []  # fmt: skip
     longer = []
     for error in result["errors"]:
         if error["status"] == "undetermined" and error["interval"]:
@@ -255,6 +259,7 @@ END_MEANING = {
     "short": "The bed falls short of what the last match predicted.",
     "undetermined": "The recordings do not decide whether the bed answers as predicted.",
     "waiting": "Waiting for your recording.",
+    "unlike_model": "The bed answers otherwise than its model, so nothing could be judged.",
     "wrong_channel": "A channel of the bed is not what it is called.",
 }
 ROUNDS = "Measured response error of each round, against the last round's vehicle."
@@ -333,7 +338,8 @@ def ending(result: Mapping[str, Any]) -> str:
 
 def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[Step]:
     """What to do after a commissioning, with its command."""
-    again = f"rigmatch commission {case} --bed BED --out {folder}"
+    folder = result.get("out", folder)
+    again = result.get("command") or f"rigmatch commission {case} --bed BED --out {folder}"
     if result["waiting_for"]:
         return [Step(f"Record: {result['waiting_for']}"), Step("Go on", command=again)]
     if result["status"] == "wrong_channel":
@@ -382,6 +388,8 @@ def round_lines(entry: Mapping[str, Any]) -> list[str]:
         lines.append(f"match {entry['match']['status']}")
     if "verification" in entry:
         proof = entry["verification"]
+        if proof["status"] == "unlike_model":
+            lines.append(f"unlike its model: {proof['sentence']}")
         for error in proof["errors"]:
             lines.append(f"{spaced(proof['status'])}: response error to {error['name']} torques {error_words(error)}")
         lines += [f"not judged: {note}" for note in proof["notes"] if "left out" in note]

@@ -371,6 +371,7 @@ class SupervisedController:
         self._gone = np.zeros(k, bool)
         self._unchanged = self._lifeless = self._surprised = 0
         self._life: int | None = None
+        self.reason = ""  # of the last fault, where one reading led to it: which, and how far it was off
 
     def step(
         self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int = 0,
@@ -429,7 +430,10 @@ class SupervisedController:
         self._unchanged = self._unchanged + 1 if still else 0
         if 0 < settings.frozen_samples <= self._unchanged:
             return 3
-        if (speeds > (settings.check_speed if self._mode == CHANNEL_CHECK else settings.speed_limit)).any():
+        fastest = settings.check_speed if self._mode == CHANNEL_CHECK else settings.speed_limit
+        if (speeds > fastest).any():
+            at = int(np.argmax(speeds / fastest))
+            self._why(self._speeds[at], readings, fastest[at])
             return 4
         if self._mode != EMULATION:
             self._surprised = 0
@@ -437,9 +441,22 @@ class SupervisedController:
         deviation = readings - self._start[0] - self.law.E @ self._state
         self._deviations = np.vstack([deviation, self._deviations[:-1]])
         if self._has_lost_torque(readings):
+            self._why(self._torques[int(np.argmax(self._gone))], readings, None)
             return TORQUE_GONE
         self._surprised = self._surprised + 1 if (np.abs(deviation) > settings.unexpected).any() else 0
+        if self._surprised:
+            at = int(np.argmax(np.abs(deviation) / settings.unexpected))
+            self._why(at, readings, settings.unexpected[at], readings[at] - deviation[at])
         return 6 if self._surprised >= SAMPLES_IN_A_ROW else 0
+
+    def _why(self, at: int, readings: np.ndarray, limit: float | None, expected: float | None = None) -> None:
+        """Note which reading led to a fault, and by how much."""
+        parts = [f"{self.law.sensors[at]} reads {readings[at]:.4g}"]
+        if expected is not None:
+            parts.append(f"{expected:.4g} ± {limit:.3g} was expected")
+        elif limit is not None:
+            parts.append(f"{limit:.4g} is the limit")
+        self.reason = ", ".join(parts)
 
     def _has_lost_torque(self, readings: np.ndarray) -> bool:
         """A flange torque is gone, or a shaft has opened."""
