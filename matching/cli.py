@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import mmap
 import os
 import re
 import shutil
@@ -23,6 +24,7 @@ from matching.arguments import add_arguments, described
 from matching.commands import COMMANDS, Command, calls
 from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, FitError, InputError, NoDesign, of_the_machine
 from modelling.escape import terminal
+from modelling.resources import end_early, ended_early_by, tell_ends_early
 from modelling.toml import line_of
 
 # PYTHON_ARGCOMPLETE_OK
@@ -102,6 +104,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             traceback.print_exc()
         return _say(f"a fault of rigmatch, not of your input: {_place(error)} (--traceback shows more)", FAULT)
+    if number := ended_early_by():
+        return _say(f"{_ended_by(number)}; this is the best answer so far", 128 + number)
     return ANSWERED
 
 
@@ -319,6 +323,7 @@ def _offer_completion(parser: Any) -> None:
 # --- The command in a process of its own, so that Ctrl-C also ends native code and worker processes
 
 GRACE_SECONDS = 0.5  # from a signal until the command is killed
+WRITING_SECONDS = 120.0  # the same of a command that ends with the best answer so far: its figures take some
 ENDING_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of Linux's prctl
 
@@ -327,11 +332,13 @@ def supervised(command: Callable[[], int]) -> int:
     """Run a command in a process of its own; its exit code, or 128 and the signal's number if a signal ended it.
 
     Native code notices Ctrl-C late, and a library may swallow it. The parent passes a signal on and kills the command
-    and its worker processes, which are one session, half a second later.
+    and its worker processes, which are one session, half a second later. A command that can answer with what it has is
+    given the time to write it; a second signal kills it at once.
     """
     if "_ARGCOMPLETE" in os.environ or not hasattr(os, "fork"):
         return command()
     parent = os.getpid()
+    can_end_early = mmap.mmap(-1, 1)  # shared with the child
     try:
         child = os.fork()
     except OSError as error:  # no further process is allowed
@@ -342,14 +349,17 @@ def supervised(command: Callable[[], int]) -> int:
             import ctypes
 
             ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL, 0, 0, 0)
+        tell_ends_early(lambda can: can_end_early.__setitem__(0, int(can)))
         for number in ENDING_SIGNALS:
             signal.signal(number, _interrupt)  # also where the caller ignores them: the parent passes on what counts
         return command() if os.getppid() == parent else FAULT
     asked: list[int] = []
 
     def pass_on(number: int, _frame: Any) -> None:
+        if asked and can_end_early[0]:
+            _kill_session(child)
         if not asked:
-            signal.setitimer(signal.ITIMER_REAL, GRACE_SECONDS)
+            signal.setitimer(signal.ITIMER_REAL, WRITING_SECONDS if can_end_early[0] else GRACE_SECONDS)
         asked.append(number)
         with contextlib.suppress(ProcessLookupError):
             os.kill(child, number)
@@ -373,7 +383,10 @@ def supervised(command: Callable[[], int]) -> int:
     return code
 
 
-def _interrupt(number: int, _frame: Any) -> NoReturn:
+def _interrupt(number: int, _frame: Any) -> None:
+    if end_early(number):
+        _say(f"{_ended_by(number)}: ends with the best answer so far; once more ends at once", 0)
+        return
     for each in ENDING_SIGNALS:  # a second signal must not disturb the clearing up after the first
         signal.signal(each, signal.SIG_IGN)
     raise KeyboardInterrupt(number)

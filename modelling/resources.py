@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -63,8 +63,8 @@ class TimeLimit:
         return process_time() if self.of_processor else monotonic()
 
     def is_over(self, share: float) -> bool:
-        """Whether a share of the time has passed; whoever asks ends its loop then."""
-        over = self._now() - self.began >= share * self.seconds
+        """Whether a share of the time has passed, or an end was asked for; whoever asks ends its loop then."""
+        over = self._now() - self.began >= share * self.seconds or bool(_early.asked_by)
         if over:
             self.ended_at = max(self.ended_at, share)
         return over
@@ -94,3 +94,53 @@ def time_is_over(share: float = 1.0) -> bool:
     """Whether a share of the time that the innermost block may take has passed; never outside of one."""
     limit = _limit.get()
     return limit is not None and limit.is_over(share)
+
+
+# --- An end that is asked for from outside: a computation that can answer with what it has does so.
+
+
+@dataclass
+class _EarlyEnd:
+    """The computations that can end early, and the number of the signal that asked for it; 0: none did."""
+
+    blocks: int = 0
+    asked_by: int = 0
+    told: Callable[[bool], None] = field(default=lambda _: None)
+
+
+_early = _EarlyEnd()
+
+
+@contextmanager
+def ends_early() -> Iterator[None]:
+    """A block whose loops ask :func:`time_is_over` and that answers with what it has when they end."""
+    _early.blocks += 1
+    _early.told(True)
+    try:
+        yield
+    finally:
+        _early.blocks -= 1
+
+
+def end_early(number: int) -> bool:
+    """Ask the running computation to end with what it has; False where none can, or it was asked before.
+
+    Parameters
+    ----------
+    number : int
+        Of the signal that asks.
+    """
+    if not _early.blocks or _early.asked_by:
+        return False
+    _early.asked_by = number
+    return True
+
+
+def ended_early_by() -> int:
+    """Number of the signal that asked for an early end; 0: none did."""
+    return _early.asked_by
+
+
+def tell_ends_early(told: Callable[[bool], None]) -> None:
+    """Let whoever supervises this process know that a computation can end early."""
+    _early.told = told

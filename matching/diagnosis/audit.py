@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,9 @@ from matching.diagnosis.descent import Fit
 from matching.diagnosis.inputs import resolution
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.settings import DiagnosisSettings
+from matching.diagnosis.times import Times
 from modelling.effects.effect import shared_place
-from modelling.effects.sensors_and_actuators import ClockOffset, SensorDelay
+from modelling.effects.sensors_and_actuators import ClockOffset, DeadTime, Lag, SensorDelay
 from modelling.errors import FitError
 from modelling.system import System
 
@@ -226,86 +227,55 @@ def _without_slow(values: np.ndarray) -> np.ndarray:
     return values - np.convolve(np.pad(values, width // 2, mode="edge"), np.full(width, 1 / width), mode="valid")
 
 
-# --- Times: how late every channel is against the simulation, block by block.
-
-TIME_BLOCKS, FEWEST_OF_BLOCK = 6, 128
-LONGEST_SHARE = 0.25  # of a block: the largest delay that is looked for
-SECOND_PEAK = 0.95  # of the first, from which a delay is open: a periodic signal is alike a period later
-LATE_SAMPLES, LATE_SIGMA = 1.0, 4.0  # from which the difference of two channels is a hypothesis
+# --- Times: groups of channels that are apart.
 
 
-@dataclass(frozen=True)
-class ChannelTime:
-    """How late a channel is, s, with standard uncertainty (scatter of the blocks); NaN where it is open."""
+def time_hypotheses(system: System, fit: Fit, times: Times) -> list[tuple[str, str, dict[str, float]]]:
+    """Kind, place and first values of the causes that the times of channels speak for, one for each group that is apart
+    from the largest.
 
-    delay: float
-    uncertainty: float
-
-
-def channel_times(system: System, fit: Fit) -> list[ChannelTime]:
-    """How late every sensor is against the simulation of a fit."""
-    measured, simulated = _both(fit)
-    step, out = fit.problem.data.sampling_interval, []
-    count = max(1, min(TIME_BLOCKS, len(measured) // FEWEST_OF_BLOCK))
-    for j in range(len(system.sensors)):
-        delays = [
-            delay
-            for a, b in zip(np.array_split(measured[:, j], count), np.array_split(simulated[:, j], count), strict=True)
-            if (delay := _delay(a, b)) is not None
-        ]
-        if len(delays) < max(2, count // 2):
-            out.append(ChannelTime(np.nan, np.nan))
+    A group with the inputs stays where it is: what is apart from it is the rest.
+    """
+    largest, *others = times.groups(fit.problem.data.sampling_interval) or [[]]
+    out: list[tuple[str, str, dict[str, float]]] = []
+    for group in others:
+        moved, late = group, times.late(group, largest)[0]
+        if group == [-1]:
+            if late < 0 and len(largest) == len(system.sensors):
+                out.append(
+                    (DeadTime.kind, shared_place(f"inputs.{part.name}" for part in system.inputs), {"delay": -late})
+                )
             continue
-        scatter = 1.4826 * float(np.median(np.abs(np.array(delays) - np.median(delays))))
-        out.append(ChannelTime(step * float(np.median(delays)), step * max(scatter, 0.05) / np.sqrt(len(delays))))
+        if -1 in group:
+            moved, late = largest, -late
+        places = shared_place(f"sensors.{system.sensors[j].name}" for j in moved)
+        alike = len({system.sensors[j].measures for j in moved}) == 1
+        if alike and late > 0:  # a clock of late channels of one quantity is the same
+            out.append((SensorDelay.kind, places, {"delay": late}))
+        else:
+            out.append((ClockOffset.kind, places, {"offset": late}))
+    for pair in times.pairs:
+        if pair.lag and not any(
+            kind == Lag.kind and at.endswith(system.sensors[pair.second].name) for kind, at, _ in out
+        ):
+            out.append((Lag.kind, f"sensors.{system.sensors[pair.second].name}", {"time_constant": pair.lag}))
     return out
 
 
-def _delay(measured: np.ndarray, simulated: np.ndarray) -> float | None:
-    """How late a channel (t,) is, in samples, by the peak of the normalised cross-correlation; None where that is open
-    or not clear."""
-    if not np.isfinite(measured).all() or np.std(measured) == 0 or np.std(simulated) == 0 or len(measured) < 16:
-        return None
-    a, b = (np.diff(part) for part in (measured, simulated))  # a slow drift decides nothing
-    a, b = a - a.mean(), b - b.mean()
-    size = fft.next_fast_len(2 * len(a))
-    correlation = fft.irfft(fft.rfft(a, size) * np.conj(fft.rfft(b, size)), size)
-    most = max(int(LONGEST_SHARE * len(a)), 2)
-    around = np.concatenate([correlation[-most:], correlation[: most + 1]])
-    if np.std(a) == 0 or np.std(b) == 0:
-        return None
-    peak = int(np.argmax(around))
-    if peak in (0, len(around) - 1) or around[peak] < 0.3 * np.linalg.norm(a) * np.linalg.norm(b):
-        return None
-    maxima = np.flatnonzero((around[1:-1] > around[:-2]) & (around[1:-1] >= around[2:])) + 1
-    others = [around[m] for m in maxima if m != peak]
-    if others and max(others) > SECOND_PEAK * around[peak]:
-        return None
-    left, top, right = (float(value) for value in around[peak - 1 : peak + 2])
-    return float(peak - most + 0.5 * (left - right) / (left - 2 * top + right))
-
-
-def time_hypotheses(system: System, fit: Fit, times: Sequence[ChannelTime]) -> list[tuple[str, str, dict[str, float]]]:
-    """Kind, place and first values of the causes that the times of the channels speak for: the group of sensors that is
-    apart from the rest."""
-    step = fit.problem.data.sampling_interval
-    known = [j for j, time in enumerate(times) if np.isfinite(time.delay)]
-    if len(known) < 2:
-        return []
-    known.sort(key=lambda j: times[j].delay)
-    gaps = [times[b].delay - times[a].delay for a, b in pairwise(known)]
-    split = int(np.argmax(gaps)) + 1
-    early, late = known[:split], known[split:]
-    u = float(np.hypot(max(times[j].uncertainty for j in early), max(times[j].uncertainty for j in late)))
-    if gaps[split - 1] < max(LATE_SAMPLES * step, LATE_SIGMA * u):
-        return []
-    few, sign = (late, 1.0) if len(late) <= len(early) else (early, -1.0)
-    offset = sign * float(np.mean([times[j].delay for j in late]) - np.mean([times[j].delay for j in early]))
-    places = shared_place([f"sensors.{system.sensors[j].name}" for j in few])
-    out: list[tuple[str, str, dict[str, float]]] = [(ClockOffset.kind, places, {"offset": offset})]
-    if offset > 0:
-        out.append((SensorDelay.kind, places, {"delay": offset}))
-    return out
+def notes_on_times(system: System, times: Times, step: float) -> list[str]:
+    """What is said of channels whose time is apart from that of most."""
+    largest, *others = times.groups(step) or [[]]
+    names = ["the inputs", *(sensor.name for sensor in system.sensors)]
+    notes = []
+    for group in others:
+        late, uncertainty = times.late(group, largest)
+        late_ones, rest = (" and ".join(names[j + 1] for j in part) for part in (group, largest))
+        are, how = "are" if len(group) > 1 or group == [-1] else "is", "later" if late > 0 else "earlier"
+        notes.append(
+            f"{late_ones} {are} recorded {abs(late):.4g} ± {uncertainty:.1g} s {how} than {rest}, by the part of the "
+            "model between them alone"
+        )
+    return notes
 
 
 def notes_on(system: System, order: Sequence[int], hum: Sequence[Hum]) -> list[str]:
@@ -337,7 +307,7 @@ class AuditedChannel:
     exchanged_with : str
         The channel whose readings it seems to have; empty where it has its own.
     delay, delay_uncertainty : float
-        Against the simulation, s; NaN where it is open, or of an input.
+        Against the largest group of channels with one time, s; NaN where it is open, or of an input.
     gain : float
         Measured over simulated, in least squares; negative where the sign is the other; NaN of an input.
     resolution : float
@@ -363,11 +333,11 @@ class AuditedChannel:
 
 
 def audited(
-    system: System, fit: Fit, order: Sequence[int], kinds: Sequence[str], hum: Sequence[Hum]
+    system: System, fit: Fit, times: Times, order: Sequence[int], kinds: Sequence[str], hum: Sequence[Hum]
 ) -> list[AuditedChannel]:
     """A line for every channel, sensors first."""
     measured, simulated = _both(fit)
-    times = channel_times(system, fit)
+    largest = next(iter(times.groups(fit.problem.data.sampling_interval)), [])
     inputs = np.concatenate([segment.inputs for segment in fit.problem.data.segments])
     out = []
     for j, sensor in enumerate(system.sensors):
@@ -379,7 +349,7 @@ def audited(
         other = "" if order[j] == j else system.sensors[order[j]].name
         out.append(
             AuditedChannel(
-                sensor.name, other, times[j].delay, times[j].uncertainty, float(a @ b) / square if square else np.nan,
+                sensor.name, other, *_late(times, j, largest), float(a @ b) / square if square else np.nan,
                 resolution(measured[known, j]), "",
                 ", ".join(line.source for line in hum if line.sensor == sensor.name),
             )
@@ -387,3 +357,9 @@ def audited(
     for j, part in enumerate(system.inputs):
         out.append(AuditedChannel(part.name, resolution=resolution(inputs[:, j]), between=kinds[j]))
     return out
+
+
+def _late(times: Times, j: int, largest: Sequence[int]) -> tuple[float, float]:
+    """How late a sensor is against the largest group, s, and the uncertainty; NaN where it is open."""
+    others = [other for other in largest if other != j]
+    return times.late([j], others) if others and np.isfinite(times.delay[j + 1]) else (np.nan, np.nan)

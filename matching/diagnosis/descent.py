@@ -88,6 +88,7 @@ KEEP_GAIN = (0.7, 1.5)  # in between, an old Jacobian serves on
 SLOW_CHORD = 0.8  # of the decrease before: at this ratio 20 steps of an old Jacobian leave 0.8²⁰ = 1 % of what they can
 # gain, above it too much; below it, e.g. where stick-slip lets χ² fall by a quarter a step, a new one saves no step
 GROW_GAIN, SHRINK_GAIN, RENEW_GAIN = 0.7, 0.25, 0.5  # of the trust region; of the Jacobian
+FEW_STATES = 8  # start states of a segment, whose columns are renewed with those of the parameters: one batch
 SMALLEST_DIFFERENCE = 1.0  # of the residual, in times the noise: less is lost in what the integration leaves
 SHORTEST_STEP = 1e-10  # in times the noise
 HOPELESS_RATIO, HOPELESS_PROGRESS = 3.0, 0.2  # given up: χ² beyond so many times the rival's, gaining less than this
@@ -194,6 +195,8 @@ class _Descent:
             raise FitError("the simulation diverges where the fit begins")
         self.radius = np.inf
         self._kinked = any(effect.law.abrupt for effect in problem.system.effects)
+        self._many_states = len(problem.free_states) > FEW_STATES and not self._kinked
+        self._partly = False  # whether the columns of the start states are of another point
         self._finer_steps: np.ndarray | None = None  # (v,) of the differences, once wider ones failed
         self._use(jacobian(problem, self.v, self.residual) if known_jacobian is None else known_jacobian)
         self.fresh = known_jacobian is None
@@ -240,16 +243,25 @@ class _Descent:
             self.radius = length / 4
             if promised < max(REJECTED, REJECTED_SHARE * self.cost) or length < SHORTEST_STEP:
                 return False
-        renew = moved and gain < RENEW_GAIN
+        renew, good = moved and gain < RENEW_GAIN, KEEP_GAIN[0] < gain < KEEP_GAIN[1]
         if not self.fresh:
-            renew = not KEEP_GAIN[0] < gain < KEEP_GAIN[1] or before - self.cost > SLOW_CHORD * self._decrease
+            renew = not good or before - self.cost > SLOW_CHORD * self._decrease
         self._decrease = before - self.cost
-        if renew:
+        partly = renew and (good or not self._partly) and self._many_states
+        self._partly = partly or (self._partly and not renew)
+        if partly:
+            self._renew_parameters()
+        elif renew:
             self._use(jacobian(problem, self.v, self.residual, largest_central=self._finer_steps))
         elif self.fresh and not moved and self._kinked:
             self._refine_differences()
-        self.fresh = renew or (self.fresh and not moved)
+        self.fresh = (renew and not partly) or (self.fresh and not moved)
         return True
+
+    def _renew_parameters(self) -> None:
+        """The columns of the parameters at this point; those of the start states stay: what is left of a start fades,
+        or turns with the drivetrain as a whole, and hardly depends on the parameters."""
+        self._use(with_new_parameters(self.problem, self.v, self.residual, self.jacobian))
 
     def _refine_differences(self) -> None:
         """A Jacobian of the same point by central differences no wider than the trust region.
@@ -279,6 +291,22 @@ class _Descent:
                 return True
             self._paced = (iteration, reached)
         return False
+
+
+def with_new_parameters(problem: FitProblem, v: np.ndarray, residual: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """A Jacobian (r, v) of variables v (v,): of the parameters new columns, of the start states those of another."""
+    of_parameters = np.arange(len(problem.free))
+    out = other.copy(order="F")
+    out[:, of_parameters] = jacobian(problem, v, residual, of_parameters)
+    return out
+
+
+def solve_near(problem: FitProblem, v: np.ndarray, other: Fit, options: FitOptions) -> Fit:
+    """:func:`solve` with the start states' columns of another fit of the problem to begin with."""
+    residual = problem.residuals(v[None])[0]
+    if not np.isfinite(chi_square(residual)):
+        raise FitError("the simulation diverges where the fit begins")
+    return solve(problem, v, with_new_parameters(problem, v, residual, other.jacobian), options)
 
 
 def chi_square(residual: np.ndarray) -> float:
@@ -353,7 +381,7 @@ def polished(fit: Fit) -> Fit:
     problem, v, r, cost = fit.problem, fit.v, fit.residual, fit.cost
     widest = difference_steps(fit)
     derivatives = jacobian(problem, v, r, largest_central=widest)
-    for _ in range(MOST_GAUSS_NEWTON_STEPS):
+    for _ in range(MOST_GAUSS_NEWTON_STEPS if not time_is_over() else 0):
         step, promised = Quadratic(derivatives).step(derivatives.T @ r, problem.lower - v, problem.upper - v, np.inf)
         for share in SHARES:
             if promised * share < ENOUGH_TO_POLISH:
@@ -392,14 +420,29 @@ OPTIONS = FitOptions(exact=False)
 
 def iteratively_reweighted(fit: Fit) -> Fit:
     """The fit with each sensor weighted by what the model leaves of it, see :class:`Weighting`."""
+    plain, of_noise = replace(fit.problem, weighting=None), fit.jacobian
+    if fit.problem.weighting is not None:
+        of_noise = jacobian(plain, fit.v, plain.residuals(fit.v[None])[0])
     for _ in range(ROUNDS):
         if time_is_over():
             break
         weighting, before = discrepancy(fit), fit.problem.weighting
         if before is not None and _settled(before, weighting):
             break
-        fit = solve(replace(fit.problem, weighting=weighting), fit.v, None, OPTIONS)
+        problem = replace(plain, weighting=weighting)
+        fit = solve(problem, fit.v, _weighted_jacobian(problem, of_noise), OPTIONS)
     return fit
+
+
+def _weighted_jacobian(problem: FitProblem, of_noise: np.ndarray) -> np.ndarray:
+    """A Jacobian (r, v) weighted by noise in the weights of a problem."""
+    out, begin = np.empty_like(of_noise), 0
+    for i, segment in enumerate(problem.data.segments):
+        rows = slice(begin, begin + segment.readings.size)
+        for column, weighted in zip(of_noise[rows].T, out[rows].T, strict=True):
+            weighted[:] = problem.counted(column.reshape(1, *segment.readings.shape).copy(), i).ravel()
+        begin = rows.stop
+    return out
 
 
 def balanced_fit(fit: Fit, v: np.ndarray) -> Fit:

@@ -77,6 +77,7 @@ from matching.diagnosis.selection import (
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.simulation import compile_models
 from matching.diagnosis.statistics import Estimate, at_least, discretisation_shift, estimates, prediction
+from matching.diagnosis.times import channel_times
 from matching.diagnosis.verdict import (
     TOLD_FROM_NOTHING,
     JudgedCause,
@@ -94,7 +95,7 @@ from matching.diagnosis.verdict import (
 from matching.diagnosis.windows import window_uncertainties
 from modelling.errors import FitError, InputError
 from modelling.recordings.recording import Recording
-from modelling.resources import is_limited, limited, time_is_over
+from modelling.resources import ended_early_by, ends_early, is_limited, limited, time_is_over
 from modelling.simulation.simulate import check_exchanged, check_speed_units
 from modelling.system import System
 
@@ -261,7 +262,10 @@ def diagnose(
     """
     settings = settings or DiagnosisSettings()
     by_default = time_limit is None and not is_limited()
-    with limited(settings.processor_seconds if by_default else time_limit, of_processor=by_default) as limit:
+    with (
+        ends_early(),
+        limited(settings.processor_seconds if by_default else time_limit, of_processor=by_default) as limit,
+    ):
         judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
         stated, system = system, with_clocks(system, [*recordings, *judging])
         whole, train, judge, notes = _data(system, recordings, judging)
@@ -285,7 +289,7 @@ def diagnose(
                 train, judge = inputs.as_taken(recorded[0], kinds), inputs.with_inputs(recorded[1], kinds)
                 remembered = RememberedHoldout(judge)
                 base_fit = fit_base(system, train, settings, base_fit)
-            suspected = audit.time_hypotheses(system, base_fit, audit.channel_times(system, base_fit))
+            suspected = audit.time_hypotheses(system, base_fit, times := channel_times(system, base_fit))
             identified = identify_causes(system, base_fit, remembered, settings, progress, suspected)
             best = identified.state.best
             if last or not best.causes or (at_noise(best) and kinds != straight):
@@ -295,7 +299,7 @@ def diagnose(
             if others == kinds:
                 break
             kinds = others
-        notes += inputs.note_on(system, kinds)
+        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times, train.sampling_interval)
         recorded_judge, weak, weighed = judge, list[NamedCause](), list[Candidate]()
         while True:
             state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
@@ -333,9 +337,11 @@ def diagnose(
             refitted_candidates(judged) + weighed, identified.fitted, rest, curves,
             recording_to_tell_rivals(final, judged), notes,
             _extended(stated, final, kept), plot_data, kept,
-            audit.audited(system, base_fit, order, kinds, hum),
+            audit.audited(system, base_fit, times, order, kinds, hum),
         )  # fmt: skip
-    if limit.ended_at and (by_default or time_limit is not None):
+    if ended_early_by():
+        found.notes.append("interrupted: the best answer so far")
+    elif limit.ended_at and (by_default or time_limit is not None):
         spent = f"{settings.processor_seconds:g} s of processor time" if by_default else f"{time_limit:g} s"
         found.notes.append(f"cut short after {spent}: the best answer so far")
     return found

@@ -20,6 +20,7 @@ from matching.diagnosis.holdout import Holdout, OtherRecordings, RestOfRecording
 from matching.diagnosis.selection import at_noise
 from matching.diagnosis.statistics import BLOCK_LENGTHS, residual_inflation, whiteness
 from modelling.errors import FitError
+from modelling.resources import time_is_over
 from modelling.system import System
 
 STRAIGHT, HELD, SMOOTH = "straight", "held", "smooth"
@@ -66,7 +67,11 @@ def likeliest(system: System, recorded: FitData, fit: Fit, kinds: tuple[str, ...
     for group in [torques, *([j] for j in torques if len(torques) > 1)]:
         for kind in KINDS:
             other = tuple(kind if j in group else now for j, now in enumerate(kinds))
-            if other not in known and (found := _refitted(fit, as_taken(recorded, other))) is not None:
+            if (
+                other not in known
+                and not time_is_over()
+                and (found := _refitted(fit, as_taken(recorded, other))) is not None
+            ):
                 known[other] = found
         kinds = _likelier(system, recorded, known, kinds)
         fit = known[kinds]
@@ -99,7 +104,7 @@ def _refitted(fit: Fit, data: FitData) -> Fit | None:
     if not np.sqrt(squares / np.maximum(data.readings_by_sensor, 1)).max(initial=0.0) >= NOTICED:
         return None
     try:
-        return solve(problem, fit.v, None, FitOptions(ITERATIONS))
+        return solve(problem, fit.v, fit.jacobian, FitOptions(ITERATIONS, exact=False))
     except FitError:
         return None
 

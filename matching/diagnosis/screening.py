@@ -22,12 +22,13 @@ from matching.diagnosis.causes import (
 )
 from matching.diagnosis.data import Segment
 from matching.diagnosis.descent import Fit, FitOptions, solve
-from matching.diagnosis.problem import STEPS_PER_RADIAN, FitProblem
+from matching.diagnosis.problem import BATCH, STEPS_PER_RADIAN, FitProblem, with_enough_steps
 from matching.diagnosis.simulation import simulate_readings, steps_and_stick_speed
 from matching.diagnosis.statistics import Estimate
 from modelling.effects import EFFECTS
 from modelling.effects.effect import FittedMotion, Guess, members
 from modelling.equations.casadi_code import compiled
+from modelling.resources import time_is_over
 from modelling.system import Input, System
 
 # --- Backlash: what neither noise nor the Jacobian of a fit tells of the uncertainty of its gap.
@@ -156,24 +157,27 @@ def best_of(count: float, decrease: np.ndarray, c: int) -> np.ndarray:
 # --- The fit of an extended model, begun where the fit of its parent ended.
 
 ABRUPT_STEPS = 8  # integration steps a sample where a torque jumps: with fewer, χ² is too rough to descend
-SMOOTH_STEPS = 2  # the same for other effects in a search; twice as many in the final fit, as of the fastest mode
+STICK_STEPS = 2  # the same with dry friction, which is as sharp as the steps are short
 MOST_START_STATES = 4  # at which the fastest rate is looked at, besides rest
 SEARCH = FitOptions(exact=False)
 
 
-def fit_extended(
-    model: ExtendedModel, parent: Fit, options: FitOptions = SEARCH, steps_per_radian: float = STEPS_PER_RADIAN
-) -> Fit:
-    """Fit an extended model, beginning at values, start states and Jacobian of the fit it came from."""
-    problem, p = extended_problem(model, parent, steps_per_radian)
+def fit_extended(model: ExtendedModel, parent: Fit, options: FitOptions = SEARCH, finer: float = 1.0) -> Fit:
+    """Fit an extended model, beginning at values, start states and Jacobian of the fit it came from; with ``finer``
+    times as many integration steps as a search takes."""
+    problem, p = extended_problem(model, parent)
     v = problem.pack(model.values, list(model.starts) or start_states(problem, parent, p))
     v = np.clip(v, problem.lower, problem.upper)
+    problem = with_enough_steps(problem, v)
+    most = max(problem.steps_per_second, ABRUPT_STEPS / problem.data.sampling_interval)
+    finer = min(finer, most / problem.steps_per_second)
+    if finer > 1:
+        sharper = problem.stick_speed / finer
+        problem = replace(problem, steps_per_second=finer * problem.steps_per_second, stick_speed=sharper)
     return solve(problem, v, known_jacobian(problem, parent, v), options)
 
 
-def extended_problem(
-    model: ExtendedModel, parent: Fit, steps_per_radian: float = STEPS_PER_RADIAN
-) -> tuple[FitProblem, np.ndarray]:
+def extended_problem(model: ExtendedModel, parent: Fit) -> tuple[FitProblem, np.ndarray]:
     """The problem of an extended model on the data of its parent, and its parameters (p,) to begin with."""
     system = model.system()
     equations, data = compiled(system), parent.problem.data
@@ -181,13 +185,15 @@ def extended_problem(
     rest = np.zeros(len(equations.states))
     sampling = 1 / data.sampling_interval
     p = equations.vector({name: value for name, value in model.values.items() if name in equations.parameters})
-    least = SMOOTH_STEPS * steps_per_radian / STEPS_PER_RADIAN * sampling
+    least = 0.0
+    if any(EFFECTS[effect.kind].sticks for effect in system.effects):
+        least = STICK_STEPS * sampling
     if any(EFFECTS[effect.kind].abrupt for effect in system.effects):
         least = ABRUPT_STEPS * sampling
     if np.isfinite(parent.problem.stick_speed):  # friction that had to be sharper stays so
         least = max(least, min(parent.problem.steps_per_second, ABRUPT_STEPS * sampling))
     steps, stick_speed = steps_and_stick_speed(
-        equations, p, np.array([*starts, rest]), sampling, steps_per_radian, least
+        equations, p, np.array([*starts, rest]), sampling, STEPS_PER_RADIAN, least
     )
     held = parent.problem.held_states
     held = None if held is None else states_from(held, equations.states, parent)
@@ -213,7 +219,9 @@ class TorqueResponse:
         self.parts = parts
         self._pulses = _pulse_responses(fit)
         self._sensors = len(fit.problem.data.noise)
+        self._noise, self._weighting = fit.problem.data.noise, fit.problem.weighting
         self._spectra: dict[tuple[str, int], np.ndarray] = {}
+        self._gains: dict[tuple[str, int], np.ndarray] = {}
 
     def readings(self, torques: dict[str, np.ndarray]) -> np.ndarray:
         """Readings (t, y), SI, that torques (t,) on inertias, N·m, add."""
@@ -244,6 +252,23 @@ class TorqueResponse:
                 values[part] = fft.irfft(spectrum.sum(axis=0), length)[:size]
             out[name] = values
         return out
+
+    def power(self, name: str, torque: np.ndarray) -> float:
+        """Sum of squares of what a torque (t,) on an inertia, N·m, adds to the readings, as they count, all measured;
+        to a fifth or so, for what fades in a small part of a segment."""
+        total = 0.0
+        for part in self.parts:
+            size = part.stop - part.start
+            length = fft.next_fast_len(2 * size, real=True)
+            if (name, size) not in self._gains:
+                gain = np.abs(self._spectrum(name, size) / self._noise[:, None]) ** 2
+                if self._weighting is not None:
+                    turn = np.exp(-2j * np.pi * np.arange(gain.shape[1]) / length)
+                    gain *= np.abs((1 - np.outer(self._weighting.memory, turn)) / self._weighting.scale[:, None]) ** 2
+                self._gains[name, size] = gain.sum(axis=0).astype(np.float32)
+            spectrum = fft.rfft(torque[part].astype(np.float32), length)
+            total += 2 / length * float(self._gains[name, size] @ (spectrum.real**2 + spectrum.imag**2))
+        return total
 
     def _spectrum(self, name: str, size: int) -> np.ndarray:
         """Spectrum (y, f) of the readings after a pulse on an inertia, for as many samples."""
@@ -286,6 +311,7 @@ def without_effects(system: System) -> System:
 
 WORTHWHILE, WORTHWHILE_SHARE = 100.0, 0.5  # decrease of χ², absolute and of a kind's best, to look at nearby guesses
 HOPEFUL_SHARE = 0.1  # of the best of all kinds: nearby guesses gain a few times as much, not ten times
+FOLLOWING = 100  # guesses of a kind at pairs of inertias that are projected
 TOGETHER = 16  # guesses that are projected at once
 DEPENDENT = 1e-6  # of a signature's length: what is left by others that take its place
 VALUE_STEP = 1e-3  # relative, of the differences by a known quantity
@@ -358,7 +384,11 @@ class Screening:
         )
         lacking = {part.name: self.balance.inertias[:, i] for i, part in enumerate(self.system.inertias)}
         gradient = self.response.correlation(self._gradient_by_readings() / self.noise)
-        self.motion = replace(simulated_motion(fit, self.balance), torque_gradient=gradient, torque_lacking=lacking)
+        of_model = motion.angle
+        motion = simulated_motion(fit, self.balance)
+        self.motion = replace(motion, torque_gradient=gradient, torque_lacking=lacking, model_angle=of_model)
+        self._quantities = [name for name in fit.problem.model.parameters if name.count(".") == 2]
+        self._by_quantity: dict[str, np.ndarray] = {}
 
     def motion_as_measured(self) -> np.ndarray:
         """States (t, x) of the fit's model as the measurement has them, segments one after another."""
@@ -404,21 +434,30 @@ class Screening:
                 direct[:, j] += torque
 
     def _by_value(self, name: str) -> np.ndarray:
-        """Derivative (r,) of the simulated readings, in times the noise, by a known quantity."""
+        """Derivative (r,) of the simulated readings, in times the noise, by a known quantity.
+
+        Those of the next quantities are simulated with it, and kept until others are asked for.
+        """
+        if name not in self._by_quantity:
+            first = self._quantities.index(name)
+            self._by_quantity = self._derivatives(self._quantities[first : first + BATCH - 1])
+        return self._by_quantity[name]
+
+    def _derivatives(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         problem = self.fit.problem
-        index = problem.model.parameters.index(name)
         p, starts = problem.unpack(self.fit.v)
-        step = VALUE_STEP * (abs(p[index]) or 1.0)
-        moved = p.copy()
-        moved[index] += step
-        segments, pairs = problem.data.segments, [np.array([start, start]) for start in starts]
-        simulated = simulate_readings(problem.model, segments, np.array([moved, p]), pairs, problem.steps_per_second)
-        out = []
-        for segment, y in zip(segments, simulated, strict=True):
-            difference = (y[0] - y[1]) / step / self.noise
-            difference[~segment.measured] = 0.0
-            out.append(difference)
-        return self._weighted(np.concatenate(out))
+        points, steps = np.repeat(p[None], len(names) + 1, axis=0), []
+        for row, name in zip(points, names, strict=False):
+            index = problem.model.parameters.index(name)
+            steps.append(VALUE_STEP * (abs(p[index]) or 1.0))
+            row[index] += steps[-1]
+        segments, begins = problem.data.segments, [np.repeat(start[None], len(points), axis=0) for start in starts]
+        simulated = simulate_readings(problem.model, segments, points, begins, problem.steps_per_second)
+        moved = [(y[:-1] - y[-1]) / self.noise for y in simulated]
+        for segment, difference in zip(segments, moved, strict=True):
+            difference[:, ~segment.measured] = 0.0
+        every = np.concatenate(moved, axis=1)
+        return {name: self._weighted(every[i] / steps[i]) for i, name in enumerate(names)}
 
     def _weighted(self, errors: np.ndarray) -> np.ndarray:
         """Errors (t, y) of all segments, in times the noise, as they count, (r,)."""
@@ -459,7 +498,7 @@ class Screening:
                 and not (effect.replaces_quantity and system.parameters[at].uncertain)
             ]
             guesses = ((at, guess) for at in places for guess in effect.shared_guesses(self.motion, at))
-            by_kind[kind] = list(self._screened(kind, guesses))
+            by_kind[kind] = list(self._screened(kind, self._likeliest(guesses) if effect.follows else guesses))
             yield from by_kind[kind]
         hopeful = HOPEFUL_SHARE * max(
             (candidate.reduction for some in by_kind.values() for candidate in some), default=0.0
@@ -474,10 +513,28 @@ class Screening:
             nearby = ((c.at, guess) for c in good for guess in EFFECTS[kind].nearby(self.motion, c.at, c.parameters))
             yield from self._screened(kind, nearby)
 
+    def _likeliest(self, guesses: Iterable[tuple[str, Guess]]) -> list[tuple[str, Guess]]:
+        """Of torques on inertias those that promise most where base parameters and start states take nothing of them:
+        pairs of inertias are many, and what a torque promises so follows from its spectrum alone."""
+        every = list(guesses)
+        if len(every) <= FOLLOWING:
+            return every
+        promised = [self._promised(guess) for _, guess in every]
+        return [every[i] for i in np.argsort(promised)[::-1][:FOLLOWING]]
+
+    def _promised(self, guess: Guess) -> float:
+        """How much of χ² torques of a guess would take if nothing else took any of it, and each by itself."""
+        total = 0.0
+        for place, torque in (item for addition in guess.additions for item in addition.items()):
+            name = place.split(".")[1]
+            along = float(self.motion.torque_gradient[name] @ torque)
+            total += along**2 / max(self.response.power(name, np.asarray(torque)), 1e-300)
+        return total
+
     def _screened(self, kind: str, guesses: Iterable[tuple[str, Guess]]) -> Iterator[ScreenedCandidate]:
         """The guesses at places that lower χ²."""
         rest = iter(guesses)
-        while some := list(islice(rest, TOGETHER)):
+        while (some := list(islice(rest, TOGETHER))) and not time_is_over():
             reductions = self.reductions([guess for _, guess in some])
             for (at, guess), (reduction, parameters) in zip(some, reductions, strict=True):
                 if parameters is not None and reduction > 0:

@@ -36,7 +36,9 @@ from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.shared_causes import RefitBudget, with_shared_causes
 from matching.diagnosis.windows import fit_from_windows
 from modelling.effects import EFFECTS
+from modelling.effects.effect import members
 from modelling.errors import FitError
+from modelling.resources import time_is_over
 from modelling.system import System
 
 SIDE_BY_SIDE = 4  # models that are compiled at once
@@ -169,11 +171,10 @@ class _Search:
         for candidate in candidates[self.settings.candidates :]:
             if candidate.kind not in seen:
                 further.setdefault(candidate.kind, candidate)
-        if best and not hypothesis.causes:
-            known = {candidate.kind_and_place for candidate in best}
-            best = [
-                *(ScreenedCandidate(*one, best[0].reduction) for one in self.suspected if one[:2] not in known), *best
-            ]  # fmt: skip
+        known = {candidate.kind_and_place for candidate in best}
+        promised = best[0].reduction if best else self.state.noise_threshold
+        suspected = [ScreenedCandidate(*one, promised) for one in self.suspected if one[:2] not in known]
+        best = [*(one for one in suspected if not _taken(hypothesis, one)), *best]
         return [*best, *list(further.values())[: self.settings.kinds]]
 
     def screened(self, hypothesis: Hypothesis) -> tuple[Screening, list[ScreenedCandidate]]:
@@ -268,7 +269,7 @@ class _Search:
         out = sorted(hypotheses, key=lambda hypothesis: hypothesis.cost)
         near = self.settings.near_ratio * out[0].cost if out else 0.0
         for i, hypothesis in enumerate(out[: self.settings.near_best]):
-            if hypothesis.cost < near:
+            if hypothesis.cost < near and not time_is_over(self.settings.search_share):
                 out[i] = replace(hypothesis, fit=self._finished(with_sharper_friction(self._finished(hypothesis.fit))))
         out.sort(key=lambda hypothesis: hypothesis.cost)
         out[:1] = [with_sharpest_friction(hypothesis) for hypothesis in out[:1]]
@@ -409,8 +410,12 @@ def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:
     def rubs(kind: str) -> bool:
         return EFFECTS[kind].sticks and "torque" in EFFECTS[kind].file_keys
 
+    def late(kind: str) -> bool:  # a clock is not also a delay or a lag
+        return EFFECTS[kind].only_delays or EFFECTS[kind].is_clock or kind == "lag"
+
     return any(
-        candidate.at == at and (candidate.kind == kind or (rubs(candidate.kind) and rubs(kind)))
+        (candidate.at == at and (candidate.kind == kind or (rubs(candidate.kind) and rubs(kind))))
+        or (late(candidate.kind) and late(kind) and not set(members(candidate.at)).isdisjoint(members(at)))
         for kind, at in hypothesis.places
     )
 

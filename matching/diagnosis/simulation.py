@@ -21,7 +21,7 @@ from modelling.system import System
 # --- Simulations of one model over recorded inputs for many sets of parameters and start states.
 
 FEWEST_SAMPLES_FOR_THREADS = 4000  # of all rows; below, threads cost more than they save (measured on two cores)
-LEAST_STEPS_PER_SAMPLE, MOST_STEPS_PER_SAMPLE = 2.0, 8.0  # of the plan for a model without abrupt torques
+LEAST_STEPS_PER_SAMPLE, MOST_STEPS_PER_SAMPLE = 1.0, 8.0  # of the plan for a model without abrupt torques
 UNSTABLE_RATE = 2.7  # rate times step; the same limit, just reached
 STABLE_RATE = 2.2  # rate times step; classical Runge–Kutta of order 4 is stable up to 2.78 on the negative real axis
 JUMP_SHARE = 1e-6  # of the time between two samples, in which a held input takes its next value

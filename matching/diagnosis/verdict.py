@@ -21,7 +21,6 @@ from matching.diagnosis.descent import (
 )
 from matching.diagnosis.holdout import Holdout, holdout_residuals
 from matching.diagnosis.latent import free_force
-from matching.diagnosis.problem import STEPS_PER_RADIAN
 from matching.diagnosis.result import (
     Alternative,
     Candidate,
@@ -52,6 +51,7 @@ from modelling.system import System
 # --- The final fit of a hypothesis: finer integration steps, sharper friction, exact derivatives.
 
 ITERATIONS = 12
+FINER = 2.0  # times as many integration steps as in a search
 WORSE_SHARE, WORSE = 0.01, 10.0  # of χ², and χ²: what finer steps may add; more, and they ended elsewhere
 
 
@@ -63,7 +63,7 @@ def final_fit(hypothesis: Hypothesis) -> Hypothesis:
         return replace(hypothesis, fit=polished(hypothesis.fit))
     model = replace(hypothesis.at_fit(), starts=tuple(hypothesis.fit.starts))
     try:
-        fit = fit_extended(model, hypothesis.fit, FitOptions(ITERATIONS), 2 * STEPS_PER_RADIAN)
+        fit = fit_extended(model, hypothesis.fit, FitOptions(ITERATIONS), FINER)
         fit = polished(with_sharper_friction(fit, FINAL_STEPS))
     except FitError:
         return hypothesis

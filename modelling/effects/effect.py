@@ -55,6 +55,8 @@ class FittedMotion:
         Number of the recording that a sample is of, from 1.
     load : dict of str to ndarray (t,)
         By inertia that inputs drive: the sum of their torques.
+    model_angle : dict of str to ndarray (t,)
+        By inertia: the angle without what the measurement adds; that drifts where no sensor tells of angles.
     """
 
     time: np.ndarray
@@ -76,6 +78,7 @@ class FittedMotion:
     gear_ends: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     recording: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     load: Mapping[str, np.ndarray] = field(default_factory=dict)
+    model_angle: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def step(self) -> float:

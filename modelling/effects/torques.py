@@ -202,7 +202,8 @@ class GearedRipple(Kind):
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         first, second = (place.split(".")[1] for place in members(at))
         angle = motion.angle[second]
-        ratio, lag = _parting(angle, motion.angle[first])
+        of_model = motion.model_angle or motion.angle
+        ratio, lag = _parting(of_model[second], of_model[first])
         if lag < RIGID * np.ptp(angle) or (HIGHEST_ORDER * lag < LEAST_LAG and ratio >= 1):
             return
         for order, chosen_from in _orders(motion, first, second):

@@ -76,3 +76,39 @@ def test_a_simulation_in_native_code_ends():
         assert process.poll() is None  # well inside the run, which takes minutes
         _, said = ends(process, group=False)
     assert "KeyboardInterrupt" in said
+
+
+ANSWERS = """
+import sys, time
+from matching.cli import main, supervised
+from modelling.resources import ends_early, ended_early_by, limited, time_is_over
+
+def command():
+    with ends_early(), limited(None):
+        print("begun", flush=True)
+        while not time_is_over(0.1):
+            time.sleep(0.01)
+    time.sleep(float(sys.argv[1]))
+    print("answer", flush=True)
+    return 128 + ended_early_by()
+
+sys.exit(supervised(command))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("twice", [False, True])
+def test_what_can_answer_with_what_it_has_is_given_the_time_to_write_and_a_second_signal_ends_it(number, twice):
+    seconds = "60" if twice else "1"  # of writing: longer than a command without an answer is given
+    command = [sys.executable, "-c", ANSWERS, seconds]
+    with started(command, env=WHERE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        read_until(process.stdout, "begun")
+        process.send_signal(number)
+        assert "best answer so far" in read_until(process.stderr, "at once")
+        if twice:
+            process.send_signal(number)
+        begun = time.monotonic()
+        out, _ = process.communicate(timeout=30)
+        assert time.monotonic() - begun < 2 * SECONDS
+        assert process.returncode == 128 + number
+        assert (b"answer" in out) is not twice
