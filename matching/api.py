@@ -769,8 +769,8 @@ def identify(
     bed : sequence of paths
         Recordings of the bed without emulation.
     diagnosis_limit : float or str, optional
-        A diagnosis that takes longer (s, or with a unit) ends with its best answer so far, and says so; by default no
-        limit.
+        A diagnosis that takes longer (s of processor time, or with a unit) ends with its best answer so far, and says
+        so; by default no limit.
     progress : callable, optional
         Is called with a line of text at every step; by default a terminal or a notebook shows it.
 
@@ -848,7 +848,7 @@ def checked_channels(case: Case, recordings: Sequence[File], channels: Mapping[s
 
 def commission(
     case: File, bed: File, out: File, *, vehicle_recording: Sequence[File] = (), rounds: int = 3,
-    duration: float | str = 12.0, speed: float | str | None = None, diagnosis_limit: float | str = 600.0, seed: int = 0,
+    duration: float | str = 12.0, speed: float | str | None = None, diagnosis_limit: float | str = 240.0, seed: int = 0,
     workers: int | None = None, follow: float | str | None = None, skip_channel_check: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Commissioning:  # fmt: skip
@@ -877,7 +877,8 @@ def commission(
     speed : float or str, optional
         Rotor speed of the excitation in rad/s, or with a unit; by default a quarter of the limit.
     diagnosis_limit : float or str
-        A diagnosis that takes longer (s, or with a unit) ends with its best answer so far, and says so.
+        A diagnosis that takes longer (s of processor time, or with a unit) ends with its best answer so far, and says
+        so.
     seed : int
         Seed of the matches: the same seed gives the same result.
     workers : int, optional

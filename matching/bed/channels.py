@@ -53,13 +53,16 @@ class ChannelSettings:
     early: float = 0.04  # s of an answer that say gain and delay: what follows depends on the modes of the bed
     still: float = 0.35  # of the answer that is expected: what rings on from the pulses before is no answer
     use_of_speed: float = 0.4  # of the speed limit of the check, on the bed as modelled: it may be off by a factor 2
-    motor_share: float = 0.15  # of the manoeuvre's largest torque, for inputs that no dynamometer gives
+    motor_share: float = (
+        0.4  # of the manoeuvre's largest torque, for inputs that no dynamometer gives; see use_of_speed
+    )
     least_weight: float = 0.1  # of a channel's largest answer: a torque that moves it less says nothing of it
     over_noise: float = 8.0  # times the noise of a sample, that an answer (root of the sum of squares) is larger
     free_ratio: float = 2.0  # by which the size of an answer may be off without a wrong channel
     largest: float = 3.0  # misfit of a channel that answers like something else altogether; 0 is as modelled
     wrong: float = 0.5  # misfit from which on an answer is not the model's: friction and play stay below 0.3
-    better: float = 0.5  # of the misfit before: what a wrong channel leaves when it is taken into account
+    better: float = 0.5  # of the misfit before: what a wrong channel leaves when it is taken into account, and
+    mended: float = 0.2  # the same, where it is still not like the model: a bed that sticks answers like nothing
     most: int = 4  # wrong channels that are looked for
     offset_ratio: float = 5.0  # of a sensor's stated uncertainty, from which on its zero is wrong
     offset_share: float = 0.005  # of the torque limit or a channel's own range: the same where none is stated
@@ -277,11 +280,14 @@ class WrongChannel:
         What is wrong.
     line : str
         For ``[channels]`` of a channel file, which mends recordings; the controller reads the bed itself.
+    certain : bool
+        Whether nothing else explains it; what else may explain it keeps no emulation from beginning.
     """
 
     channel: str
     words: str
     line: str = ""
+    certain: bool = True
 
     @property
     def sentence(self) -> str:
@@ -298,19 +304,22 @@ class _Blocks:
 
     def __init__(
         self, measured: np.ndarray, modelled: np.ndarray, together: np.ndarray, shares: np.ndarray, noise: np.ndarray,
-        pairs: Sequence[tuple[int, int]], settings: ChannelSettings, averaged: _Blocks | None = None,
+        start: np.ndarray, pairs: Sequence[tuple[int, int]], settings: ChannelSettings,
+        averaged: _Blocks | None = None,
     ):  # fmt: skip
+        # noise (y,) of a sample, and start (y,): that of the value which an answer begins from
         self._averaged = averaged  # the same answers as running means: what free play leaves of them
         self.measured, self.modelled, self.together = measured, modelled, together  # (u, y, n), (u, y, n), (y, n)
         self.shares, self.pairs, self.settings = shares, list(pairs), settings  # amplitudes (u,) alone and together
         first, second = (np.array([pair[side] for pair in self.pairs], int) for side in (0, 1))
         self._first, self._second = first, second
-        self.noise = np.concatenate([noise, np.hypot(noise[first], noise[second])])
+        self.noise, start = (np.concatenate([own, np.hypot(own[first], own[second])]) for own in (noise, start))
         count = measured.shape[2]
+        self._silent = settings.over_noise * self.noise + 3 * np.sqrt(count) * start  # k = 3
         seen = self._rows(measured, together)
         sizes = np.linalg.norm(self._rows(*self._parts(self.right())), axis=2)
         self._seen = seen
-        self._energy = np.maximum((seen**2).sum(axis=2) - count * self.noise**2, 0.0)
+        self._energy = np.maximum((seen**2).sum(axis=2) - count * (self.noise**2 + start**2), 0.0)
         alone = sizes[:, : measured.shape[1]]
         common = np.concatenate([alone, np.maximum(alone[:, first], alone[:, second])], axis=1)
         largest = common.max(axis=0)
@@ -351,7 +360,7 @@ class _Blocks:
         usual = settings.still * np.linalg.norm(self._rows(*self._parts(self.right())), axis=2)
         stuck = np.zeros(len(self.noise), bool)
         stuck[: len(wiring.factors)] = np.array(wiring.factors) == 0  # it shows its noise, and nothing else
-        silent = root < np.where(stuck, settings.over_noise * self.noise, usual)
+        silent = root < np.where(stuck, self._silent, usual)
         still = np.where(silent | (root == 0), 0.0, settings.largest)
         with np.errstate(divide="ignore", invalid="ignore"):
             alike = np.clip((self._seen * expected).sum(axis=2) / (root * size), -1.0, 1.0)
@@ -440,7 +449,10 @@ def _hypotheses(
         giver = "its dynamometer" if j < driven else "what gives it"
         reverse = WrongChannel(name, f"acts with the wrong sign: mend the command of {giver}")
         yield wiring.scaled("gains", j, -1.0), (reverse,)
-        yield wiring.scaled("gains", j, 0.0), (WrongChannel(name, f"is not followed: {giver} gives no torque"),)
+        silent = f"is not followed: {giver} gives no torque"
+        if j >= driven:
+            silent = f"moves nothing: friction holds the bed, or {giver} gives no torque"
+        yield wiring.scaled("gains", j, 0.0), (WrongChannel(name, silent, certain=j < driven),)
         factor = of_inputs[j]
         if np.isfinite(factor) and abs(np.log(abs(factor))) > np.log(blocks.settings.free_ratio):
             sign = " with the wrong sign and" if factor < 0 else ""
@@ -523,6 +535,8 @@ class ChannelCheck(Displayed):
         Channels that answer otherwise than the model, whatever one channel's fault is assumed.
     alike : tuple of tuple of str
         Pairs of channels that answer so much alike that nothing tells whether they are exchanged.
+    open : tuple of WrongChannel
+        What may be wrong, or otherwise explained.
     fastest : float
         rad/s: largest reading of a dynamometer's speed, as the model's units have it.
     tripped : str
@@ -533,6 +547,7 @@ class ChannelCheck(Displayed):
     wrong: tuple[WrongChannel, ...]
     unlike: tuple[str, ...] = ()
     alike: tuple[tuple[str, str], ...] = ()
+    open: tuple[WrongChannel, ...] = ()
     fastest: float = 0.0
     tripped: str = ""
 
@@ -547,8 +562,11 @@ class ChannelCheck(Displayed):
             return "; ".join(one.sentence for one in self.wrong)
         if self.tripped:
             return f"the check of the channels ended early: {self.tripped}, and no single channel explains it"
+        rest = [one.sentence for one in self.open]
         if self.unlike:
-            return f"no channel is wrong; {listed(list(self.unlike))} answer otherwise than the model"
+            rest.append(f"{listed(list(self.unlike))} answer{'s' * (len(self.unlike) == 1)} otherwise than the model")
+        if rest:
+            return "; ".join(["no channel is wrong", *rest])
         return "every channel has the sign, unit and place that the model expects"
 
     def to_dict(self) -> dict[str, Any]:
@@ -556,8 +574,8 @@ class ChannelCheck(Displayed):
         return {
             "right": self.right, "sentence": self.sentence(),
             "wrong": [{"channel": one.channel, "words": one.words, "line": one.line or None} for one in self.wrong],
-            "unlike": list(self.unlike), "alike": [list(pair) for pair in self.alike],
-            "tripped": self.tripped or None, "fastest": self.fastest,
+            "unlike": list(self.unlike), "open": [one.sentence for one in self.open],
+            "alike": [list(pair) for pair in self.alike], "tripped": self.tripped or None, "fastest": self.fastest,
             "channels": [one.to_dict() for one in self.channels],
         }  # fmt: skip
 
@@ -623,11 +641,13 @@ def judge_channels(
         )
         blocks = averaged = _Blocks(
             measured, modelled, uniform_filter1d(part(read, together, count), width), np.stack([sizes, shares], axis=1),
-            noise / np.sqrt(width), pairs, settings, averaged,
+            noise / np.sqrt(width), noise / np.sqrt(settings.before), pairs, settings, averaged,
         )  # fmt: skip
     names = [sensor.name for sensor in sensors]
     moved = [inputs[j] for j in acted]
     wiring, wrong, unlike = _found(blocks, quantities, names, moved, sum(name in driven for name in moved), settings)
+    open_ = [one for one in wrong if not one.certain]
+    wrong = [one for one in wrong if one.certain]
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
     uncertain = noise / np.sqrt(max(lead, 1))
     rows = _rows(blocks, wiring, names, moved, step)
@@ -646,12 +666,12 @@ def judge_channels(
             )
         )  # fmt: skip
     for name in inputs:
-        told = "; ".join(one.words for one in wrong if one.channel == name)
+        told = "; ".join(one.words for one in (*wrong, *open_) if one.channel == name)
         channels.append(CheckedChannel(name, "torque", "N*m", *rows.get(name, (None,) * 4), words=told))
     speeds = [names.index(one.speed_sensor) for one in case.loop.dynamometers if one.speed_sensor in names]
     fastest = float(np.nanmax(np.abs(read[:, speeds]), initial=0.0))
     alike = tuple((names[i], names[k]) for i, k in blocks.alike())
-    return ChannelCheck(tuple(channels), tuple(wrong), tuple(unlike), alike, fastest, tripped)
+    return ChannelCheck(tuple(channels), tuple(wrong), tuple(unlike), alike, tuple(open_), fastest, tripped)
 
 
 def _at(time: np.ndarray, recording: Recording, name: str) -> np.ndarray:
@@ -708,7 +728,9 @@ def _found(
         for n, (other, words) in enumerate(_hypotheses(blocks, wiring, quantities, outputs, inputs, driven)):
             after, own = blocks.misfits(other), blocks.changed(wiring, other)
             worst = float(np.where(own, left, 0.0).max(initial=0.0))
-            if worst > settings.wrong and (after * own).sum() <= settings.better * (left * own).sum():
+            mended = float(np.where(own, after, 0.0).max(initial=0.0)) <= settings.wrong
+            share = settings.better if mended else settings.mended
+            if worst > settings.wrong and (after * own).sum() <= share * (left * own).sum():
                 tried.append((float(after.sum()), n, other, words))
         if not tried or min(tried)[0] >= left.sum():
             break

@@ -532,7 +532,9 @@ def proof_recording(
         name for name in bed.inputs if name not in {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
     ]
     at = [bed.sensors.index(name) for name in law.sensors]
-    torques = np.vstack([np.zeros((before, len(wanted.inputs))), wanted.torques])
+    # mean torques, which keep free play closed, rise in speed hold
+    rising = np.minimum(np.arange(before) / max(before // 4, 1), 1.0)[:, None] * wanted.torques[0]
+    torques = np.vstack([rising, wanted.torques])
     readings, hold = np.zeros((len(torques), len(bed.sensors))), np.full(k, speed)
     driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
     sent = np.zeros((len(torques), k))

@@ -324,7 +324,7 @@ def _with(value: float | None, uncertainty: float | None, factor: float = 1.0) -
 
 def _value(own: Mapping[str, Any]) -> dict[str, str]:
     return {"quantity": component(own["name"]), "before": number(own["before"]), "as recorded": number(own["after"]),
-            "±": number(own["half_width"], 2)}  # fmt: skip
+            "±": number(own["half_width"], 2), "": "" if own.get("found", True) else "not told"}  # fmt: skip
 
 
 def ending(result: Mapping[str, Any]) -> str:
@@ -368,17 +368,26 @@ def wrong_channel_steps(checked: Mapping[str, Any], again: str) -> list[Step]:
     return [*points, Step("Check again, and go on", command=again)]
 
 
+MOVED = 4  # quantities that are told in a sentence
+
+
 def identification_lines(identification: Mapping[str, Any]) -> list[str]:
     """What a diagnosis found, a sentence each."""
     causes = ", ".join(f"{cause['kind']} at {cause['at']}" for cause in identification["causes"]) or "no further cause"
-    moved = sorted(
-        identification["values"],
-        key=lambda value: -abs(value["after"] / value["before"] - 1) if value["before"] else 0,
-    )
-    pairs = [f"{value['name']} {number(value['before'], 4)} → {number(value['after'], 4)}" for value in moved[:4]]
-    return [
-        f"diagnosis {identification['verdict']}: {causes}", f"moved most: {', '.join(pairs)}", *identification["notes"],
+    known = [value for value in identification["values"] if value.get("found", True) and value["half_width"] > 0]
+    moved = sorted(known, key=lambda value: -abs(value["after"] - value["before"]) / value["half_width"])
+    pairs = [
+        f"{component(value['name'])} {number(value['before'], 4)} → "
+        f"{with_uncertainty(value['after'], value['half_width'])}"
+        for value in moved[:MOVED] if abs(value["after"] - value["before"]) > value["half_width"]
     ]  # fmt: skip
+    open_ = [component(value["name"]) for value in identification["values"] if not value.get("found", True)]
+    return [
+        f"diagnosis {identification['verdict']}: {causes}",
+        *([f"off beyond their uncertainty (k = 2), the clearest first: {'; '.join(pairs)}"] if pairs else []),
+        *([f"not told by the recording: {'; '.join(open_)}"] if open_ else []),
+        *identification["notes"],
+    ]
 
 
 def round_lines(entry: Mapping[str, Any]) -> list[str]:
