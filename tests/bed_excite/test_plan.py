@@ -132,8 +132,10 @@ def test_limits_hold_on_the_nominal_and_on_the_worst_drawn_bed(limited_case, pla
     np.testing.assert_allclose(shares, [plan.used[name] for name in names], rtol=0.03)
 
 
-def test_a_recording_tells_what_matters(plan):
-    assert plan.error_after < 0.1 * plan.error_before
+def test_a_recording_tells_what_matters(limited_case, plan):
+    """What is not known costs a quarter of the allowed error before it, and less than a tenth of that part after it."""
+    assert plan.error_before > 0.2 * limited_case.tolerance
+    assert plan.error_after < 0.04 * limited_case.tolerance
     assert all(one.after <= one.before * (1 + 1e-9) for one in plan.expected)
     shares = [one.share_before for one in plan.expected]
     assert shares == sorted(shares, reverse=True)
