@@ -8,7 +8,7 @@ from itertools import accumulate
 
 import numpy as np
 import scipy
-from sympy import Abs, Add, Expr, Integer, Rational, atan, cos, exp, sign, sin
+from sympy import Abs, Add, Expr, Integer, Rational, Symbol, atan, cos, exp, sign, sin
 
 from modelling.effects import drifts
 from modelling.effects.effect import (
@@ -401,10 +401,8 @@ class DoubleRelaxation(Kind):
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         for suffix, state in (("", ""), ("_2", SECOND_STATE)):
-            time_constant = p[f"time_constant{suffix}"]
-            z = assembly.add_state(
-                f"{law.place}.{self.kind}{state}", lambda z, constant=time_constant: law.rate - z / constant
-            )
+            relaxed = partial(_relaxed, law.rate, p[f"time_constant{suffix}"])
+            z = assembly.add_state(f"{law.place}.{self.kind}{state}", relaxed)
             law.parallel.append(p[f"stiffness{suffix}"] * z)
             law.parallel_stiffness.append(p[f"stiffness{suffix}"])
 
@@ -424,6 +422,11 @@ class DoubleRelaxation(Kind):
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.1 * guess, 10 * guess) if key.startswith("time") else super().fit_bounds(key, guess, step)
+
+
+def _relaxed(rate: Symbol, time_constant: Symbol, z: Symbol) -> Expr:
+    """Rate of a relaxing spring's twist."""
+    return rate - z / time_constant
 
 
 def _two_springs(fast: float, slow: float, a: np.ndarray) -> dict[str, float] | None:
