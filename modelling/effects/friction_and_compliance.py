@@ -605,11 +605,15 @@ class WarmingFriction(Kind):
         return (-largest, largest) if key == "torque" else super().recorded_bounds(key, at, recorded)
 
 
+MOST_FALL = 0.9  # share of a friction that a first guess lets fall
+
+
 def _warming(time_constant: float, a: np.ndarray) -> dict[str, float] | None:
-    """Parameters for the amplitudes of the friction at the start and of its change."""
-    if a[0] <= 0 or a[0] + a[1] <= 0:
+    """Parameters for the amplitudes of the friction at the start and of its change; some is left of it."""
+    if a[0] <= 0:
         return None
-    return {"torque": float(a[0]), "change": float(a[1] / a[0]), "time_constant": time_constant}
+    change = max(float(a[1] / a[0]), -MOST_FALL)
+    return {"torque": float(a[0]), "change": change, "time_constant": time_constant}
 
 
 # --- Tyre slip or another damper in series with a shaft.
