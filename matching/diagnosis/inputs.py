@@ -15,7 +15,7 @@ from scipy.linalg import qr
 
 from matching.diagnosis.base import as_hypothesis
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.descent import Fit, FitOptions, solve
+from matching.diagnosis.descent import Fit, FitOptions, expected_cost, solve
 from matching.diagnosis.holdout import Holdout, OtherRecordings, RestOfRecordings
 from matching.diagnosis.selection import at_noise
 from matching.diagnosis.statistics import BLOCK_LENGTHS, residual_inflation, whiteness
@@ -97,11 +97,15 @@ def note_on(system: System, kinds: Sequence[str]) -> list[str]:
 
 
 def _refitted(fit: Fit, data: FitData) -> Fit | None:
-    """A fit with other inputs; None where that changes nothing or does not simulate."""
+    """A fit with other inputs; None where that changes nothing, is clearly worse to first order, or does not
+    simulate."""
     problem = replace(fit.problem, data=data)
-    change = problem.by_sensor(problem.residuals(fit.v[None])[0] - fit.residual)
+    residual = problem.residuals(fit.v[None])[0]
+    change = problem.by_sensor(residual - fit.residual)
     squares = np.sum([np.sum(part**2, axis=0) for part in change], axis=0)
     if not np.sqrt(squares / np.maximum(data.readings_by_sensor, 1)).max(initial=0.0) >= NOTICED:
+        return None
+    if expected_cost(fit, residual) > fit.cost + LIKELIER:
         return None
     try:
         return solve(problem, fit.v, fit.jacobian, FitOptions(ITERATIONS, exact=False))
@@ -117,9 +121,10 @@ def _likelier(
     perfect = [kinds for kinds, fit in known.items() if at_noise(as_hypothesis(system, fit))]
     if perfect and now not in perfect:
         return min(perfect, key=lambda kinds: known[kinds].cost)
-    left = {kinds: _free_of_delays(fit) for kinds, fit in known.items()}
-    best = min(left, key=lambda kinds: float(left[kinds] @ left[kinds]))
-    if best == now or known[best].cost >= known[now].cost:
+    lower = [kinds for kinds, fit in known.items() if fit.cost < known[now].cost]
+    left = {kinds: _free_of_delays(known[kinds]) for kinds in ([now, *lower] if lower else [])}
+    best = min(left, key=lambda kinds: float(left[kinds] @ left[kinds]), default=now)
+    if best == now:
         return now
     problem = known[best].problem
     inflation = residual_inflation(
