@@ -35,13 +35,9 @@ ITERATIONS = 60
 
 
 def as_taken(data: FitData, kinds: Sequence[str]) -> FitData:
-    """Data as recorded with inputs that are taken so between their samples, one kind an input.
-
-    Smooth ones get samples whose straight lines act like the smooth signal.
-    """
-    held = tuple(j for j, kind in enumerate(kinds) if kind == HELD)
-    smooth = [j for j, kind in enumerate(kinds) if kind == SMOOTH]
-    return replace(data, segments=tuple(replace(_smooth(part, smooth), held=held) for part in data.segments))
+    """Data as recorded with inputs that are taken so between their samples, one kind an input."""
+    held, smooth = (tuple(j for j, own in enumerate(kinds) if own == kind) for kind in (HELD, SMOOTH))
+    return replace(data, segments=tuple(replace(part, held=held, smooth=smooth) for part in data.segments))
 
 
 def likeliest(system: System, recorded: FitData, fit: Fit, kinds: tuple[str, ...]) -> tuple[tuple[str, ...], Fit]:
@@ -155,27 +151,6 @@ def _late(segment: Segment, j: int) -> Segment:
     step = np.gradient(segment.time)
     inputs[:, j] = np.interp(segment.time - DELAY * step, segment.time, segment.inputs[:, j])
     return replace(segment, inputs=inputs)
-
-
-# --- Samples whose straight lines have the moments of a smooth signal follow from the series of 1/sinc²,
-# 1 + x²/12 + x⁴/240 with x = 2π·f·h, by central differences, −Δ² = x² − x⁴/12.
-
-
-def _smooth(segment: Segment, columns: Sequence[int]) -> Segment:
-    inputs, step = segment.inputs.copy(), float(np.median(np.diff(segment.time)))
-    for j in columns:
-        second = _second_difference(segment.time, segment.inputs[:, j], step)
-        fourth = _second_difference(segment.time, second, step)
-        inputs[:, j] += -second / 12 + fourth / 90
-    return replace(segment, inputs=inputs)
-
-
-def _second_difference(time: np.ndarray, values: np.ndarray, step: float) -> np.ndarray:
-    """Second derivative (t,) of values (t,) times the square of a step, s; 0 at both ends."""
-    out = np.zeros_like(values)
-    slope = np.diff(values) / np.diff(time)
-    out[1:-1] = 2 * np.diff(slope) / (time[2:] - time[:-2]) * step**2
-    return out
 
 
 # --- The resolution of inputs: what rounding them adds to the residual of a perfect model.
