@@ -456,7 +456,7 @@ def diagnose(
     recordings : Recording, path or a sequence of them
         Recordings of the system (CSV, MDF, .mat, Parquet).
     holdout : Recording, path or a sequence of them, optional
-        Recording that is not fitted but judges the result; by default the last 30 % of every recording; repeatable.
+        Recording that is not fitted and measures the answer; by default blocks of the recordings do; repeatable.
     channels : path, optional
         File that says what the channels are called in the recordings (TOML).
     keep_rest : bool

@@ -60,6 +60,8 @@ LIMITS = {
     "damping_ratio": "least damping ratio of any closed-loop mode; 0.01 unless stated",
     "damping_share": "of the damping of the vehicle's mode that a mode on a bed reproduces, else of the least damping "
     "of the target modes; 1/3 unless stated",
+    "opened_shafts": "whether the bed has to stay stable with free play in the shafts at the cut; true unless stated, "
+    "false where they have none",
     "dynamometer_torque": "largest torque of a dynamometer",
     "dynamometer_speed": "largest speed",
     "dynamometer_power": "largest power",

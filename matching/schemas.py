@@ -17,7 +17,7 @@ from matching import fidelity
 from matching import key_meanings as meanings
 from matching.match import case_file
 from matching.match.case import Target
-from matching.match.requirements import LIMIT_UNITS, TORQUE_OVER_SPEED
+from matching.match.requirements import LIMIT_UNITS, OPENED_SHAFTS, TORQUE_OVER_SPEED
 from matching.uncertainty import budget
 from matching.uncertainty.budget import NAMES as DISTRIBUTIONS
 from modelling import model_file, system
@@ -132,7 +132,8 @@ def _manoeuvre() -> Schema:
 
 
 def _case() -> Schema:
-    limits = described({key: value(unit) for key, unit in LIMIT_UNITS.items()}, meanings.LIMITS)
+    known = {key: value(unit) for key, unit in LIMIT_UNITS.items()} | {OPENED_SHAFTS: {"type": "boolean"}}
+    limits = described(known, meanings.LIMITS)
     road_load = table({key: value(unit) for key, unit in case_file.ROAD_LOAD.items()})
     response: dict[str, Schema] = {"band": {"type": "array", "items": VALUE, "minItems": 2, "maxItems": 2},
                 "compare": {"type": "array", "minItems": 1,

@@ -22,7 +22,7 @@ from matching.key_meanings import (
 )  # fmt: skip
 from matching.match import case_file as case
 from matching.match.case_file import KEYS as OPERATING_POINT
-from matching.match.requirements import LIMIT_UNITS
+from matching.match.requirements import LIMIT_UNITS, OPENED_SHAFTS
 from matching.uncertainty import budget as budget_file
 from matching.uncertainty import budget as inputs
 from modelling import model_file as files
@@ -53,7 +53,7 @@ def keys_page() -> str:
             "`structure`, `knows` (inputs of the rig whose torque the controller measures), `measures` (sensors that "
             "reach the controller beside the dynamometers'), `fixed` (true: no search moves the controller), and:", "",
             *_quantities(HARDWARE), "", *structures,
-            _table("[limits]", LIMIT_UNITS, LIMITS, LIMIT_UNITS),
+            _table("[limits]", [*LIMIT_UNITS, OPENED_SHAFTS], LIMITS, LIMIT_UNITS),
             'Also `"shafts.NAME.torque"` (N·m) and `"shafts.NAME.twist"` (rad) of every shaft of the rig, and '
             "`dynamometer_torque_over_speed`, pairs of speed and torque.", "",
             _table("[operating_point]", OPERATING_POINT, OPERATING),

@@ -10,8 +10,8 @@ from scipy.stats import qmc
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData
 from matching.diagnosis.descent import Fit, FitOptions, chi_square, solve, solve_near
+from matching.diagnosis.hypotheses import Hypothesis, at_noise, with_sharpest_friction
 from matching.diagnosis.problem import BATCH, FitProblem, base_problem, with_enough_steps
-from matching.diagnosis.selection import Hypothesis, at_noise, with_sharpest_friction
 from matching.diagnosis.settings import DiagnosisSettings
 from modelling.errors import FitError
 from modelling.resources import time_is_over

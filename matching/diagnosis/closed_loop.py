@@ -9,8 +9,8 @@ import numpy as np
 from scipy import fft, signal, special, stats
 
 from matching.diagnosis.descent import Fit
+from matching.diagnosis.hypotheses import Hypothesis, at_noise
 from matching.diagnosis.problem import jacobian
-from matching.diagnosis.selection import Hypothesis, at_noise
 from modelling.recordings.recording import Recording
 
 # --- Whether the recorded inputs follow the sensors' noise, as those of a controlled drive do.

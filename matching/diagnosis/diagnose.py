@@ -1,9 +1,10 @@
-"""The diagnosis: recordings → base fit → causes → verdict → extended model."""
+"""The diagnosis: recordings → audit → base fit → causes → verdict → extended model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,21 +16,26 @@ from matching.diagnosis.closed_loop import closed_loop_notes
 from matching.diagnosis.data import FitData, prepare_data
 from matching.diagnosis.descent import Fit, balanced_fit, solve
 from matching.diagnosis.holdout import (
-    RESTART_SECONDS,
     Holdout,
     HoldoutData,
     ModelResiduals,
-    OtherRecordings,
-    RememberedHoldout,
-    RestartedRest,
-    RestOfRecordings,
     fidelity,
     holdout_data,
     holdout_residuals,
     rms_by_sensor,
-    split_holdout,
+)
+from matching.diagnosis.hypotheses import (
+    Hypothesis,
+    at_noise,
+    equivalent_fits,
+    final_fit,
+    final_fit_on,
+    largest_error,
+    rms_errors,
+    scatters_only,
 )
 from matching.diagnosis.loggers import with_clocks
+from matching.diagnosis.moves import Progress, Selection, Suspected, search_window, select_causes, without
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.result import (
     Candidate,
@@ -40,59 +46,31 @@ from matching.diagnosis.result import (
     NamedCause,
     Pictured,
     PlotData,
-    correlated_uncertainties,
     discrepancy_curves,
     errors_by_sensor,
+    fitted_values,
     kept_table,
     pooled_errors,
     remaining_errors,
     residual_once,
     scatter_notes,
 )
-from matching.diagnosis.screening import (
-    Screening,
-    as_late_as_contact,
-    bounded_below,
-)
-from matching.diagnosis.search import (
-    Progress,
-    SearchState,
-    Suspected,
-    first_readings,
-    search_causes,
-    search_window,
-    simplified,
-    without,
-)
-from matching.diagnosis.selection import (
-    Hypothesis,
-    UnseenData,
-    at_noise,
-    equivalent_fits,
-    largest_error,
-    rms_errors,
-    scatters_only,
-    widened,
-)
+from matching.diagnosis.screening import Screening
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.simulation import compile_models
-from matching.diagnosis.statistics import Estimate, at_least, discretisation_shift, estimates, prediction
+from matching.diagnosis.statistics import adapted
 from matching.diagnosis.times import channel_times
+from matching.diagnosis.unseen import UnseenData, blocks_for, unseen_errors
 from matching.diagnosis.verdict import (
-    TOLD_FROM_NOTHING,
+    MOSTLY,
     JudgedCause,
     RatedCause,
-    acts,
-    cause_parameters,
-    final_fit,
-    final_fit_on,
     fitted_candidates,
     named_causes,
     rate_rivals,
     recording_to_tell_rivals,
     refitted_candidates,
 )
-from matching.diagnosis.windows import window_uncertainties
 from modelling.errors import FitError, InputError
 from modelling.recordings.recording import Recording
 from modelling.resources import ended_early_by, ends_early, is_limited, limited, time_is_over
@@ -104,123 +82,70 @@ from modelling.system import System
 
 @dataclass(frozen=True)
 class IdentifiedCauses:
-    """The state of the search at its end, for each cause its rivals, itself included, and all fitted candidates."""
+    """What was selected, for each cause its rivals, itself included, and all fitted candidates."""
 
-    state: SearchState
+    selected: Selection
     rated: list[list[RatedCause]]
     fitted: list[FittedCandidate]
 
 
 def identify_causes(
-    system: System,
-    base: Fit,
-    holdout: Holdout,
-    settings: DiagnosisSettings,
-    progress: Progress,
-    suspected: Sequence[Suspected] = (),
+    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected] = ()
 ) -> IdentifiedCauses:
     """The causes that a base fit lacks, and for each its rivals, itself included.
 
     Weights by noise are right for a model that can be perfect. Where the best one is far from the noise, causes are
-    searched for again with each sensor weighted by what the base model leaves of it, and taken if they meet unseen data
+    selected again with each sensor weighted by what the base model leaves of it, and taken if they meet unseen data
     better.
     """
-    identified = _identify(system, base, holdout, settings, progress, suspected)
-    best = identified.state.best
+    settings = unseen.settings
+    identified = _identify(system, base, unseen, progress, suspected)
+    best = identified.selected.best
     if scatters_only(best) or largest_error(best.fit) < settings.left_by_model or time_is_over(settings.search_share):
         return identified
     progress("sensors weighted by what the model leaves")
     if largest_error(base) < settings.far_from_noise:
-        settings = replace(settings, far_from_noise=settings.left_by_model)
-    balanced = _identify(system, _balanced(system, base), holdout, settings, progress, suspected)
-    unseen = UnseenData(holdout, settings)
-    return balanced if unseen.pooled(balanced.state.best) < unseen.pooled(best) else identified
+        unseen = UnseenData(unseen.blocks, replace(settings, far_from_noise=settings.left_by_model))
+    balanced = _identify(
+        system, balanced_fit(base, base_problem(system, base.problem.data)[1]), unseen, progress, suspected
+    )
+    return balanced if unseen.prefers(balanced.selected.best, best) else identified
 
 
 def _identify(
-    system: System,
-    base: Fit,
-    holdout: Holdout,
-    settings: DiagnosisSettings,
-    progress: Progress,
-    suspected: Sequence[Suspected],
+    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected]
 ) -> IdentifiedCauses:
     """Causes with their rivals, sensors weighted as in the base fit.
 
-    Of long data, causes are searched for in the time window where the base model is worst, then fitted to all data. If
-    the residual of all data is not noise though that of the window is, they are searched for in all data.
+    Of long data, causes are selected in the time window where the base model is worst, then fitted to all data. If
+    the residual of all data is not noise though that of the window is, they are selected in all data.
     """
+    settings = unseen.settings
     window = search_window(base, settings.window)
     if window is not None:
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
-        judge = RememberedHoldout(OtherRecordings(first_readings(holdout.data, settings.window)))
-        identified = _search_and_rate(system, _solved_as(base, system, window), judge, settings, progress, suspected)
-        state = identified.state
+        problem, v = base_problem(system, window)
+        part = solve(replace(problem, weighting=base.problem.weighting), v)
+        identified = _selected_and_rated(
+            system, part, UnseenData(blocks_for(part, settings), settings), progress, suspected
+        )
+        selected = identified.selected
         progress("all data")
-        best = final_fit_on(state.best, base)
-        if at_noise(best) or not at_noise(state.best) or time_is_over(settings.search_share):
-            state.best, state.base, state.screening = best, replace(state.base, fit=base), Screening(base)
-            state.screened = []
+        best = final_fit_on(selected.best, base)
+        if at_noise(best) or not at_noise(selected.best) or time_is_over(settings.search_share):
+            selected.best, selected.base, selected.screening = best, replace(selected.base, fit=base), Screening(base)
+            selected.screened = []
             return identified
-    return _search_and_rate(system, base, holdout, settings, progress, suspected)
+    return _selected_and_rated(system, base, unseen, progress, suspected)
 
 
-def _balanced(system: System, base: Fit) -> Fit:
-    return balanced_fit(base, base_problem(system, base.problem.data)[1])
-
-
-def _solved_as(base: Fit, system: System, data: FitData) -> Fit:
-    """A base fit of other data, weighted as another is."""
-    problem, v = base_problem(system, data)
-    return solve(replace(problem, weighting=base.problem.weighting), v)
-
-
-def _search_and_rate(
-    system: System,
-    base: Fit,
-    holdout: Holdout,
-    settings: DiagnosisSettings,
-    progress: Progress,
-    suspected: Sequence[Suspected],
+def _selected_and_rated(
+    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected]
 ) -> IdentifiedCauses:
-    unseen = UnseenData(holdout, settings)
-    state = search_causes(system, base, unseen, settings, progress, suspected)
-    progress("final fit")
-    state.best = simplified(final_fit(state.best))
-    _leave_out(state, unseen)
-    # Beside an error of the model a sensor may lose what the base model had fitted of that: all together decide.
-    if state.best.causes and not unseen.keeps(state.best, state.base, by_sensor=False):
-        state.best, state.rivals = state.base, []
-    if not state.best.causes:
-        state.base = state.best
-    rated = []
-    for index in range(len(state.best.causes)):
-        progress("rivals")
-        rated.append(rate_rivals(state, index, unseen))
-    return IdentifiedCauses(state, rated, fitted_candidates(state, holdout))
-
-
-def _leave_out(state: SearchState, unseen: UnseenData) -> None:
-    """Leave out each cause of several, the last first, without which the final fit meets unseen data as well, or whose
-    torque is not told from nothing."""
-    for index in reversed(range(len(state.best.causes))):
-        rest = without(state.best, index)
-        if rest is None:
-            continue
-        if not rest.causes and _lower(rest.fit, state.base.fit):
-            state.base = final_fit(rest)
-        best = state.best
-        parameters = cause_parameters(best.model.base, best.causes[index], _estimates(best, [best.fit]))
-        nothing = best.model.negligible(best.fit, index) or acts(parameters) < TOLD_FROM_NOTHING
-        if nothing or not unseen.keeps(best, rest):
-            state.best = final_fit(rest)
-            del state.rivals[index : index + 1]
-
-
-def _lower(fit: Fit, other: Fit) -> bool:
-    """Whether a fit leaves less than another one of the same data, in the same weights."""
-    same = fit.residual.shape == other.residual.shape and fit.problem.weighting is other.problem.weighting
-    return same and fit.cost < other.cost
+    selected = select_causes(system, base, unseen, progress, suspected)
+    progress("rivals")
+    rated = [rate_rivals(selected, index, unseen) for index in range(len(selected.best.causes))]
+    return IdentifiedCauses(selected, rated, fitted_candidates(selected, unseen))
 
 
 # --- Diagnosis
@@ -248,7 +173,8 @@ def diagnose(
         Its quantities with a range are fitted, those without are taken as known until a wrong one is named.
     recordings : sequence of Recording
     holdout : Recording or sequence of Recording, optional
-        Judges all fits and is not fitted; without it the last 30 % of every recording.
+        Not fitted and never asked what to accept: it measures the answer. Without it blocks of the recordings do, each
+        predicted by a fit to the others.
     progress : callable
         Is given the name of each step.
     keep_rest : bool
@@ -266,52 +192,48 @@ def diagnose(
         ends_early(),
         limited(settings.processor_seconds if by_default else time_limit, of_processor=by_default) as limit,
     ):
-        judging = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
-        stated, system = system, with_clocks(system, [*recordings, *judging])
-        whole, train, judge, notes = _data(system, recordings, judging)
-        remembered = RememberedHoldout(judge)
+        measuring = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
+        stated, system = system, with_clocks(system, [*recordings, *measuring])
+        data, other, notes = _data(system, recordings, measuring)
         progress("base model")
         compile_models([system])
-        base_fit = _base_fit(system, train, [*recordings, *judging], settings)
-        order, base_fit = audit.with_channels_of(system, base_fit, train, settings)
+        base_fit = _base_fit(system, data, [*recordings, *measuring], settings)
+        order, base_fit = audit.with_channels_of(system, base_fit, data, settings)
         hum = audit.find_hum(system, base_fit)
-        whole, train = (_mended(system, data, base_fit, order, hum) for data in (whole, train))
-        judge = _mended_holdout(judge, whole, lambda data: _mended(system, data, base_fit, order, hum))
-        remembered = RememberedHoldout(judge)
+        data, other = (_mended(system, each, base_fit, order, hum) for each in (data, other))
         if hum:
-            base_fit = fit_base(system, train, settings, base_fit)
+            base_fit = fit_base(system, data, settings, base_fit)
         notes += audit.notes_on(system, order, hum)
         straight = (inputs.STRAIGHT,) * len(system.inputs)
-        kinds, base_fit = inputs.likeliest(system, train, base_fit, straight)
-        recorded = inputs.with_rounding(train, base_fit), judge
+        kinds, base_fit = inputs.likeliest(system, data, base_fit, straight)
+        recorded = inputs.with_rounding(data, base_fit)
         for last in (False, True):
-            if kinds != straight or recorded[0].rounding is not None:
-                train, judge = inputs.as_taken(recorded[0], kinds), inputs.with_inputs(recorded[1], kinds)
-                remembered = RememberedHoldout(judge)
-                base_fit = fit_base(system, train, settings, base_fit)
+            if kinds != straight or recorded.rounding is not None:
+                data = inputs.as_taken(recorded, kinds)
+                base_fit = fit_base(system, data, settings, base_fit)
             suspected = audit.time_hypotheses(system, base_fit, times := channel_times(system, base_fit))
-            identified = identify_causes(system, base_fit, remembered, settings, progress, suspected)
-            best = identified.state.best
+            unseen = UnseenData(blocks_for(base_fit, settings), settings)
+            identified = identify_causes(system, base_fit, unseen, progress, suspected)
+            best = identified.selected.best
             if last or not best.causes or (at_noise(best) and kinds != straight):
                 break
             progress("inputs between samples")
-            others, _ = inputs.likeliest(system, recorded[0], best.fit, kinds)
+            others, _ = inputs.likeliest(system, recorded, best.fit, kinds)
             if others == kinds:
                 break
             kinds = others
-        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times, train.sampling_interval)
-        recorded_judge, weak, weighed = judge, list[NamedCause](), list[Candidate]()
+        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times, data.sampling_interval)
+        judge = Holdout(inputs.as_taken(other, kinds)) if other.segments else None
+        weak, weighed = list[NamedCause](), list[Candidate]()
         while True:
-            state, fits = identified.state, equivalent_fits(identified.state.best.fit, identified.state.best.causes)
-            base, final = state.base, replace(state.best, fit=fits[0])
-            state.best = final
-            judge, restarted = _predictable(final, recorded_judge, remembered)
-            residuals = [holdout_residuals(judge.simulate(hypothesis.fit)) for hypothesis in (base, final)]
-            before, after = (rms_by_sensor(parts) for parts in residuals)
-            verdict, unseen = _verdict(final, judge, after, train.rounding), UnseenData(judge, settings)
-            values, judging_data = _estimates(final, fits), None if verdict == "explained" else unseen
-            judged = _judged_causes(identified, final, judging_data)
-            named = named_causes(system, final, values, judged, judging_data)
+            selected, fits = identified.selected, equivalent_fits(best.fit, best.causes)
+            base, final = selected.base, replace(best, fit=fits[0])
+            left = [_left(hypothesis, judge, unseen) for hypothesis in (base, final)]
+            before, after = (rms_by_sensor(list(of.residuals)) for of in left)
+            verdict = _verdict(final, judge, after, data.rounding)
+            values, judging = fitted_values(final, fits), None if verdict == "explained" else unseen
+            judged = _judged_causes(identified, final, judging)
+            named = named_causes(system, final, values, judged, judging)
             doubtful = [index for index, cause in enumerate(named) if not cause.in_model]
             if not doubtful:
                 break
@@ -319,21 +241,22 @@ def diagnose(
             weak.append(named[least])
             weighed += refitted_candidates([judged[least]])
             identified = _without(identified, least)
-        notes += restarted + closed_loop_notes(final, recordings) + scatter_notes(final)
+            best = identified.selected.best
+        notes += closed_loop_notes(final, recordings) + scatter_notes(final)
         rest = remaining_errors(final)
         if verdict == "unexplained" and not final.causes and at_noise(final):
             notes.append(
                 "the fitted data are reproduced to their noise, held-out data are not: something happens in those"
             )
-        held_out = holdout_data(train.noise, *_by_segment(judge, (base, final), residuals))
+        held_out = holdout_data(data.noise, *left)
         curves = discrepancy_curves(final) if rest else []
         errors = errors_by_sensor(system, base, final, before, after)
-        pictured(Pictured(errors, curves, plot_data := _plot_data(state, final, held_out)))
+        pictured(Pictured(errors, curves, plot_data := _plot_data(selected, final, held_out)))
         kept = kept_table(final, curves, unseen) if keep_rest else None
         found = Diagnosis(
             verdict, [*sorted(named, key=lambda cause: -cause.gain), *reversed(weak)],
             {name: value for name, value in values.items() if name in system.uncertain}, system.units,
-            errors, pooled_errors(whole, before, after), fidelity(system, held_out),
+            errors, pooled_errors(data, before, after), fidelity(system, held_out),
             refitted_candidates(judged) + weighed, identified.fitted, rest, curves,
             recording_to_tell_rivals(final, judged), notes,
             _extended(stated, final, kept), plot_data, kept,
@@ -368,13 +291,13 @@ def _base_fit(system: System, train: FitData, recordings: Sequence[Recording], s
 
 
 def _without(identified: IdentifiedCauses, index: int) -> IdentifiedCauses:
-    """The same without one of the causes of its best hypothesis, which is fitted without it."""
-    state = identified.state
-    rest = best_without(state, index)
-    state.best = final_fit(rest) if rest.causes else rest
-    del state.rivals[index : index + 1]
+    """The same without one of the causes of its best hypothesis, which is fitted without it: what is not sure of its
+    kind stays out of the answer and of the extended model."""
+    selected = identified.selected
+    rest = best_without(selected, index)
+    best = final_fit(rest) if rest.causes else rest
     rated = [each for number, each in enumerate(identified.rated) if number != index]
-    return replace(identified, rated=rated)
+    return replace(identified, selected=replace(selected, best=best), rated=rated)
 
 
 def _mended(system: System, data: FitData, base: Fit, order: list[int], hum: list[audit.Hum]) -> FitData:
@@ -382,27 +305,17 @@ def _mended(system: System, data: FitData, base: Fit, order: list[int], hum: lis
     return audit.without_hum(system, audit.reordered(data, order), base, hum)
 
 
-def _mended_holdout(judge: Holdout, whole: FitData, mended: Callable[[FitData], FitData]) -> Holdout:
-    """Held-out data of mended data."""
-    return (
-        RestOfRecordings(whole, judge.counts)
-        if isinstance(judge, RestOfRecordings)
-        else OtherRecordings(mended(judge.data))
-    )
-
-
-def _by_segment(judge: Holdout, models: Sequence[Hypothesis], residuals: Sequence[list]) -> Iterator[ModelResiduals]:
-    """The residuals of several models on held-out data with the segments they belong to."""
-    return (ModelResiduals(judge.segments(model.fit), r) for model, r in zip(models, residuals, strict=True))
-
-
-def _estimates(final: Hypothesis, fits: list[Fit]) -> dict[str, Estimate]:
-    """All fitted parameters by name; ``fits`` are equivalent to the final one, which comes first."""
-    correlated = None if at_noise(final) else correlated_uncertainties(final.fit)
-    values = widened(estimates(final.fit, discretisation_shift(final.fit), correlated), fits)
-    if _rattles(final):
-        values = at_least(values, window_uncertainties(final.fit))
-    return bounded_below(as_late_as_contact(values, final.fit, final.causes), final.fit, final.causes)
+def _left(hypothesis: Hypothesis, judge: Holdout | None, unseen: UnseenData) -> ModelResiduals:
+    """What a hypothesis leaves of the hold-out recordings where there are any, else of every block by a fit to the
+    others; windows of a fit share their last sample with the next, which counts once."""
+    if judge is not None:
+        return ModelResiduals(judge.data.segments, holdout_residuals(judge.simulate(hypothesis.fit)))
+    segments, residuals = list(hypothesis.fit.problem.data.segments), unseen_errors(hypothesis.fit, unseen.blocks)
+    for i, (segment, following) in enumerate(pairwise(segments)):
+        if following.name == segment.name and following.time[0] == segment.time[-1]:
+            count = len(segment.time) - 1
+            segments[i], residuals[i] = segment.part(0, count), residuals[i][:count]
+    return ModelResiduals(segments, residuals)
 
 
 def _extended(stated: System, final: Hypothesis, kept: KeptTable | None) -> System:
@@ -413,79 +326,70 @@ def _extended(stated: System, final: Hypothesis, kept: KeptTable | None) -> Syst
 
 
 def _data(
-    system: System, recordings: Sequence[Recording], judging: Sequence[Recording]
-) -> tuple[FitData, FitData, Holdout, list[str]]:
-    """All data of the recordings, those to fit, those to judge, and notes."""
-    whole, remarks = prepare_data(system, recordings)
+    system: System, recordings: Sequence[Recording], measuring: Sequence[Recording]
+) -> tuple[FitData, FitData, list[str]]:
+    """Data to fit, data of hold-out recordings, and notes."""
+    data, remarks = prepare_data(system, recordings)
     notes = [note for recording in recordings for note in recording.notes] + remarks
-    if not judging:
-        train, counts = split_holdout(whole)
-        return whole, train, RestOfRecordings(whole, counts), notes
-    other, remarks = prepare_data(system, judging)
-    notes += [f"hold-out: {note}" for note in (*(note for recording in judging for note in recording.notes), *remarks)]
-    return whole, whole, OtherRecordings(FitData(other.segments, whole.noise)), notes
+    if not measuring:
+        return data, replace(data, segments=()), notes
+    other, remarks = prepare_data(system, measuring)
+    notes += [
+        f"hold-out: {note}" for note in (*(note for recording in measuring for note in recording.notes), *remarks)
+    ]
+    return data, replace(data, segments=other.segments), notes
 
 
-def _rattles(hypothesis: Hypothesis) -> bool:
-    return any(effect.law.abrupt for effect in hypothesis.fit.problem.system.effects)
+def _verdict(
+    final: Hypothesis, judge: Holdout | None, after_holdout: np.ndarray, rounding: np.ndarray | None = None
+) -> str:
+    """``adequate``, ``explained`` or ``unexplained``; errors (y,) on unseen data in times the noise.
 
-
-def _predictable(final: Hypothesis, judge: Holdout, remembered: RememberedHoldout) -> tuple[Holdout, list[str]]:
-    """Held-out data as far as a model predicts them, and notes.
-
-    Where a shaft rattles and the free continuation of the fit loses the way: windows with start states of their own.
-    """
-    if not (isinstance(judge, RestOfRecordings) and at_noise(final) and _rattles(final)):
-        return remembered, []
-    errors = rms_by_sensor(holdout_residuals(remembered.simulate(final.fit)))
-    if np.nanmax(errors, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO:
-        return remembered, []
-    note = f"held-out data are simulated in windows of {RESTART_SECONDS:g} s: rattling forgets where it began"
-    return RestartedRest(judge.whole, judge.counts), [note]
-
-
-def _verdict(final: Hypothesis, judge: Holdout, after_holdout: np.ndarray, rounding: np.ndarray | None = None) -> str:
-    """``adequate``, ``explained`` or ``unexplained``; errors (y,) on held-out data in times the noise.
-
-    A model without causes may drift away on held-out data as far as its quantities are uncertain. What the resolution
-    of the inputs adds (y, l) is no error of it.
+    A model without causes may drift away on a hold-out recording as far as its quantities are uncertain. What the
+    resolution of the inputs adds (y, l) is no error of it.
     """
     if not at_noise(final):
         return "unexplained"
+    said = "explained" if final.causes else "adequate"
+    if judge is None:  # all is fitted, and every block is noise
+        return said
     if not final.causes:
-        predicted = prediction(final.fit, judge.simulate(final.fit))
-        after_holdout = rms_by_sensor(predicted.updated) if predicted else after_holdout
+        left = adapted(final.fit, judge.simulate(final.fit))
+        after_holdout = rms_by_sensor(left) if left else after_holdout
     added = 0.0 if rounding is None else np.maximum(rounding[:, 0], 0.0)
     met = np.nanmax(after_holdout**2 - added, initial=0.0) <= EXPLAINED_HOLDOUT_RATIO**2
-    return "unexplained" if not met else "explained" if final.causes else "adequate"
+    return said if met else "unexplained"
 
 
-def best_without(state: SearchState, index: int) -> Hypothesis:
+def best_without(selected: Selection, index: int) -> Hypothesis:
     """The best hypothesis without one of its causes; the base model where the others alone do not simulate."""
-    return (without(state.best, index) if len(state.best.causes) > 1 else None) or state.base
+    return (without(selected.best, index) if len(selected.best.causes) > 1 else None) or selected.base
 
 
 def _judged_causes(identified: IdentifiedCauses, final: Hypothesis, unseen: UnseenData | None) -> list[JudgedCause]:
     """Every cause of the best hypothesis with its rivals, the best hypothesis without it, and what it explains of
     unseen data; None: all is explained."""
-    state, judged = identified.state, []
-    known = KnownScreening(state.screening, state.screened)
-    for place, (cause, ratings) in enumerate(zip(state.best.causes, identified.rated, strict=True)):
-        rest = best_without(state, place)
-        part = 1.0 if unseen is None else unseen.share_explained(final, rest)
-        judged.append(JudgedCause(cause, ratings, rest, known, part))
+    selected, judged = identified.selected, []
+    known = KnownScreening(selected.screening, selected.screened)
+    for place, (cause, ratings) in enumerate(zip(selected.best.causes, identified.rated, strict=True)):
+        rest = best_without(selected, place)
+        part, mostly = 1.0, True
+        if unseen is not None:
+            part = float(np.clip(unseen.shares_explained(final, rest).max(), 0.0, 1.0))
+            mostly = unseen.share_explained(final, rest) > MOSTLY
+        judged.append(JudgedCause(cause, ratings, rest, known, part, mostly))
     return judged
 
 
-def _plot_data(state: SearchState, final: Hypothesis, unseen: HoldoutData) -> PlotData:
-    data, balance, system = state.base.fit.problem.data, state.screening.balance, state.base.model.base
+def _plot_data(selected: Selection, final: Hypothesis, unseen: HoldoutData) -> PlotData:
+    data, balance, system = selected.base.fit.problem.data, selected.screening.balance, selected.base.model.base
     measured = np.concatenate([segment.readings for segment in data.segments])
     before, after = (
         np.where(np.isfinite(measured), residual_once(hypothesis) * data.noise, np.nan)
-        for hypothesis in (state.base, final)
+        for hypothesis in (selected.base, final)
     )
     return PlotData(
-        simulated_motion(state.base.fit), simulated_motion(final.fit), measured, before, after,
+        simulated_motion(selected.base.fit), simulated_motion(final.fit), measured, before, after,
         {part.name: balance.inertias[:, i] for i, part in enumerate(system.inertias)},
         {part.name: balance.shafts[:, i] for i, part in enumerate(system.shafts)},
         [sensor.name for sensor in system.sensors], data.noise, unseen,

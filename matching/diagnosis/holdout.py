@@ -1,20 +1,19 @@
-"""Free simulation of held-out data with a fitted model."""
+"""A hold-out recording, which measures fitted models and decides nothing; and the fidelity of both models on unseen
+data."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from matching.diagnosis.data import FEWEST_SAMPLES, FitData, Segment
+from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit, FitOptions, solve
 from matching.diagnosis.problem import FitProblem, first_state, flank_shifts
-from modelling.errors import InputError
 from modelling.fidelity.measures import (
     WEIGHTS,
     Fidelity,
@@ -257,43 +256,9 @@ def _with_uncertainty(model: Fidelity) -> ModelFidelity:
     )  # fmt: skip
 
 
-# --- Which part of the recordings is fitted and which is held out to judge the fit.
-
-FITTED_SHARE = 0.7  # of every recording; specification: without --holdout the last 30 % is held out
-
-
-def split_holdout(data: FitData, share: float = FITTED_SHARE) -> tuple[FitData, list[int]]:
-    """The first part of every recording, to be fitted, and how many samples of each segment of ``data`` that is."""
-    kept, counts = [], []
-    for name in dict.fromkeys(segment.name for segment in data.segments):
-        segments = [segment for segment in data.segments if segment.name == name]
-        left = round(share * sum(len(segment.time) for segment in segments))
-        for segment in segments:
-            take = min(len(segment.time), left)
-            count = take if take >= FEWEST_SAMPLES else 0
-            counts.append(count)
-            if count:
-                kept.append(segment.part(0, count))
-            left -= take
-    if not kept:
-        longest = max(data.segments, key=lambda segment: len(segment.time))
-        wrong = f"has {len(longest.time)} samples without a gap, of which the last {1 - share:.0%} are held out"
-        right = (
-            f"record {math.ceil(FEWEST_SAMPLES / share)} or more in one piece, or give another recording as --holdout"
-        )
-        raise InputError(longest.name, wrong, right)
-    return FitData(tuple(kept), data.noise), counts
-
-
-def held_out_segments(data: FitData, counts: list[int]) -> list[Segment]:
-    """What follows the fitted samples of each segment; empty where all are fitted."""
-    return [segment.part(count, len(segment.time)) for segment, count in zip(data.segments, counts, strict=True)]
-
-
-# --- Holdout
+# --- A given hold-out recording: only its start states, and what each recording has of its own, are fitted to it.
 
 START_ITERATIONS = 30  # of the fit of start states
-RESTART_SECONDS = 1.0  # of a window of rattling that is simulated from its own start
 
 
 @dataclass(frozen=True)
@@ -303,29 +268,19 @@ class HoldoutRun:
     Attributes
     ----------
     problem : FitProblem
-        The data may begin with samples that the fit used.
     v : ndarray (v,)
-        Its parameters are those of the fit.
+        Its parameters are those of the fit, its start states were fitted to these data.
     residual : ndarray (r,)
         Weighted as those of the fit, but without memory: the whole error of a free simulation counts.
-    fitted_samples : tuple of int
-        How many samples of each segment the fit used; only those after them count.
-    continued : bool
-        Whether the start states are those of the fit; else they were fitted to these data.
     """
 
     problem: FitProblem
     v: np.ndarray
     residual: np.ndarray
-    fitted_samples: tuple[int, ...]
-    continued: bool
 
     def mask(self) -> np.ndarray:
-        """(r,) which residuals belong to readings that were held out."""
-        measured = [segment.measured.copy() for segment in self.problem.data.segments]
-        for values, count in zip(measured, self.fitted_samples, strict=True):
-            values[:count] = False
-        return np.concatenate([values.ravel() for values in measured])
+        """(r,) which residuals belong to readings."""
+        return np.concatenate([segment.measured.ravel() for segment in self.problem.data.segments])
 
     @cached_property
     def errors(self) -> np.ndarray:
@@ -335,122 +290,16 @@ class HoldoutRun:
         return np.concatenate([part.ravel() for part in self.problem.errors(self.v)])
 
     def parts(self, residual: np.ndarray) -> list[np.ndarray]:
-        """Residuals (r,) → (t, y) of what was held out of each segment; NaN where nothing was measured."""
-        out = []
+        """Residuals (r,) → (t, y) of each segment; NaN where nothing was measured."""
         by_sensor = self.problem.by_sensor(residual)
-        for segment, values, count in zip(self.problem.data.segments, by_sensor, self.fitted_samples, strict=True):
-            out.append(np.where(segment.measured, values, np.nan)[count:])
-        return [part for part in out if len(part)]
-
-
-class Holdout(Protocol):
-    """Data that judge fits and are not fitted."""
-
-    @property
-    def data(self) -> FitData:
-        """The data."""
-
-    def simulate(self, fit: Fit) -> list[HoldoutRun]:
-        """Simulate them with a fit."""
-
-    def segments(self, fit: Fit) -> list[Segment]:
-        """The segments to which the residuals of :meth:`simulate` belong, in their order."""
+        return [
+            np.where(segment.measured, values, np.nan)
+            for segment, values in zip(self.problem.data.segments, by_sensor, strict=True)
+        ]
 
 
 @dataclass(frozen=True)
-class RestOfRecordings:
-    """What follows the fitted samples of each segment.
-
-    The simulation goes on freely from the fitted start; a segment without fitted samples gets a start state of its own.
-
-    Attributes
-    ----------
-    whole : FitData
-    counts : list of int
-        Fitted samples of each segment.
-    """
-
-    whole: FitData
-    counts: list[int]
-
-    @property
-    def data(self) -> FitData:
-        """The data."""
-        return replace(self.whole, segments=tuple(held_out_segments(self.whole, self.counts)))
-
-    def simulate(self, fit: Fit) -> list[HoldoutRun]:
-        """Simulate the rest with a fit."""
-        if not self._has_segments(fit):
-            return simulate_other(fit, replace(self.whole, segments=tuple(self._windows(fit))))
-        fitted = [i for i, count in enumerate(self.counts) if count]
-        data = replace(self.whole, segments=tuple(self.whole.segments[i] for i in fitted))
-        counts = tuple(self.counts[i] for i in fitted)
-        problem = replace(_without_memory(fit.problem), data=data, held_states=None, zero_samples=counts)
-        v = problem.pack(fit.values, fit.starts)
-        run = HoldoutRun(problem, v, problem.residuals(v[None])[0], counts, continued=True)
-        rest = tuple(s for s, count in zip(self.whole.segments, self.counts, strict=True) if not count)
-        return [run, *(simulate_other(fit, replace(self.whole, segments=rest)) if rest else [])]
-
-    def segments(self, fit: Fit) -> list[Segment]:
-        """The segments to which the residuals of :meth:`simulate` belong, in their order."""
-        rests = held_out_segments(self.whole, self.counts)
-        if not self._has_segments(fit):
-            return [rest for rest in rests if len(rest.time)]
-        continued = [rest for rest, count in zip(rests, self.counts, strict=True) if count and len(rest.time)]
-        return continued + [rest for rest, count in zip(rests, self.counts, strict=True) if not count]
-
-    def _has_segments(self, fit: Fit) -> bool:
-        """Whether a fit has the segments of the data; else it is one over short windows of them."""
-        return len(fit.problem.data.segments) == sum(count > 0 for count in self.counts)
-
-    def _windows(self, fit: Fit) -> list[Segment]:
-        """What a fit over short windows did not use, in windows as long as its own."""
-        length = max(len(segment.time) for segment in fit.problem.data.segments)
-        windows = []
-        for segment, count in zip(self.whole.segments, self.counts, strict=True):
-            if count < len(segment.time):
-                pieces = max(round((len(segment.time) - count) / length), 1)
-                edges = np.linspace(count, len(segment.time), pieces + 1).astype(int)
-                windows += [segment.part(int(a), int(b)) for a, b in pairwise(edges)]
-        return windows
-
-
-@dataclass(frozen=True)
-class RestartedRest(RestOfRecordings):
-    """The same in windows of ``RESTART_SECONDS``, each with a start state fitted to it.
-
-    A shaft that rattles forgets where it began: no model continues it freely over many seconds. The fits begin where
-    the free continuation is.
-    """
-
-    def simulate(self, fit: Fit) -> list[HoldoutRun]:
-        """Simulate the windows with a fit."""
-        data = replace(self.whole, segments=tuple(window for window, _, _ in self._restarts()))
-        if not self._has_segments(fit):
-            return simulate_other(fit, data)
-        (run, *_) = super().simulate(fit)
-        fitted = [i for i, count in enumerate(self.counts) if count]
-        states = dict(zip(fitted, run.problem.states(run.v), strict=True))
-        starts = [states[i][first] if i in states else None for _, i, first in self._restarts()]
-        return simulate_other(fit, data, starts)
-
-    def segments(self, fit: Fit) -> list[Segment]:
-        """The windows."""
-        return [window for window, _, _ in self._restarts()]
-
-    def _restarts(self) -> list[tuple[Segment, int, int]]:
-        """Windows with the segment they are of and its sample that is their first."""
-        out = []
-        for i, (segment, count) in enumerate(zip(self.whole.segments, self.counts, strict=True)):
-            if len(segment.time) - count > 1:
-                seconds = float(segment.time[-1] - segment.time[count])
-                edges = np.linspace(count, len(segment.time), max(round(seconds / RESTART_SECONDS), 1) + 1).astype(int)
-                out += [(segment.part(int(a), int(b)), i, int(a)) for a, b in pairwise(edges)]
-        return out
-
-
-@dataclass(frozen=True)
-class OtherRecordings:
+class Holdout:
     """Recordings that are not fitted at all; only their start states are."""
 
     data: FitData
@@ -466,25 +315,17 @@ class OtherRecordings:
             runs += simulate_other(fit, replace(self.data, segments=tuple(segments)), individual=individual)
         return runs
 
-    def segments(self, fit: Fit) -> list[Segment]:
-        """Their segments."""
-        return list(self.data.segments)
-
 
 def holdout_residuals(runs: list[HoldoutRun]) -> list[np.ndarray]:
     """Errors (t, y), in times the noise, of all simulations."""
     return [part for run in runs for part in run.parts(run.errors)]
 
 
-def simulate_other(
-    fit: Fit, data: FitData, begin: Sequence[np.ndarray | None] | None = None, individual: Sequence[str] = ()
-) -> list[HoldoutRun]:
+def simulate_other(fit: Fit, data: FitData, individual: Sequence[str] = ()) -> list[HoldoutRun]:
     """Other data: parameters as fitted, only the start states are fitted to them, and the zeros of the recording.
 
     Parameters
     ----------
-    begin : sequence of ndarray (x,), optional
-        States from which the fits of the start states begin; those that the first readings show where there is none.
     individual : sequence of str, optional
         Further parameters that the data have of their own.
     """
@@ -495,13 +336,7 @@ def simulate_other(
         name: problem.bounds[name] for name in (*zeros_of_recording(system), *individual) if name in problem.bounds
     }
     fixed = FitProblem(system, data, zeros, problem.steps_per_second, problem.stick_speed, weighting=problem.weighting)
-    known_starts = begin or [None] * len(data.segments)
-    starts = [
-        first_state(system, fixed.model, segment) if start is None else start
-        for segment, start in zip(data.segments, known_starts, strict=True)
-    ]
-    held = None if begin is None else starts  # angles that no sensor reads stay where the states have them
-    fixed = replace(fixed, held_states=held)
+    starts = [first_state(system, fixed.model, segment) for segment in data.segments]
     fits = [
         solve(
             fixed,
@@ -514,10 +349,9 @@ def simulate_other(
     best = np.argmin([[np.sum(part**2) for part in fit.by_sensor()] for fit in fits], axis=0)
     residual = np.concatenate([fits[k].by_sensor()[i].ravel() for i, k in enumerate(best)])
     starts = [fits[k].starts[i] for i, k in enumerate(best)]
-    same = replace(problem, data=data, held_states=held)
-    none_used = (0,) * len(data.segments)
+    same = replace(problem, data=data, held_states=None)
     values = fit.values | fits[int(np.argmin([fitted.cost for fitted in fits]))].values
-    return [HoldoutRun(same, same.pack(values, starts), residual, none_used, False)]
+    return [HoldoutRun(same, same.pack(values, starts), residual)]
 
 
 def zeros_of_recording(system: System) -> list[str]:
@@ -540,37 +374,3 @@ def rms_by_sensor(residuals: list[np.ndarray]) -> np.ndarray:
     total = np.concatenate(residuals)
     count = np.isfinite(total).sum(axis=0)
     return np.where(count, np.sqrt(np.nansum(total**2, axis=0) / np.maximum(count, 1)), np.nan)
-
-
-# --- Held-out data whose simulations are kept: several questions are asked of the same fit.
-
-MOST_KEPT_READINGS = 10_000_000  # of all simulations: 80 MB
-
-
-class RememberedHoldout:
-    """Held-out data that are simulated once with each fit, as far as the memory for it goes."""
-
-    def __init__(self, holdout: Holdout):
-        self.holdout = holdout
-        self._runs: dict[int, tuple[Fit, list[HoldoutRun]]] = {}  # with the fit, so that no other takes its identity
-        self._left = MOST_KEPT_READINGS
-
-    @property
-    def data(self) -> FitData:
-        """The data."""
-        return self.holdout.data
-
-    def simulate(self, fit: Fit) -> list[HoldoutRun]:
-        """Simulate them with a fit."""
-        if id(fit) in self._runs:
-            return self._runs[id(fit)][1]
-        runs = self.holdout.simulate(fit)
-        size = sum(len(run.residual) for run in runs)
-        if size <= self._left:
-            self._left -= size
-            self._runs[id(fit)] = fit, runs
-        return runs
-
-    def segments(self, fit: Fit) -> list[Segment]:
-        """The segments to which the residuals of :meth:`simulate` belong, in their order."""
-        return self.holdout.segments(fit)

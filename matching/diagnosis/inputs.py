@@ -16,8 +16,7 @@ from scipy.linalg import qr
 from matching.diagnosis.base import as_hypothesis
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit, FitOptions, expected_cost, solve
-from matching.diagnosis.holdout import Holdout, OtherRecordings, RestOfRecordings
-from matching.diagnosis.selection import at_noise
+from matching.diagnosis.hypotheses import at_noise
 from matching.diagnosis.statistics import BLOCK_LENGTHS, residual_inflation, whiteness
 from modelling.errors import FitError
 from modelling.resources import time_is_over
@@ -72,13 +71,6 @@ def likeliest(system: System, recorded: FitData, fit: Fit, kinds: tuple[str, ...
         kinds = _likelier(system, recorded, known, kinds)
         fit = known[kinds]
     return kinds, fit
-
-
-def with_inputs(holdout: Holdout, kinds: Sequence[str]) -> Holdout:
-    """Held-out data as recorded, with inputs taken so between their samples."""
-    if isinstance(holdout, RestOfRecordings):
-        return replace(holdout, whole=as_taken(holdout.whole, kinds))
-    return OtherRecordings(as_taken(holdout.data, kinds))
 
 
 def note_on(system: System, kinds: Sequence[str]) -> list[str]:

@@ -15,8 +15,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from matching.diagnosis.hypotheses import Hypothesis
 from matching.diagnosis.screening import Screening
-from matching.diagnosis.selection import Hypothesis
 from modelling.effects.effect import FittedMotion, members
 
 KNOTS, TIMES = 9, 3  # of a curve, and of its slow change

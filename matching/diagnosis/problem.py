@@ -155,8 +155,6 @@ class FitProblem:
         States at the start of the segments from which held angles are taken; 0 without them.
     weighting : Weighting, optional
         Of the residuals, where the model is not perfect; without it they are weighted by the noise alone.
-    zero_samples : tuple of int, optional
-        From how many first samples of each segment the zeros of angle sensors are estimated; all without it.
     """
 
     system: System
@@ -166,14 +164,13 @@ class FitProblem:
     stick_speed: float
     held_states: list[np.ndarray] | None = None
     weighting: Weighting | None = None
-    zero_samples: tuple[int, ...] | None = None
     model: Model = field(init=False)
 
     def __post_init__(self) -> None:
         self.model = compiled(self.system)
         self.free = list(self.bounds)
         self._parameter_index = np.array([self.model.parameters.index(name) for name in self.free], dtype=int)
-        self._with_zero = sensors_with_zero(self.system)
+        self.with_zero = sensors_with_zero(self.system)
         self._of_time = states_of_time(self.system, self.model)
         held = angles_without_reading(self.system, self.model) | {i for i, _ in self._of_time}
         self.free_states = [i for i in range(len(self.model.states)) if i not in held]
@@ -215,7 +212,7 @@ class FitProblem:
         The zeros of angle sensors are eliminated: on every segment the best zero is taken off.
         """
         parts = []
-        for i, errors in enumerate(self._deviations(batch)):
+        for i, errors in enumerate(self.deviations(batch)):
             parts.append(self.counted(errors, i).reshape(len(batch), -1))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
@@ -223,13 +220,13 @@ class FitProblem:
         """Variables (v,) → (measured − simulated)/noise (t, y) of every segment, not weighted; 0 where nothing was
         measured."""
         plain = replace(self, weighting=None)
-        return [plain.counted(errors, i)[0] for i, errors in enumerate(self._deviations(v[None]))]
+        return [plain.counted(errors, i)[0] for i, errors in enumerate(self.deviations(v[None]))]
 
     def counted(self, errors: np.ndarray, i: int) -> np.ndarray:
         """Errors (b, t, y) of a segment, in times the noise, as they count: weighted, and without the zeros of angle
         sensors."""
         weighted = self._weighted(errors, i)
-        for j in self._with_zero:
+        for j in self.with_zero:
             zero, signature = self._zero(weighted[:, :, j], i, j)
             weighted[:, :, j] -= zero[:, None] * signature
         return weighted
@@ -237,7 +234,7 @@ class FitProblem:
     def _weighted(self, errors: np.ndarray, i: int) -> np.ndarray:
         return errors if self.weighting is None else self.weighting.weigh(errors, self.data.segments[i].measured)
 
-    def _deviations(self, batch: np.ndarray) -> Iterator[np.ndarray]:
+    def deviations(self, batch: np.ndarray) -> Iterator[np.ndarray]:
         """(measured − simulated)/noise (b, t, y) of every segment for variables (b, v); 0 where nothing was
         measured."""
         unpacked = [self.unpack(v) for v in batch]
@@ -256,8 +253,7 @@ class FitProblem:
         of 1 adds to these (t,)."""
         measured = self.data.segments[i].measured
         signature = self._weighted(np.where(measured, 1.0, 0.0)[None], i)[0, :, j]
-        part = slice(None if self.zero_samples is None else self.zero_samples[i])
-        return weighted[:, part] @ signature[part] / max(float(signature[part] @ signature[part]), 1e-300), signature
+        return weighted @ signature / max(float(signature @ signature), 1e-300), signature
 
     def by_sensor(self, residual: np.ndarray) -> list[np.ndarray]:
         """A weighted residual (r,) as (t, y) of every segment."""

@@ -9,21 +9,32 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import erf
 
 from matching.diagnosis.audit import AuditedChannel
 from matching.diagnosis.causes import Cause, simulated_motion
 from matching.diagnosis.data import FitData
 from matching.diagnosis.descent import Fit, Quadratic, discrepancy, reweighted
 from matching.diagnosis.holdout import HoldoutData, HoldoutFidelity
-from matching.diagnosis.screening import ScreenedCandidate, Screening, fit_extended
-from matching.diagnosis.selection import (
-    Hypothesis,
-    UnseenData,
-    at_noise,
-    scatters_only,
-    sensors_beyond_noise,
+from matching.diagnosis.hypotheses import Hypothesis, at_noise, scatters_only, sensors_beyond_noise, widened
+from matching.diagnosis.screening import (
+    ScreenedCandidate,
+    Screening,
+    as_late_as_contact,
+    bounded_below,
+    fit_extended,
 )
-from matching.diagnosis.statistics import Estimate, covariance, effective_share, inflation
+from matching.diagnosis.statistics import (
+    Estimate,
+    at_least,
+    covariance,
+    discretisation_shift,
+    effective_share,
+    estimates,
+    inflation,
+)
+from matching.diagnosis.unseen import UnseenData
+from matching.diagnosis.windows import window_uncertainties
 from modelling.display import Displayed
 from modelling.effects import EFFECTS
 from modelling.effects.effect import AXES, FittedMotion, TorqueTable, place_in_file, place_in_words, table_parameters
@@ -180,6 +191,7 @@ def finite(value: float) -> float | None:
 KNOTS = 9  # of a curve
 ROUGHNESS = (1e-6, 1e-4, 1e-2, 1.0)  # weights of the second differences that are tried, of the mean diagonal
 SMALLEST_SHARE = 0.05  # of the misfit beyond noise that a curve has to take to be shown
+CURVE_BLOCKS = 6  # of the data, each foretold by the curve of the others
 MOST_CURVES = 6
 UNITS = {"speed": "rad/s", "angle": "rad", "load": "N*m", "time": "s", "twist": "rad"}
 
@@ -199,7 +211,7 @@ class DiscrepancyCurve:
     torque, standard_uncertainty : ndarray (k,)
         N·m. What base parameters and start states can take, as the part in proportion to speed, is not in it.
     share : float
-        Of the misfit beyond noise that it would take.
+        Of the misfit beyond noise that it would take, each block of the data by the curve of the others.
     repeats : float
         Correlation of the curves of both halves of the data; NaN over time.
     """
@@ -264,8 +276,13 @@ def _curve(
     if not np.isfinite(rows).all():
         return None
     torque, covariance = _smooth(rows, screening.residual, factor)
-    share = float(2 * torque @ (rows @ screening.residual) - torque @ (rows @ rows.T) @ torque) / excess
-    half = np.cumsum(screening.mask.ravel()) <= screening.mask.sum() / 2
+    measured = np.cumsum(screening.mask.ravel()) / screening.mask.sum()
+    share = 0.0
+    for block in range(CURVE_BLOCKS):
+        own = (measured > block / CURVE_BLOCKS) & (measured <= (block + 1) / CURVE_BLOCKS)
+        foretold = _smooth(rows * ~own, screening.residual * ~own, factor)[0] @ rows[:, own]
+        share += float(2 * foretold @ screening.residual[own] - foretold @ foretold) / excess
+    half = measured <= 0.5
     repeats = np.nan
     if over != "time":
         first, second = (_smooth(rows * part, screening.residual * part, factor)[0] for part in (half, ~half))
@@ -807,3 +824,32 @@ def shift_by_memory(fit: Fit) -> np.ndarray:
         return np.zeros(problem.size)
     gradient = other.jacobian.T @ other.residual
     return Quadratic(other.jacobian).step(gradient, problem.lower - fit.v, problem.upper - fit.v, np.inf)[0]
+
+
+def fitted_values(final: Hypothesis, fits: list[Fit]) -> dict[str, Estimate]:
+    """All fitted parameters by name; ``fits`` are equivalent to that of the hypothesis, which comes first."""
+    correlated = None if at_noise(final) else correlated_uncertainties(final.fit)
+    values = widened(estimates(final.fit, discretisation_shift(final.fit), correlated), fits)
+    if any(effect.law.abrupt for effect in final.fit.problem.system.effects):
+        values = at_least(values, window_uncertainties(final.fit))
+    return bounded_below(as_late_as_contact(values, final.fit, final.causes), final.fit, final.causes)
+
+
+def cause_parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate]) -> dict[str, CauseParameter]:
+    """The parameters of a cause, SI, from the estimates of all fitted ones by name."""
+    kind, names = EFFECTS[cause.kind], cause.names()
+    values = kind.canonical({key: estimates[name].value for key, name in names.items()})
+    return {
+        key: CauseParameter(
+            values[key], estimates[name].standard_uncertainty, kind.unit(key, cause.at, system), estimates[name].note
+        )
+        for key, name in names.items()
+    }
+
+
+def acts(parameters: Mapping[str, CauseParameter]) -> float:
+    """Probability that one of the torques of a cause, if it has any, is not nothing: normal errors, two-sided."""
+    torques = [parameter for parameter in parameters.values() if parameter.unit == "N*m"]
+    if not torques:
+        return 1.0
+    return float(erf(max(abs(one.value) / max(one.standard_uncertainty, 1e-300) for one in torques) / np.sqrt(2)))

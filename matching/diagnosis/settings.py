@@ -18,6 +18,12 @@ class DiagnosisSettings:
         Probability with which a cause that changes nothing is accepted; one-sided, of the block bootstrap.
     slight_rise : float
         Of a sensor's mean square on unseen data, up to which a rise does not matter: 2 % of its error.
+    parts, fewest_parts : int
+        Blocks of the recordings that are left out in turn: each fit keeps five sixths of the data, and a simulation of
+        each costs less than a Jacobian.
+    block_memories : float
+        Length of a block at least, in times the memory of the residual (its integrated autocorrelation time): an
+        exponential correlation has then fallen to 2 %.
     blocks : int
         Parts into which unseen data are cut for the bootstrap: longer than an oscillation, and enough to draw from.
     draws : int
@@ -30,8 +36,8 @@ class DiagnosisSettings:
     paired : int
         Best candidates of which pairs are screened.
     pair_gain : float
-        Decrease of χ² that a pair promises beyond that of the best candidate alone, from which it is looked at: over
-        the best candidate's own, or over what that leaves beyond noise, whichever is less. Trial.
+        Share of what the best candidate alone would leave beyond noise that a pair promises, from which it is looked
+        at. Trial.
     wider_gaps : tuple of float
         Times the fitted free play, from which a fit over short windows begins again. Trial.
     least_share : float
@@ -48,8 +54,12 @@ class DiagnosisSettings:
         best's χ². Trial.
     iterations : int
         Of a fit near the best that has not ended after those of a first comparison. Trial.
-    rounds : int
-        Of leaving out and exchanging causes.
+    rounds, moves : int
+        Of adding causes and settling them, and moves at most until they are settled.
+    fine_rivals : int
+        Rivals of a cause that are fitted as finely as a hypothesis at the noise.
+    out_of_question : float
+        Difference of χ² from which a rival at the noise is none: a share of the evidence below 1e-13.
     windowed : int
         Fits over short windows in a whole search, which take many times as long.
     refits : int
@@ -81,6 +91,9 @@ class DiagnosisSettings:
     most_causes: int = 3
     chance: float = 0.01
     slight_rise: float = 0.04
+    parts: int = 6
+    fewest_parts: int = 3
+    block_memories: float = 2.0
     blocks: int = 16
     draws: int = 2000
     candidates: int = 7
@@ -98,6 +111,9 @@ class DiagnosisSettings:
     near_ratio: float = 2.0
     iterations: int = 60
     rounds: int = 2
+    moves: int = 6
+    fine_rivals: int = 4
+    out_of_question: float = 60.0
     windowed: int = 4
     refits: int = 60
     search_share: float = 0.7

@@ -97,8 +97,8 @@ def between_samples(segment: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarra
     share of its interval that lies between two rows (r - 1,).
 
     Smooth inputs have rows near a spline through their samples, such that lines through them have its moments: by the
-    series of 1/sinc², 1 + x²/12 + x⁴/240 with x the angle that a sine turns between two rows. Held ones keep their value
-    up to a row just before the next sample. The samples are every :func:`rows_per_sample`-th row.
+    series of 1/sinc², 1 + x²/12 + x⁴/240 with x the angle that a sine turns between two rows. Held ones keep their
+    value up to a row just before the next sample. The samples are every :func:`rows_per_sample`-th row.
     """
     rows, parts = rows_per_sample(segment), SMOOTH_ROWS if segment.smooth else 1
     begin, span = segment.time[:-1, None], np.diff(segment.time)[:, None]

@@ -242,97 +242,43 @@ def _ranges(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     return width, (v - problem.lower < near) | (problem.upper - v < near)
 
 
-# --- How well a fit predicts held-out data, given how well it knows its own variables.
+# --- What a fit leaves of a hold-out recording, given how well it knows its own variables.
 #
 # A free simulation carries on what a fit left uncertain: a speed that drifts because a drag is known to a tenth says
-# nothing against the cause. So the held-out residual e is judged as what it is under the fit: normal with the
-# covariance c·1 + J Σ Jᵀ, Σ that of the variables and c the variance of the noise (Laplace approximation of the
-# predictive density, e.g. Bishop, Pattern Recognition and Machine Learning, 2006, section 4.5.2). A kind that contains
-# another as a special case then predicts as well as that one, not better, where the data do not distinguish them.
+# nothing against the model. So the residual e is judged after the variables have adapted to it within their covariance
+# Σ: that is where the posterior mean would be (Laplace approximation; e.g. Bishop, Pattern Recognition and Machine
+# Learning, 2006, section 4.5.2).
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """Least squares of held-out data over the variables of a fit, whitened by their covariance.
-
-    Attributes
-    ----------
-    square : float
-        |e|², the sum of squares of the residual e in times the noise.
-    gram : ndarray (v, v)
-        AᵀA of the derivatives A = J Σ½.
-    projection : ndarray (v,)
-        Aᵀe.
-    updated : list of ndarray (t, y)
-        The residual after the variables have adapted to it within their covariance.
-    """
-
-    square: float
-    gram: np.ndarray
-    projection: np.ndarray
-    updated: list[np.ndarray]
-
-    def score(self, variance: float) -> float:
-        """−2 ln of the predictive density but for a constant, for noise of that variance (in times the stated one).
-
-        eᵀ(c·1 + AAᵀ)⁻¹e + ln det(1 + AAᵀ/c), by Woodbury's identity in the variables instead of the samples.
-        """
-        inner = np.eye(len(self.gram)) + self.gram / variance
-        scaled = self.projection / variance
-        return float(self.square / variance - scaled @ np.linalg.solve(inner, scaled) + np.linalg.slogdet(inner)[1])
-
-
-def prediction(fit: Fit, runs: Sequence[HoldoutRun], factor: float = 1.0) -> Prediction | None:
-    """What a fit predicts of held-out data; None where that does not simulate.
-
-    Parameters
-    ----------
-    runs : sequence of HoldoutRun
-        Simulations of those data with the fit.
-    factor : float
-        Of the covariance of the fit, see :func:`matching.diagnosis.statistics.covariance`.
-    """
-    half = _square_root(covariance(fit, factor))
+def adapted(fit: Fit, runs: Sequence[HoldoutRun]) -> list[np.ndarray] | None:
+    """Residuals (t, y) of simulations of hold-out recordings after the variables of the fit have adapted to them within
+    their covariance; None where that does not simulate."""
+    half = _square_root(covariance(fit)[: len(fit.problem.free), : len(fit.problem.free)])
     whitened = [_whitened(fit, run, half) for run in runs]
     if not all(np.isfinite(part).all() for pair in whitened for part in pair):
         return None
-    square = sum(float(e @ e) for _, e in whitened)
-    gram = sum((A.T @ A for A, _ in whitened), np.zeros((half.shape[1],) * 2))
-    projection = sum((A.T @ e for A, e in whitened), np.zeros(half.shape[1]))
+    gram = sum((A.T @ A for A, _ in whitened), np.zeros((len(fit.problem.free),) * 2))
+    projection = sum((A.T @ e for A, e in whitened), np.zeros(len(gram)))
     step = np.linalg.solve(np.eye(len(gram)) + gram, projection)
-    updated = []
+    out = []
     for run, (A, e) in zip(runs, whitened, strict=True):
         residual = np.zeros(len(run.residual))
         residual[run.mask()] = e - A @ step
-        updated += run.parts(residual)
-    return Prediction(square, gram, projection, updated)
+        out += run.parts(residual)
+    return out
 
 
 def _whitened(fit: Fit, run: HoldoutRun, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives A (r, v) by whitened variables of the fit, and residual e (r,), of held-out readings.
-
-    Start states that were fitted to these data have taken their share of both already.
-    """
-    problem, mask = run.problem, run.mask()
-    steps = _difference_steps(fit, problem.size, run.continued)
-    derivatives = jacobian(problem, run.v, run.residual, largest_central=steps)[mask]
-    residual = run.residual[mask]
-    if run.continued:
-        return derivatives @ half, residual
-    k = len(problem.free)
-    A = derivatives[:, :k] @ half[:k]
-    starts = np.linalg.qr(derivatives[:, k:])[0]
-    return A - starts @ (starts.T @ A), residual - starts @ (starts.T @ residual)
-
-
-def _difference_steps(fit: Fit, size: int, continued: bool) -> np.ndarray:
-    """(v,) steps of the differences: those of the fit; of other start states, the smallest over the fit's segments."""
-    steps, k = difference_steps(fit), len(fit.problem.free)
-    if continued:
-        return steps
-    states = len(fit.problem.free_states)
+    """Derivatives A (r, p) by whitened parameters of the fit, and residual e (r,), of the readings of a simulation,
+    whose start states have taken their share of both already."""
+    problem, mask, k = run.problem, run.mask(), len(fit.problem.free)
+    steps, states = difference_steps(fit), len(fit.problem.free_states)
     starts = steps[k:].reshape(-1, states).min(axis=0)
-    return np.concatenate([steps[:k], np.tile(starts, (size - k) // max(states, 1))])
+    steps = np.concatenate([steps[:k], np.tile(starts, (problem.size - k) // max(states, 1))])
+    derivatives = jacobian(problem, run.v, run.residual, largest_central=steps)[mask]
+    residual, A = run.residual[mask], derivatives[:, :k] @ half
+    basis = np.linalg.qr(derivatives[:, k:])[0]
+    return A - basis @ (basis.T @ A), residual - basis @ (basis.T @ residual)
 
 
 def _square_root(covariance: np.ndarray) -> np.ndarray:

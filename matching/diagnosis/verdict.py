@@ -1,99 +1,51 @@
-"""What a search has found, judged on held-out data: confidence, values, evidence, and what to record next."""
+"""What a selection is worth: confidence in place and kind, values, evidence, and what to record next."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import erf
 
 from matching.diagnosis.causes import Cause
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.descent import (
-    FINAL_STEPS,
-    Fit,
-    FitOptions,
-    discrepancy,
-    polished,
-    reweighted,
-    with_sharper_friction,
-)
-from matching.diagnosis.holdout import Holdout, holdout_residuals
+from matching.diagnosis.hypotheses import Hypothesis, at_noise
 from matching.diagnosis.latent import free_force
+from matching.diagnosis.moves import Selection
 from matching.diagnosis.result import (
+    TOLD_APART,
     Alternative,
     Candidate,
     CauseParameter,
     FittedCandidate,
     KnownScreening,
     NamedCause,
+    acts,
+    cause_parameters,
     not_told_apart,
 )
-from matching.diagnosis.screening import Screening, fit_extended
-from matching.diagnosis.search import SearchState
-from matching.diagnosis.selection import Hypothesis, UnseenData, UnseenError, at_noise, with_sharpest_friction
+from matching.diagnosis.screening import Screening
 from matching.diagnosis.simulation import simulate_readings
-from matching.diagnosis.statistics import (
-    Estimate,
-    Prediction,
-    effective_share,
-    estimates,
-    prediction,
-    residual_inflation,
-)
+from matching.diagnosis.statistics import Estimate, estimates, residual_inflation
+from matching.diagnosis.unseen import UnseenData, UnseenError
 from modelling.effects import EFFECTS
 from modelling.effects.effect import SHARED, place_in_words
-from modelling.errors import FitError
-from modelling.resources import time_is_over
 from modelling.system import System
 
-# --- The final fit of a hypothesis: finer integration steps, sharper friction, exact derivatives.
-
-ITERATIONS = 12
-FINER = 2.0  # times as many integration steps as in a search
-WORSE_SHARE, WORSE = 0.01, 10.0  # of χ², and χ²: what finer steps may add; more, and they ended elsewhere
-
-
-def final_fit(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis fitted with steps half as long, ending on a Jacobian of its own point, if that is no worse."""
-    if time_is_over():
-        return hypothesis
-    if not hypothesis.causes:
-        return replace(hypothesis, fit=polished(hypothesis.fit))
-    model = replace(hypothesis.at_fit(), starts=tuple(hypothesis.fit.starts))
-    try:
-        fit = fit_extended(model, hypothesis.fit, FitOptions(ITERATIONS), FINER)
-        fit = polished(with_sharper_friction(fit, FINAL_STEPS))
-    except FitError:
-        return hypothesis
-    finer = with_sharpest_friction(replace(hypothesis, fit=fit))
-    return finer if finer.fit.cost < (1 + WORSE_SHARE) * hypothesis.fit.cost + WORSE else hypothesis
-
-
-def final_fit_on(hypothesis: Hypothesis, base: Fit) -> Hypothesis:
-    """A hypothesis of a part of the data fitted to all that a base fit has."""
-    model = hypothesis.at_fit()
-    fit = fit_extended(model, base, FitOptions()) if hypothesis.causes else base
-    return final_fit(Hypothesis(model, fit))
-
-
-# --- The confidence in a cause: its share of the evidence among its rivals; where more than noise is left, times the
-# share of the misfit on unseen data that it explains, since the rest may be of something that the vocabulary lacks.
+# --- The confidence in the kind of a cause, among its rivals.
 #
-# Evidence of a hypothesis is −½ of χ² + (variables)·ln(readings) on the fitted data (Schwarz 1978) and of the score of
-# its prediction of held-out data (:mod:`matching.diagnosis.statistics`). χ² is first divided by how much larger
-# than noise the best residual is and by the share of independent samples in it: a model that is not perfect must not
-# count its error as if it were noise, thousands of times over.
+# Where a hypothesis leaves noise, that is its share of the evidence: −½ of χ² + (variables)·ln(readings) of all data
+# (Schwarz 1978). Where more than noise is left, no hypothesis is right, and such a likelihood would decide by far too
+# much. The hypotheses are then mixed so that the mixture predicts the unseen blocks best (stacking of predictive
+# distributions; Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 2018), averaged over draws of the blocks
+# (Huggins and Miller, arXiv 2007.14845): a difference that is smaller than its scatter decides nothing.
 
-MOST_RIVALS = 4  # that are fitted as finely as the best
-OUT_OF_QUESTION = 60.0  # difference of χ², over its inflation: a share of the evidence below 1e-13
-NOT_SIMULATED = 1e30  # χ² of what does not simulate
+STACKED_DRAWS, STACKING_ROUNDS = 200, 60  # of the blocks; of the iterations that find the weights of each
 
 
 @dataclass(frozen=True)
 class RatedCause:
-    """A cause, or a rival in its place, with its share of the evidence."""
+    """A cause, or a rival in its place, with its share of the confidence."""
 
     kind: str
     at: str
@@ -101,90 +53,18 @@ class RatedCause:
     hypothesis: Hypothesis
 
 
-def rate_rivals(state: SearchState, index: int, unseen: UnseenData) -> list[RatedCause]:
-    """A cause of the best hypothesis and its rivals with their shares of the evidence, largest first.
-
-    Rivals near a best fit at the noise are refitted as finely as it. A rival with more evidence replaces a cause where
-    it is possible and meets unseen data better than the base model.
-    """
-    best, cause = state.best, state.best.causes[index]
-    others = [_weighted_as(best, rival) for rival in _rivals(state, index)]
-    inflation = chi_square_inflation(best)
-    scores = fitted_scores([best, *others], inflation)
-    near = [rival for rival, s in zip(others, scores[1:], strict=True) if s - scores[0] < OUT_OF_QUESTION][:MOST_RIVALS]
-    hypotheses = [best, *([final_fit(rival) for rival in near] if at_noise(best) else near)]
-    names = [(cause.kind, cause.at)] + [
-        (hypothesis.causes[-1].kind, hypothesis.causes[-1].at) for hypothesis in hypotheses[1:]
-    ]
-    shares = evidence_shares(_scores(hypotheses, unseen.holdout, inflation)) if near else np.ones(1)
-    rated = [
-        RatedCause(*name, float(p), hypothesis) for name, p, hypothesis in zip(names, shares, hypotheses, strict=True)
-    ]
-    rated += [
-        RatedCause(rival.causes[-1].kind, rival.causes[-1].at, 0.0, rival) for rival in others if rival not in near
-    ]
-    rated.sort(key=lambda rating: -rating.share)
-    leading = next(
-        rating.hypothesis
-        for rating in rated
-        if rating.hypothesis is best
-        or (not rating.hypothesis.model.not_taken(rating.hypothesis.fit)
-            and unseen.keeps(rating.hypothesis, state.base, by_sensor=False))
-    )  # fmt: skip
-    if leading is not best:
-        state.best = _in_place(leading, index)
-    return rated
-
-
-def _rivals(state: SearchState, index: int) -> list[Hypothesis]:
-    """Hypotheses with another cause in the place of one of the best's, beside the others of it."""
-    best, cause = state.best, state.best.causes[index]
-    beside = best.places - {(cause.kind, cause.at)}
-    rivals = state.rivals[index] if index < len(state.rivals) else []
-    return [
-        rival
-        for rival in rivals
-        if rival.places != best.places and beside < rival.places and len(rival.causes) == len(best.causes)
-    ]
-
-
-def _scores(hypotheses: list[Hypothesis], holdout: Holdout, inflation: float) -> np.ndarray:
-    """(h,) −2 ln of the evidence of several hypotheses, but for a constant."""
-    predictions = [_predicted(hypothesis, holdout, inflation) for hypothesis in hypotheses]
-    variance = min((residual_inflation(prediction.updated) for prediction in predictions if prediction), default=1.0)
-    unseen = [prediction.score(variance) if prediction else NOT_SIMULATED for prediction in predictions]
-    return fitted_scores(hypotheses, inflation) + np.array(unseen)
-
-
-def fitted_scores(hypotheses: Sequence[Hypothesis], inflation: float) -> np.ndarray:
-    """(h,) −2 ln of the evidence of fitted data, but for a constant, the first hypothesis being the best.
-
-    Where sensors are weighted by what the model leaves of them, memory and scale are estimated: n·ln of the
-    squared innovation of each, n the number of independent samples in what the best leaves.
-    """
-    best = hypotheses[0]
-    if best.fit.problem.weighting is None:
-        return np.array([hypothesis.cost / inflation for hypothesis in hypotheses])
-    segments, residuals = best.fit.problem.data.segments, best.fit.by_sensor()
-    count = np.array([
-        sum(
-            effective_share(r[s.measured[:, j], j]) * s.measured[:, j].sum()
-            for s, r in zip(segments, residuals, strict=True) if s.measured[:, j].any()
-        )
-        for j in range(len(best.fit.problem.data.noise))
-    ])  # fmt: skip
-    logarithms = [np.log(discrepancy(hypothesis.fit).scale ** 2) for hypothesis in hypotheses]
-    price = [len(hypothesis.fit.v) * np.log(max(count.sum(), 2.0)) for hypothesis in hypotheses]
-    return np.array(
-        [float(count @ part) + parameters_price for part, parameters_price in zip(logarithms, price, strict=True)]
-    )
-
-
-def _weighted_as(best: Hypothesis, other: Hypothesis) -> Hypothesis:
-    """A hypothesis with its sensors weighted as those of the best."""
-    weighting = best.fit.problem.weighting
-    same = other.fit.problem.weighting is weighting
-    return other if same else replace(other, fit=reweighted(other.fit, weighting))
+def rate_rivals(selected: Selection, index: int, unseen: UnseenData) -> list[RatedCause]:
+    """A cause of the best hypothesis and its rivals with their shares, largest first; the selection stays as it is."""
+    best, cause = selected.best, selected.best.causes[index]
+    others = [other for other in selected.rivals[index] if not other.model.not_taken(other.fit)]
+    hypotheses = [best, *others]
+    if at_noise(best):
+        shares = evidence_shares(np.array([h.cost for h in hypotheses]) / chi_square_inflation(best))
+    else:
+        shares = stacking_weights([unseen.error(h) for h in hypotheses])
+    names = [(cause.kind, cause.at), *((other.causes[-1].kind, other.causes[-1].at) for other in others)]
+    rated = [RatedCause(*name, float(p), h) for name, p, h in zip(names, shares, hypotheses, strict=True)]
+    return sorted(rated, key=lambda rating: -rating.share)
 
 
 def evidence_shares(scores: np.ndarray) -> np.ndarray:
@@ -193,19 +73,23 @@ def evidence_shares(scores: np.ndarray) -> np.ndarray:
     return evidence / evidence.sum()
 
 
-def _in_place(hypothesis: Hypothesis, index: int) -> Hypothesis:
-    """The same with its last cause at a place among the others."""
-    *rest, last = hypothesis.causes
-    causes = (*rest[:index], last, *rest[index:])
-    return replace(hypothesis, model=replace(hypothesis.model, causes=causes))
-
-
-def _predicted(hypothesis: Hypothesis, holdout: Holdout, factor: float) -> Prediction | None:
-    """What a hypothesis predicts of held-out data; None where it does not simulate."""
-    try:
-        return prediction(hypothesis.fit, holdout.simulate(hypothesis.fit), factor)
-    except FitError:
-        return None
+def stacking_weights(errors: Sequence[UnseenError | None]) -> np.ndarray:
+    """Weights (h,) with which hypotheses predict unseen blocks best together, by their mean squares in each block: the
+    error is normal, of the variance that the best of them leaves, at least the noise."""
+    known = [error for error in errors if error is not None]
+    if not known:
+        return np.full(len(errors), 1 / len(errors))
+    squares = np.array([np.full_like(known[0].blocks, np.inf) if e is None else e.blocks for e in errors])
+    variance = np.maximum(np.min([np.nanmean(e.blocks, axis=0) for e in known], axis=0), 1.0)
+    independent = np.max([e.independent for e in known], axis=0)
+    density = -0.5 * np.nansum(squares / variance * independent, axis=2)
+    likelihood = np.exp(density - density.max(axis=0))
+    count = likelihood.shape[1]
+    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=STACKED_DRAWS) / count
+    weights = np.full((STACKED_DRAWS, len(errors)), 1 / len(errors))
+    for _ in range(STACKING_ROUNDS):
+        weights *= (drawn / np.maximum(weights @ likelihood, 1e-300)) @ likelihood.T
+    return weights.mean(axis=0)
 
 
 def chi_square_inflation(hypothesis: Hypothesis) -> float:
@@ -217,53 +101,39 @@ def chi_square_inflation(hypothesis: Hypothesis) -> float:
 # --- Every candidate that was fitted alone, with its misfit and why it was not taken.
 
 
-def fitted_candidates(state: SearchState, holdout: Holdout) -> list[FittedCandidate]:
+def fitted_candidates(selected: Selection, unseen: UnseenData) -> list[FittedCandidate]:
     """The candidates that were added to the base model by themselves, best first, and the causes of the best
     hypothesis among them as taken; then those that have no fit."""
-    base_holdout = holdout_misfit(state.base, holdout)
-    out = []
-    for hypothesis in state.with_one_cause:
+    before, out = unseen.misfit(selected.base), []
+    for hypothesis in selected.with_one_cause:
         (cause,) = hypothesis.causes
-        misfit_holdout = holdout_misfit(hypothesis, holdout)
-        taken = (cause.kind, cause.at) in state.best.places
-        reason = "" if taken else _reason(state, hypothesis, misfit_holdout, base_holdout)
-        out.append(
-            FittedCandidate(cause.kind, cause.at, hypothesis.misfit, misfit_holdout, hypothesis.chi_square, reason)
-        )
+        left = unseen.misfit(hypothesis)
+        taken = (cause.kind, cause.at) in selected.best.places
+        reason = "" if taken else _reason(selected, hypothesis, left, before)
+        out.append(FittedCandidate(cause.kind, cause.at, hypothesis.misfit, left, hypothesis.chi_square, reason))
     fitted = {(one.kind, one.at) for one in out}
-    for (kind, at), why in state.failed.items():
+    for (kind, at), why in selected.failed.items():
         if (kind, at) not in fitted:
             out.append(FittedCandidate(kind, at, np.nan, np.nan, np.nan, "no_fit", why))
     return out
 
 
-def holdout_misfit(hypothesis: Hypothesis, holdout: Holdout) -> float:
-    """Root mean square of all residuals on held-out data, in times the noise; infinite where it does not simulate."""
-    try:
-        residuals = holdout_residuals(holdout.simulate(hypothesis.fit))
-    except FitError:
-        return np.inf
-    values = np.concatenate([part.ravel() for part in residuals]) if residuals else np.empty(0)
-    values = values[~np.isnan(values)]
-    with np.errstate(over="ignore"):
-        return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan
-
-
-def _reason(state: SearchState, hypothesis: Hypothesis, misfit_holdout: float, base_holdout: float) -> str:
+def _reason(selected: Selection, hypothesis: Hypothesis, left: float, before: float) -> str:
     """Why a candidate was not taken, in the words of ``diagnosis.json``."""
-    least = state.noise_threshold * hypothesis.chi_square_per_reading
-    if hypothesis.chi_square > state.base.chi_square - least or hypothesis.model.negligible(hypothesis.fit):
+    least = selected.noise_threshold * hypothesis.chi_square_per_reading
+    too_little = hypothesis.chi_square > selected.base.chi_square - least
+    if too_little or hypothesis.model.negligible(hypothesis.fit):
         return "not_better"
     impossible = hypothesis.model.not_taken(hypothesis.fit)
     if impossible:
         return impossible
-    if misfit_holdout > base_holdout:
+    if left > before:
         return "worse_unseen"
     (cause,) = hypothesis.causes
     notes = estimates(hypothesis.fit)
     if any(notes[name].note.startswith("at the bound") for name in cause.names().values()):
         return "at_bound"
-    return "rival" if state.best.causes else "not_better"  # without a cause there is none that it rivals
+    return "rival" if selected.best.causes else "not_better"  # without a cause there is none that it rivals
 
 
 # --- What to record to tell rivals apart: both are simulated over several manoeuvres.
@@ -378,7 +248,6 @@ def _readings(hypothesis: Hypothesis, time: np.ndarray, inputs: np.ndarray) -> n
 # --- Named causes with values, confidence, evidence and rivals, and what to record to tell them apart.
 
 WORTH_RECORDING = 0.02  # confidence of a rival from which a further recording is proposed
-TOLD_FROM_NOTHING = 0.95  # probability that a torque acts, from which a further cause is kept
 RISES = 1.05  # ratio of errors from which one is said to rise
 SMALLEST_CONFIDENCE = 1e-4  # of a rival that is listed
 
@@ -397,7 +266,10 @@ class JudgedCause:
     known : KnownScreening or None
         The screening of what that leaves, where the search has made it.
     explained : float
-        Share of the misfit on unseen data that it explains; 1 where all is explained.
+        Share of the misfit on unseen data that it explains, of the sensor where that is most: a fault of a channel
+        explains nothing of the others. 1 where all is explained.
+    mostly : bool
+        Whether it explains almost all of all sensors.
     """
 
     cause: Cause
@@ -405,6 +277,7 @@ class JudgedCause:
     without: Hypothesis
     known: KnownScreening | None
     explained: float
+    mostly: bool
 
     @property
     def rivals(self) -> list[RatedCause]:
@@ -439,11 +312,13 @@ def named_causes(
         parameters = cause_parameters(system, cause, estimates)
         share, place = rating.share, 1.0
         if unseen is not None and screening is not None:
-            share, place = _chosen(judgement, rating, unseen)
-            if judgement.explained < MOSTLY and _free_force_is_left(final, screening, cause.at):
+            place = _place(judgement, rating, unseen)
+            if not judgement.mostly and _free_force_is_left(final, screening, cause.at):
                 share = min(share, NOT_THE_KIND)
         certain = share * judgement.explained * acts(parameters) / (1 + len(same))
-        whole = certain * (1 + len(same))  # of what no recording, or not this one, tells apart, any may stand
+        # of what no recording, or not this one, tells apart, any may stand
+        as_good = share + sum(r.share for r in rivals if (r.kind, r.at) in alike or _same_readings(rating, r))
+        whole = min(as_good, 1.0) * judgement.explained * acts(parameters)
         alternatives = [Alternative(kind, at, certain) for kind, at in same]
         alternatives += [Alternative(r.kind, r.at, r.share * judgement.explained) for r in rivals]
         causes.append(
@@ -460,11 +335,9 @@ def named_causes(
     return causes
 
 
-# --- Confidence where more than noise is left. The evidence of a likelihood that no hypothesis fulfils decides by far
-# too much between kinds that are all wrong. Unseen data are therefore drawn again, block by block, and a hypothesis
-# counts as often as it predicts them best (bagged posteriors: Huggins and Miller, arXiv 2007.14845), the place as often
-# as any with a cause there does. The kind counts no more than ``NOT_THE_KIND`` where a free force at its place predicts
-# much of what it leaves (:mod:`matching.diagnosis.latent`).
+# --- Confidence where more than noise is left. A place counts as often as a hypothesis with any cause there predicts
+# unseen blocks best, each by a fit to the others, when the blocks are drawn again and again. The kind counts no more
+# than ``NOT_THE_KIND`` where a free force there predicts much of what it leaves (:mod:`matching.diagnosis.latent`).
 
 LEAST_CONFIDENCE = 0.5  # of a kind, from which a cause stands in the answer and in the extended model
 NOT_THE_KIND = 0.4  # most that is said of a kind that leaves a force at its own place
@@ -474,13 +347,19 @@ ALIKE = 2e-3  # difference of ln of the mean squares, for each sensor, up to whi
 BEYOND = 2.0  # standard uncertainties by which a value differs from that of no effect
 
 
-def _chosen(judgement: JudgedCause, rating: RatedCause, unseen: UnseenData) -> tuple[float, float]:
-    """Confidence in kind and place: shares of the draws of unseen blocks, and no more of the kind than its evidence."""
-    rivals = [r for r in judgement.rated if r is not rating]
-    hypotheses = [rating.hypothesis, *(r.hypothesis for r in rivals), judgement.without]
-    shares = drawn_shares([unseen.error(hypothesis) for hypothesis in hypotheses], unseen.settings.draws)
-    there = [_component(r.at) == _component(rating.at) for r in rivals]
-    return min(rating.share, float(shares[0])), float(shares[0] + shares[1:-1][there].sum())
+def _place(judgement: JudgedCause, rating: RatedCause, unseen: UnseenData) -> float:
+    """Confidence in the place: share of the draws of unseen blocks in which a cause there predicts best."""
+    every = [*judgement.rated, None]
+    errors = [unseen.error(r.hypothesis if r is not None else judgement.without) for r in every]
+    there = [r is not None and _component(r.at) == _component(rating.at) for r in every]
+    return float(drawn_shares(errors, unseen.settings.draws)[there].sum())
+
+
+def _same_readings(rating: RatedCause, rival: RatedCause) -> bool:
+    """Whether two fitted hypotheses differ in the readings by less than the noise tells apart."""
+    own, other = (np.concatenate([part.ravel() for part in r.hypothesis.fit.errors]) for r in (rating, rival))
+    limit = TOLD_APART * chi_square_inflation(rating.hypothesis)
+    return own.shape == other.shape and float(np.sum((own - other) ** 2)) < limit
 
 
 def drawn_shares(errors: Sequence[UnseenError | None], draws: int) -> np.ndarray:
@@ -522,14 +401,6 @@ def _beyond_its_uncertainty(system: System, cause: Cause, parameters: Mapping[st
     return False
 
 
-def acts(parameters: Mapping[str, CauseParameter]) -> float:
-    """Probability that one of the torques of a cause, if it has any, is not nothing: normal errors, two-sided."""
-    torques = [parameter for parameter in parameters.values() if parameter.unit == "N*m"]
-    if not torques:
-        return 1.0
-    return float(erf(max(abs(one.value) / max(one.standard_uncertainty, 1e-300) for one in torques) / np.sqrt(2)))
-
-
 def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause]) -> str | None:
     """What to record to tell the most likely rival from its cause; None where none is likely enough."""
     proposals: list[tuple[float, str]] = []
@@ -568,18 +439,6 @@ def _in_words(same: Sequence[tuple[str, str]]) -> str:
     if not same:
         return ""
     return f"; this recording does not tell it from {' or '.join(f'{k} at {place_in_words(at)}' for k, at in same)}"
-
-
-def cause_parameters(system: System, cause: Cause, estimates: Mapping[str, Estimate]) -> dict[str, CauseParameter]:
-    """The parameters of a cause, SI, from the estimates of all fitted ones by name."""
-    kind, names = EFFECTS[cause.kind], cause.names()
-    values = kind.canonical({key: estimates[name].value for key, name in names.items()})
-    return {
-        key: CauseParameter(
-            values[key], estimates[name].standard_uncertainty, kind.unit(key, cause.at, system), estimates[name].note
-        )
-        for key, name in names.items()
-    }
 
 
 def _evidence(system: System, without: Hypothesis, final: Hypothesis, next_best: Hypothesis | None) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from matching.match.box import Box
 from matching.match.case import Case
-from matching.match.damping import damping_ratios, rates, without_resting
+from matching.match.damping import damping_ratios, rates, swinging, without_resting
 from matching.match.loop import (
     BedSet,
     FrequencyResponse,
@@ -26,6 +26,7 @@ from matching.match.loop import (
     variant_of,
 )
 from matching.match.loop_modes import ClosedLoop
+from matching.match.opened import SHARES, STAYS_OPEN_S, Opened
 from matching.match.requirements import Requirements
 from modelling.bed.observer import NOISE
 from modelling.linear.resolvent import Resolvent, resolvent
@@ -271,35 +272,6 @@ def loop_figures(bed: Planned, controller: SampledController, required: Requirem
     )  # fmt: skip
 
 
-# --- Beds whose cut shafts have less stiffness and damping: what a lash between its flanks lets a bed appear to be.
-
-# Of stiffness and damping that is left, from a shaft that carries next to nothing to one that opens for moments. A
-# lash that is crossed within a swing acts on the swing like a softer spring and damper, by the share of it that the
-# flanks touch (describing function: Gelb and Vander Velde, Multiple-Input Describing Functions, 1968).
-SHARES = (0.001, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7)
-
-
-def with_reduced_stiffness(
-    case: Case, values: Mapping[str, float], share: float, alone: str | None = None
-) -> dict[str, float]:  # fmt: skip
-    """Values (SI) of a bed by name, the shafts that its dynamometers follow with ``share`` of stiffness and damping.
-
-    ``alone`` names the one shaft that has less; without it all do.
-    """
-    known, made = case.rig.parameters, dict(values)
-    for dynamometer in case.loop.dynamometers:
-        for quantity in ("stiffness", "damping") if alone in (None, dynamometer.follows) else ():
-            name = f"shafts.{dynamometer.follows}.{quantity}"
-            if name in known:
-                made[f"rig.{name}"] = share * values.get(f"rig.{name}", known[name].value)
-    return made
-
-
-def damping_left(share: float) -> float:
-    """Part of a shaft's damping ratio that is left with ``share`` of its stiffness and damping: the root of it."""
-    return float(np.sqrt(share))
-
-
 # --- The worst beds of a box: descent by the gradients of dampings, ascent of the error, from planned and drawn beds.
 #
 # The least damped mode may be one of the residual vehicle that no bed moves, and another one fall below it in a corner
@@ -510,8 +482,9 @@ class BedsCheck:
         The bed with the largest error to unmeasured torques that an ascent from the worst of the drawn ones finds.
     opened : mapping of float to float
         Least damping ratio of the bed as planned, by the share that is left of its cut shafts' stiffness and damping;
-        −1 where it grows without swinging. In ``result.json``: ``opened_cut_shafts``, a list with ``share_left``,
-        ``damping_ratio``, ``stable`` and ``smallest_damping_ratio_alone``, that with one cut shaft opened alone.
+        −1 where it grows without swinging, faster than play stays open. In ``result.json``: ``opened_cut_shafts``, a
+        list with ``share_left``, ``damping_ratio``, ``stable`` and ``smallest_damping_ratio_alone``, that with one cut
+        shaft opened alone.
     opened_alone : mapping of str to mapping of float to float
         The same where one cut shaft opens and the others do not, by its name.
     faults : tuple of DampingFault
@@ -645,10 +618,13 @@ class Judge:
         ratios, asked, stable = self._ratios(values)
         return _least_first(ratios * self.required.damping_ratio / asked, stable)
 
-    def dampings_of(self, values: Sequence[Mapping[str, float]]) -> np.ndarray:
-        """Damping ratios (b, m) of the least damped modes, least first; −1 where a bed grows without swinging."""
-        ratios, _, stable = self._ratios(values)
-        return _least_first(ratios, stable)
+    def opened(self, values: Sequence[Mapping[str, float]]) -> np.ndarray:
+        """Least damping ratio (b,) of beds with opened cut shafts; −1 where one grows, faster than play stays open."""
+        beds, step = sampled_beds(self.case, values), self.controller.sample_time
+        z = without_resting(closed_poles(beds, self.controller), self.neutral)
+        drift = np.where(swinging(z, step), 0.0, np.abs(z)).max(axis=1)
+        least = damping_ratios(z, step).min(axis=1)
+        return np.where(np.log(np.maximum(drift, 1e-300)) / step < 1 / STAYS_OPEN_S, least, np.minimum(least, -1.0))
 
     def named_mode(self, values: Mapping[str, float], s: complex, asked: float) -> NamedMode:
         """The mode of a bed with these values that has an eigenvalue (1/s), in words."""
@@ -744,5 +720,5 @@ def _with_mode(judge: Judge, worst: WorstBed) -> WorstBed:
 
 def _dampings_opened(judge: Judge, alone: str | None) -> dict[float, float]:
     """Least damping ratio of the bed as planned by the share left of its cut shafts, or of one of them alone."""
-    values = [with_reduced_stiffness(judge.case, {}, share, alone) for share in SHARES]
-    return dict(zip(SHARES, judge.dampings_of(values)[:, 0].tolist(), strict=True))
+    found = judge.opened([Opened(share, alone).values(judge.case, {}) for share in SHARES])
+    return dict(zip(SHARES, found.tolist(), strict=True))

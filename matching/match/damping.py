@@ -65,6 +65,7 @@ def decay_rates(z: np.ndarray, step: float) -> np.ndarray:
 # search sees no step.
 
 KEPT_DAMPING = 0.95  # of its damping without control that a mode of the bed's own keeps
+OWN_RESERVE = 0.05  # of the reserve of other modes, for such a mode: control may take 5 % of its damping and give none
 LEAST_DAMPING = 1e-6  # damping ratio: least that any mode is asked for
 OF_VEHICLE = (0.1, 0.25)  # |ln(f/f₀)| to a vehicle's mode: near, and far; specimens of drawn beds move it by 0.05
 OF_BED = (
@@ -88,9 +89,9 @@ def asked_damping(
     fast : ndarray (b,)
         Least damping ratio of these where the loop has to have rolled off: no control helps there.
     reserve : float
-        On what is asked for, but for a bed's own modes, which no control helps.
+        Factor on what is asked for; little of it counts for a bed's own modes, which no control helps.
     """
-    least, s = reserve * required.damping_ratio, rates(z, step)
+    least, s, kept = reserve * required.damping_ratio, rates(z, step), KEPT_DAMPING * (1 + OWN_RESERVE * (reserve - 1))
     size, upper = np.abs(s), np.where(s.imag < 0, s.conj(), s)
     asked = np.full(s.shape, least)
     for mode, ratio in required.vehicle_modes:
@@ -98,13 +99,13 @@ def asked_damping(
         if of_mode < least:
             asked = np.minimum(asked, least + _near(np.abs(np.log(size / mode)), OF_VEHICLE) * (of_mode - least))
     for mode in own.T:  # (b,)
-        of_own = KEPT_DAMPING * np.maximum(-mode.real / np.abs(mode), LEAST_DAMPING)
+        of_own = kept * np.maximum(-mode.real / np.abs(mode), LEAST_DAMPING)
         light = of_own < least
         if light.any():
             apart = np.abs(np.log(upper / np.where(light, mode, 1j)[:, None]))
             closeness = np.where(light[:, None], _near(apart, OF_BED), 0.0)
             asked = np.minimum(asked, least + closeness * (np.where(light, of_own, least)[:, None] - least))
-    of_fast = KEPT_DAMPING * np.maximum(fast, LEAST_DAMPING)[:, None]
+    of_fast = kept * np.maximum(fast, LEAST_DAMPING)[:, None]
     beyond = size >= 2 * np.pi * required.rolled_off_from
     return np.maximum(np.where(beyond, np.minimum(asked, of_fast), asked), LEAST_DAMPING)
 

@@ -11,6 +11,7 @@ import numpy as np
 from matching.match.box import of_system
 from matching.match.case import Case
 from matching.match.loop import control_law, linear_bed, shaft_torque
+from matching.match.opened import WAIVED
 from matching.match.running import RunningLaw, stacked
 from matching.match.running import run as run_batch
 from matching.match.verify import manoeuvre_torques
@@ -320,7 +321,8 @@ def _sensing(case: Case, law: ControlLaw, runs: Sequence[BedRun], seed: int) -> 
 # --- Whether a bed swings on in an open lash where the vehicle comes to rest.
 
 LASHES_RAD = (np.radians(0.5), np.radians(5.0))  # of a drive's whole lash, from new to worn
-DRAWN = 4
+DRAWN = 10
+LASH_S = 5.0  # of a run: a bed whose swing dies out has come to rest
 PULSE_S = (0.2, 0.3)  # torque that closes the lash, and leaves it open
 JUDGED_S = 0.5  # at the end
 EXCESS = 0.02  # of the vehicle's range, by which the bed's torque swings more than the vehicle's
@@ -343,6 +345,17 @@ class OpenLash:
     limit_cycles: int
     largest_swing: float
     vehicle_swing: float
+
+    def sentences(self, waived: bool) -> list[str]:
+        """What is said of beds that swing on; ``waived``: play counts as a check alone."""
+        if not self.limit_cycles:
+            return []
+        low, high = np.degrees(LASHES_RAD)
+        hint = "" if waived else WAIVED
+        return [
+            f"{self.limit_cycles} of {self.drawn} drawn beds with {low:.2g}° to {high:.2g}° of free play in the cut "
+            f"shafts swing on after a pulse, by up to {self.largest_swing:.3g} N·m rms{hint}"
+        ]
 
 
 def lash_runs(
@@ -394,6 +407,29 @@ def open_lash(
         swings.append((of_bed, of_vehicle))
     worst = max(swings, key=lambda pair: pair[0] - pair[1])
     return OpenLash(len(beds), limit_cycles, *worst)
+
+
+def lashes(case: Case, seed: int = 0) -> OpenLash | None:
+    """What free play in the cut shafts does on drawn beds of a tuned case, in time.
+
+    None where the controller gives no torque, where no input but the dynamometers' could move the bed, and where a
+    bed or vehicle cannot be simulated.
+    """
+    if case.loop.torqueless:
+        return None
+    try:
+        law, (torques, _) = control_law(linear_bed(case)), manoeuvre_torques(linear_bed(case))
+        largest = {name: float(np.abs(torque).max()) for name, torque in torques.items()}
+        count = round(LASH_S / law.sample_time)
+        case, cuts = with_cut_torques(case)
+        known = tuple(name for name in law.known if name in {part.name for part in case.rig.inputs})
+        runs = lash_runs(case, {name: np.full(count, size) for name, size in largest.items()}, known, seed)
+        if not runs:
+            return None
+        beds = bed_motions(case, law, runs, cuts, seed)
+        return open_lash(vehicle_motions(case, runs, cuts), beds, range(len(cuts)), law.sample_time)
+    except (NoDesign, SimulationError):
+        return None
 
 
 def _swing(torques: np.ndarray) -> float:
@@ -495,8 +531,6 @@ class InTime:
         Of the compared functions.
     rows : tuple of TimeErrors
         For what is wrong; of the drawn beds with everything wrong the worst.
-    lash : OpenLash or None
-        None where no input but the dynamometers' could open one.
     standstill : Standstill or None
         None where the case has an operating point, or no input but the dynamometers' could move the bed.
     seconds : float
@@ -509,7 +543,6 @@ class InTime:
 
     sensors: tuple[str, ...] = ()
     rows: tuple[TimeErrors, ...] = ()
-    lash: OpenLash | None = None
     standstill: Standstill | None = None
     seconds: float = 0.0
     not_simulated: str = ""
@@ -519,7 +552,6 @@ class InTime:
         """As ``result.json`` holds it."""
         return {
             "duration": self.seconds, "sensors": list(self.sensors), "rows": [row.to_dict() for row in self.rows],
-            "open_lash": None if self.lash is None else dict(vars(self.lash)),
             "encoders_at_standstill": None if self.standstill is None else dict(vars(self.standstill)),
             "not_simulated": self.not_simulated,
         }  # fmt: skip
@@ -558,10 +590,9 @@ def errors_in_time(
     alone = vehicle_motions(case, [BedRun(Imperfection(""), torques)], cuts)[0]
     rows = imperfections(case, float(np.abs(alone).max(initial=0.0)), seed)
     known = tuple(name for name in law.known if name in {part.name for part in case.rig.inputs})
-    lashed = lash_runs(case, torques, known, seed)
     runs = [BedRun(row, torques, measured) for row in rows for measured in (known, ())]
     read = (*sensors, *cuts)
-    of_vehicles, of_beds = _simulated(case, law, [*runs, *lashed], read, seed)
+    of_vehicles, of_beds = _simulated(case, law, runs, read, seed)
     results = [
         TimeErrors(row.words, *(_errors(of_beds[2 * i + j], of_vehicles[2 * i], sensors, lead) for j in (0, 1)))
         for i, row in enumerate(rows)
@@ -574,10 +605,8 @@ def errors_in_time(
     if len(signals) == 3:
         traces = BedTraces(EVERYTHING_DRAWN, time, *(dict(zip(sensors, signal.T, strict=False)) for signal in signals))
     kept = [results[i] for i in range(len(rows)) if i not in every or i == worst]
-    at, first = [read.index(name) for name in cuts], len(runs)
-    lash = open_lash(of_vehicles[first:], of_beds[first:], at, law.sample_time) if lashed else None
     still = standstill(case, law, torques, known)
-    return InTime(sensors, tuple(kept), lash, still, float(time[-1]), "", traces)
+    return InTime(sensors, tuple(kept), still, float(time[-1]), "", traces)
 
 
 def with_cut_torques(case: Case) -> tuple[Case, list[str]]:

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
 from matching.match.case import Case, Move, apply, scaled
-from matching.match.in_time import simulate_deviations
+from matching.match.in_time import lashes, simulate_deviations
 from matching.match.limits import (
     Relaxations,
     Solution,
@@ -54,6 +54,7 @@ SHORT = SearchSettings(
     most_steps=20,
     joint_rounds=1,
     restarts=0,
+    opened=False,
     scenarios=0,
     blind=16,
     fresh=40,
@@ -106,13 +107,14 @@ def match(
     tell("vehicle, rig and manoeuvre")
     if aside is not None:
         aside.start()
-    settings, short = _effort(case, settings or SearchSettings())
+    settings, short = _effort(case, settings or SearchSettings(), simple)
     settings = settings if starts is None else replace(settings, starts=min(starts, settings.starts))
     count = settings.fresh if beds is None else beds
     solution, settled = _solved(problem, settings, Fresh(count, seed), tell, ordering, begins)
     tuned = solution.tuned
     in_time = None if aside is None else aside.begin(simulate_deviations, tuned)
     standing = (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated) if settings.emulated else None
+    play = lashes(tuned) if settings.emulated else None
     checked = verify(tuned, case.rig, beds=count, seed=seed)
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
@@ -124,9 +126,12 @@ def match(
     relaxed = relaxations(problem, solution, SolvedAgain(problem, settings)) if asked else Relaxations()
     stands = limits(problem, solution, targets, relaxed)
     run = standing.result() if standing is not None and checked.stable else minutes_without("it was not asked for")
+    waived = not checked.required.opened_shafts
+    swings = [] if play is None else play.sentences(waived)
     stands = [
         *stands,
         *not_kept(case, checked),
+        *([] if waived else swings),
         *missing_measurement(relaxed, case),
         *run.sentences(),
         *unloaded_lashes(case),
@@ -144,6 +149,7 @@ def match(
             *opened_lashes(tuned, checked.traces),
             *_notes(problem, solution, bool(stands)),
             *noted(case, checked),
+            *(swings if waived else []),
             *checked.notes,
         ),
         case=case,
@@ -162,6 +168,7 @@ def match(
         adapters=settled.trades,
         contributions=settled.contributions,
         minutes=run,
+        lash=play,
         simulated_in_time=None if in_time is None else in_time.result(),
         seconds=time.perf_counter() - begin,
     )
@@ -203,14 +210,18 @@ def _solved(
     )
 
 
-def _effort(case: Case, settings: SearchSettings) -> tuple[SearchSettings, list[str]]:
+def _effort(
+    case: Case, settings: SearchSettings, simple: SimpleVehicle | None
+) -> tuple[SearchSettings, list[str]]:  # fmt: skip
     """The effort that a case is worth, and what is to be said of it.
 
-    Where dead time and sampling alone leave more than the case allows, no controller matches, and beds with so many
-    delayed commands take long.
+    Where dead time and sampling alone leave more than the case allows, or a residual vehicle of its own does, no
+    controller matches, and beds with so many delayed commands take long.
     """
     if case.loop.torqueless:
         return settings, []
+    if simple is not None and simple.fitted > case.tolerance and case.loop.tunes_observer:
+        return SHORT, ["the residual vehicle alone leaves more than is allowed: the search is short"]
     bound = lower_bound(emulating_the_whole(case), 1)
     if bound <= max(case.tolerance, case.unmeasured_tolerance):
         return settings, []

@@ -16,7 +16,6 @@ from matching.match.beds import (
     OffsetFigures,
     command_noise,
     counted,
-    damping_left,
     loop_curves,
     noise_weights,
     offset_figures,
@@ -45,6 +44,7 @@ from matching.match.loop import (
     return_difference,
 )
 from matching.match.loop_modes import eigenvalue_of, neutral_motions
+from matching.match.opened import CLOSED, OPENED, Opened, openings
 from matching.match.requirements import Requirements, requirements
 from matching.match.targets import target_modes
 from matching.match.variables import (
@@ -126,12 +126,10 @@ class Search:
     free : ndarray (m,)
         Which of them move now.
     positions : ndarray (b, p)
-        Where in the box the beds of the pool are, the bed as planned first; ``left`` is what is left of the stiffness
-        of their cut shafts, by number, where it is not all, ``shares`` the part of the damping they have to keep.
+        Where in the box the beds of the pool are, the bed as planned first; ``opened`` says, by number, which of them
+        have opened cut shafts, ``shares`` which part of the damping that drawn beds need they have to keep.
     active : tuple of int
         The beds of the pool that the search sees.
-    highest : dict of str to float
-        Largest coordinate of some variables, by name.
     known : dict
         What was found at every point since the beds to be seen were chosen.
     failures : Counter of str
@@ -146,9 +144,8 @@ class Search:
     positions: np.ndarray
     free: np.ndarray
     active: tuple[int, ...] = (0,)
-    left: dict[int, float] = field(default_factory=dict)
+    opened: dict[int, Opened] = field(default_factory=dict)
     shares: dict[int, float] = field(default_factory=dict)
-    highest: dict[str, float] = field(default_factory=dict)
     known: dict[tuple[float, ...], Evaluation] = field(default_factory=dict)
     failures: Counter[str] = field(default_factory=Counter)
     _points: Recent[tuple[float, ...], Point] = field(default_factory=lambda: Recent(POINTS))
@@ -165,6 +162,9 @@ class Search:
             ((), can_be_unmeasured(self.case), self.case.unmeasured_tolerance),
             (self.case.loop.measured, every, self.case.tolerance),
         )
+        if self.required.opened_shafts and self.settings.opened:
+            for opened in openings(self.case):
+                self._pool(np.zeros((1, self.positions.shape[1])), self.settings.stable_share, opened)
 
     # points
 
@@ -188,9 +188,7 @@ class Search:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest coordinates (m,)."""
         spans = np.array([one.span for one in self.variables])
-        inset = self.settings.inset
-        highest = [self.highest.get(one.name, np.inf) for one in self.variables]
-        return inset * spans, np.minimum((1 - inset) * spans, highest)
+        return self.settings.inset * spans, (1 - self.settings.inset) * spans
 
     def controller(self, x: np.ndarray) -> SampledController:
         """The controller at a point (m,)."""
@@ -214,46 +212,60 @@ class Search:
 
         return self._hardware.at(tuple(values.values()), made)
 
-    def activate(self, x: np.ndarray, count: int | None = None) -> None:
-        """Have the search see the least damped beds of the pool at a point (m,) as well."""
+    def activate(self, x: np.ndarray) -> None:
+        """Have the search see the least damped beds of the pool at a point (m,) as well, closed and opened ones."""
         try:
-            margins = self.damping_margins_at(x, self.positions)
+            kept = self.pool_margins(x)
         except NoDesign as fault:
             self.failures[str(fault)] += 1
             return
-        least = np.argsort(margins)[: self.settings.active if count is None else count]
-        self.active = tuple(sorted({0, *self.active, *least.tolist()}))
+        opened = np.array([number in self.opened for number in range(len(kept))])
+        least = [np.argsort(np.where(some, kept, np.inf)) for some in (~opened, opened)]
+        counts = self.settings.active, min(OPENED.active, int(opened.sum()))
+        chosen = [number for order, count in zip(least, counts, strict=True) for number in order[:count].tolist()]
+        self.active = tuple(sorted({0, *self.active, *chosen}))
         self.forget()
 
-    def damping_margins_at(self, x: np.ndarray, positions: np.ndarray, left: float = 1.0) -> np.ndarray:
+    def pool_margins(self, x: np.ndarray) -> np.ndarray:
+        """What is left (b,) of the damping that every bed of the pool has to keep, over what drawn beds need."""
+        numbers = range(len(self.positions))
+        ways = [self.opened.get(number, CLOSED) for number in numbers]
+        margins = self.damping_margins_at(x, self.positions, ways)
+        return 1 + margins - np.array([self.shares.get(number, 1.0) for number in numbers])
+
+    def damping_margins_at(self, x: np.ndarray, positions: np.ndarray, opened: Sequence[Opened] = ()) -> np.ndarray:
         """What is left (b,) of the damping that beds at positions (b, p) need, as a share of it."""
-        beds = self.hardware(x).beds_at(positions, left)
+        beds = self.hardware(x).beds_at(positions, opened)
         return self.damping_margins(closed_poles(beds, self.controller(x)), beds)
 
-    def add(self, positions: np.ndarray, share: float = 1.0, left: float = 1.0) -> tuple[int, ...]:
-        """Have the search see beds at positions (b, p) that keep a share of the damping drawn beds need; their numbers.
+    def misses_damping_at(self, x: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """By how much (b,) beds at positions (b, p) miss their damping, with half of the search's reserve; 0 if not."""
+        beds, step = self.hardware(x).beds_at(positions), self.case.loop["sample_time"]
+        z = without_resting(closed_poles(beds, self.controller(x)), self.neutral)
+        asked = beds.asked_damping(z, step, self.required, 1 + self.settings.damping_reserve / 2)
+        return np.maximum(1 - (damping_ratios(z, step) / asked).min(axis=1), 0.0)
 
-        Of stiffness and damping of their cut shafts ``left`` is left; where they open, the share falls with it.
-        """
-        count = len(self.positions)
-        self.positions = np.vstack([self.positions, positions])
-        added = tuple(range(count, len(self.positions)))
-        self.left |= dict.fromkeys(added, left)
-        self.shares |= dict.fromkeys(added, share * damping_left(left))
-        self.active = (*self.active, *added)
+    def add(self, positions: np.ndarray, share: float = 1.0) -> None:
+        """Have the search see beds at positions (b, p) that keep a share of the damping drawn beds need."""
+        self.active = (*self.active, *self._pool(positions, share))
         self.forget()
+
+    def _pool(self, positions: np.ndarray, share: float, opened: Opened = CLOSED) -> tuple[int, ...]:
+        """Add beds at positions (b, p) to the pool; their numbers. Where cut shafts open, the share falls with it."""
+        added = tuple(range(len(self.positions), len(self.positions) + len(positions)))
+        self.positions = np.vstack([self.positions, positions])
+        self.shares |= dict.fromkeys(added, share * opened.damping_left)
+        if opened != CLOSED:
+            self.opened |= dict.fromkeys(added, opened)
         return added
 
-    def keep_first(self, count: int) -> None:
-        """Leave out the beds that were added after the first ``count``."""
-        self.positions = self.positions[:count]
-        self.active = tuple(number for number in self.active if number < count)
+    def leave_out_opened(self) -> None:
+        """Have the search see no more beds with opened cut shafts."""
+        kept = [number for number in range(len(self.positions)) if number not in self.opened]
+        self.shares = {new: self.shares[old] for new, old in enumerate(kept) if old in self.shares}
+        self.active = tuple(new for new, old in enumerate(kept) if old in self.active)
+        self.positions, self.opened = self.positions[kept], {}
         self.forget()
-
-    def ask(self, shares: Mapping[int, float]) -> None:
-        """Have beds, by number, keep other parts of the damping that drawn beds need."""
-        self.shares |= shares
-        self.known.clear()
 
     def forget(self) -> None:
         """What was judged with other beds."""
@@ -297,7 +309,7 @@ class Search:
             for known, pairs, tolerance in self.tolerances
         ]
         active = hardware.beds_at(
-            self.positions[list(self.active)], [self.left.get(number, 1.0) for number in self.active]
+            self.positions[list(self.active)], [self.opened.get(number, CLOSED) for number in self.active]
         )
         # what does not steer the search needs no search between frequencies
         below = self.required.modulus_margin * (1 + self.settings.reserve) * (1 + self.settings.largest_room)

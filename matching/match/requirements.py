@@ -31,12 +31,14 @@ LIMIT_UNITS = {
     "dynamometer_speed": "rad/s",
     "dynamometer_power": "W",
 }
-DEFAULT_LIMITS = {
+OPENED_SHAFTS = "opened_shafts"  # as a limit: whether cut shafts that free play opens have to leave a bed stable
+DEFAULT_LIMITS: dict[str, float] = {
     "modulus_margin": 0.5,
     "rolled_off": 0.5,
     "rolled_off_from": 100.0,  # where a model of a drivetrain ends
     "damping_ratio": 0.01,
     "damping_share": 1 / 3,
+    OPENED_SHAFTS: True,
 }
 MARGIN_FROM_HIGHEST_TARGET = 2.0  # times the highest target mode: ``margin_from`` unless stated
 NOISE_SHARE = 0.02  # of the dynamometers' torque limit: ``command_noise`` unless stated
@@ -57,14 +59,19 @@ def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[
     """Limits by key, SI, and the dynamometers' torque over speed; its last speed limits the speed."""
     table = table_of(data, "limits", where)
     units = limit_units(rig)
-    limits: dict[str, float] = dict(DEFAULT_LIMITS)
+    limits = dict(DEFAULT_LIMITS)
     curve = None
     for key, value in table.items():
         if key == TORQUE_OVER_SPEED:
             curve = read_torque_curve(value, f"{where}: limits.{key}")
             continue
+        if key == OPENED_SHAFTS:
+            if not isinstance(value, bool):
+                raise InputError(f"{where}: limits.{key}", f"{value!r} is no yes or no", "true or false is needed")
+            limits[key] = value
+            continue
         if key not in units:
-            raise unknown(key, [*units, TORQUE_OVER_SPEED], f"{where}: limits")
+            raise unknown(key, [*units, OPENED_SHAFTS, TORQUE_OVER_SPEED], f"{where}: limits")
         limits[key] = to_si(value, units[key], f"{where}: limits.{key}")
         if not limits[key] > 0:
             raise InputError(f"{where}: limits.{key}", f"{limits[key]:g} is not possible", "greater than 0 is needed")
@@ -103,6 +110,8 @@ class Requirements:
     sensor_offset : float or None
         N·m: how far a flange torque may be from what an observer expects, a minute after every sensor is off by its
         uncertainty.
+    opened_shafts : bool
+        Whether an observer has to keep beds stable whose cut shafts free play opens (:mod:`matching.match.opened`).
     """
 
     damping_ratio: float
@@ -115,6 +124,7 @@ class Requirements:
     sensor_offset: float | None = None
     vehicle_modes: tuple[tuple[float, float], ...] = ()
     decay_rate: float = 0.0
+    opened_shafts: bool = True
 
 
 def requirements(case: Case) -> Requirements:
@@ -139,4 +149,5 @@ def requirements(case: Case) -> Requirements:
         offset,
         vehicle,
         limits["damping_share"] * min((size * ratio for size, ratio in vehicle), default=0.0),
+        bool(limits[OPENED_SHAFTS]) and case.loop.structure.is_observer,
     )

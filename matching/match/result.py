@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from matching.match.case import Case
-from matching.match.in_time import InTime, simulate_deviations
+from matching.match.in_time import InTime, OpenLash, simulate_deviations
 from matching.match.loop import linear_bed
 from matching.match.loop_modes import LoopMode
 from matching.match.minutes import Minutes
@@ -188,6 +188,8 @@ class MatchResult(Displayed):
         How near a residual vehicle of the user's own comes; None where it is cut from the vehicle.
     minutes : Minutes
         The exported controller at rest and at speed.
+    lash : OpenLash or None
+        Drawn beds with free play in their cut shafts; None where there was nothing to simulate.
     simulated_in_time : InTime or None
         What ``in_time`` is, where it was worked out during the verification; None where only on request.
     """
@@ -213,6 +215,7 @@ class MatchResult(Displayed):
     seconds: float = 0.0
     simple_vehicle: SimpleVehicle | None = None
     minutes: Minutes = field(default_factory=Minutes)
+    lash: OpenLash | None = None
     simulated_in_time: InTime | None = field(default=None, repr=False)
 
     @property
@@ -254,7 +257,7 @@ class MatchResult(Displayed):
             "operating_point": speeds_of(self.tuned.rig),
             "operating_torques": torques_of(self.tuned.rig),
             "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
-            "in_time": self.in_time.to_dict(),
+            "in_time": self.in_time.to_dict() | {"open_lash": None if self.lash is None else dict(vars(self.lash))},
             "minutes": self.minutes.to_dict(),
             "verification": checks.to_dict(),
             "adapters": [adapter.to_dict() for adapter in self.adapters],

@@ -15,7 +15,7 @@ from matching.match.loop import (
     side_by_side,
 )
 from matching.match.objective import Search
-from matching.match.opened import with_opened
+from matching.match.opened import OPENED
 from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds
 from matching.match.variables import CONTROLLER
 from matching.match.worst import add_scenarios
@@ -61,11 +61,12 @@ def solve(
 ) -> Found:  # fmt: skip
     """The best point that was found.
 
-    An observer's search begins at the better one of the case's weights and further starts, and at the next one where it
-    ends with a requirement missed; where all do by more than the reserve, at the best of settings spread over the
-    bounds. Only then do residual vehicle and adapters move as well: its weights alone come near the end. The cost of a
-    feedback law has several valleys: its gains are tuned alone from several starts, then everything from the best end,
-    and from the case's own gains where no end keeps every requirement. No answer is worse than the case as given.
+    An observer's search begins at the case's weights, where it states any, else at weights that are scaled by the bed,
+    and at the next ones where it ends with a requirement missed or with errors beyond their tolerances; where all do by
+    more than the reserve, at the best of settings spread over the bounds. Only then do residual vehicle and adapters
+    move as well: its weights alone come near the end. The cost of a feedback law has several valleys: its gains are
+    tuned alone from several starts, then everything from the best end, and from the case's own gains where no end keeps
+    every requirement. No answer is worse than the case as given.
     With ``begins``, values by name (SI), it begins at these instead.
     """
     settings, of_observer = search.settings, search.case.loop.tunes_observer
@@ -73,10 +74,13 @@ def solve(
     of_controller = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     everything = np.ones(len(search.variables), bool)
     search.free = of_controller if of_observer else everything
-    ends, gains = _from_starts(search, [search.begin(values) for values in begins])
+    begin_at = [search.begin(values) for values in begins]
+    ends, gains = _from_starts(search, begin_at)
+    if search.opened and misses(search, ends[0]):
+        # no controller was found that keeps them: what is delivered is the best one without them
+        search.leave_out_opened()
+        ends, gains = _from_starts(search, begin_at)
     tell("controller")
-    if of_observer and settings.scenarios and ends[0].judged.cost <= 1:
-        ends[0] = with_opened(search, ends[0])  # beyond their tolerance the errors limit the match anyway
     left = settings.most_steps - sum(end.steps for end in ends)
     alone = best = _with_scenarios(search, ends[0], left, 1 if of_observer else settings.joint_rounds)
     if not of_observer:
@@ -124,7 +128,8 @@ def _restarted(search: Search, best: SearchEnd) -> tuple[SearchEnd, SearchEnd | 
 def is_stable(search: Search, x: np.ndarray) -> bool:
     """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
     hardware, controller = search.hardware(x), search.controller(x)
-    sets = (side_by_side([bed_of(hardware.case, {})]), hardware.beds_at(search.positions))
+    closed = [number for number in range(len(search.positions)) if number not in search.opened]
+    sets = (side_by_side([bed_of(hardware.case, {})]), hardware.beds_at(search.positions[closed]))
     return all(stable_loops(closed_poles(beds, controller), search.neutral).all() for beds in sets)
 
 
@@ -155,11 +160,11 @@ def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEn
         (starts, gains), most_rounds = _with_gains(search, starts), settings.joint_rounds
     begins = _ranked([_anew(search, start) for start in starts]) if of_observer else [_anew(search, x) for x in starts]
     search.active = (0,)
-    for begin in begins[: settings.starts]:
+    for begin in begins[: min(settings.starts, OPENED.starts) if search.opened else settings.starts]:
         ends.append(rounds(search, end_at(search, begin.x), most_rounds, most_steps))
-        if of_observer and keeps_all(search, ends[-1]):
+        if of_observer and keeps_all(search, ends[-1]) and ends[-1].judged.cost <= 1:
             break
-    if settings.blind and all(misses(search, end) for end in ends):
+    if settings.blind and not search.opened and all(misses(search, end) for end in ends):
         ends.append(rounds(search, end_at(search, _spread(search, 1)[0]), most_rounds, most_steps))
     return sorted((judged_again(search, end) for end in ends), key=lambda end: end.penalised_cost), gains
 
@@ -194,9 +199,11 @@ def _starts(search: Search, about: np.ndarray | None = None) -> list[np.ndarray]
     begin = np.clip(search.begin() if about is None else about, low, high)
     if search.case.loop.tunes_observer:
         further = [
-            {f"{CONTROLLER}{name}": value for name, value in values.items()} for values in loop.structure.further_starts
+            {f"{CONTROLLER}{name}": value for name, value in values.items()}
+            for values in loop.structure.starts(search.case.rig, loop)
         ]
-        return [begin, *(np.clip(search.begin(values), low, high) for values in further)]
+        stated = [begin] if loop.states_weights or about is not None else []
+        return [*stated, *(np.clip(search.begin(values), low, high) for values in further)]
     gains = np.array([one.name.startswith(CONTROLLER) for one in search.variables])
     if not gains.any():
         return [begin]
@@ -210,9 +217,9 @@ def _anew(search: Search, x: np.ndarray) -> SearchEnd:
 
 
 def _ranked(begins: list[SearchEnd]) -> list[SearchEnd]:
-    """First those nearly as cheap as the cheapest one, then the others, each by what they miss."""
+    """First those that the search may end near, in their order; what a start misses says little of where it ends."""
     cheap = NEARLY_AS_CHEAP * min(begin.judged.cost for begin in begins)
-    return sorted(begins, key=lambda begin: (begin.judged.cost > cheap, begin.penalised_cost))
+    return sorted(begins, key=lambda begin: begin.judged.cost > max(cheap, 1.0))
 
 
 def _spread(search: Search, count: int) -> list[np.ndarray]:

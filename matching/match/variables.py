@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from matching.match.beds import Planned, with_reduced_stiffness
+from matching.match.beds import Planned
 from matching.match.case import Case, Move, apply, scaled, unscaled
 from matching.match.loop import (
     Bed,
@@ -22,6 +22,7 @@ from matching.match.loop import (
     side_by_side,
     without_limits,
 )
+from matching.match.opened import CLOSED, Opened
 from matching.match.targets import change_weight
 from modelling.bed.observer import (
     Ahead,
@@ -59,6 +60,8 @@ class SearchSettings:
         Rounds in which residual vehicle and adapters move together with the controller.
     restarts : int
         Times that the search of a feedback law begins again from its end, as long as that is worth a round.
+    opened : bool
+        Whether beds with opened cut shafts have to stay stable, where the case asks for it.
     scenarios : int
         Times that the least damped beds of the whole box are added to the pool.
     blind : int
@@ -115,6 +118,7 @@ class SearchSettings:
     most_steps: int = 200
     joint_rounds: int = 3
     restarts: int = 3
+    opened: bool = True
     scenarios: int = 2
     blind: int = 64
     starts: int = 4
@@ -290,23 +294,22 @@ class Hardware:
     case: Case
     plan: Planned
     beds: BedSet
-    others: Recent[tuple[bytes, float], Bed] = field(default_factory=lambda: Recent(BEDS))
-    sets: Recent[tuple[bytes, bytes], SampledBeds] = field(default_factory=lambda: Recent(SETS))
+    others: Recent[tuple[bytes, Opened], Bed] = field(default_factory=lambda: Recent(BEDS))
+    sets: Recent[tuple[bytes, tuple[Opened, ...]], SampledBeds] = field(default_factory=lambda: Recent(SETS))
 
-    def beds_at(self, positions: np.ndarray, left: float | Sequence[float] = 1.0) -> SampledBeds:
-        """Beds at positions (b, p) of the case's box, with ``left`` of the stiffness and damping of their cut shafts.
+    def beds_at(self, positions: np.ndarray, opened: Sequence[Opened] = ()) -> SampledBeds:
+        """Beds at positions (b, p) of the case's box, cut shafts closed or each with its own opening.
 
         Each, and each set, is worked out once.
         """
-        lefts = np.broadcast_to(left, len(positions))
-        places = list(zip(positions, lefts.tolist(), strict=True))
+        ways = tuple(opened) or (CLOSED,) * len(positions)
         return self.sets.at(
-            (positions.tobytes(), lefts.tobytes()),
-            lambda: side_by_side([self._bed(position, share) for position, share in places]),
+            (positions.tobytes(), ways),
+            lambda: side_by_side([self._bed(position, way) for position, way in zip(positions, ways, strict=True)]),
         )
 
-    def _bed(self, position: np.ndarray, left: float) -> Bed:
-        def made() -> Bed:
-            return bed_of(self.case, with_reduced_stiffness(self.case, self.case.uncertainty.at(position), left))
-
-        return self.others.at((position.tobytes(), left), made)
+    def _bed(self, position: np.ndarray, opened: Opened) -> Bed:
+        return self.others.at(
+            (position.tobytes(), opened),
+            lambda: bed_of(self.case, opened.values(self.case, self.case.uncertainty.at(position))),
+        )

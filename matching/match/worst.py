@@ -64,17 +64,17 @@ def add_scenarios(search: Search, at: SearchEnd) -> bool:
     if not box.uncertain:
         return False
     try:
-        seen = np.array([number for number in search.active if search.left.get(number, 1.0) == 1.0])
+        seen = np.array([number for number in search.active if number not in search.opened])
         worst = worst_positions(lambda positions: search.damping_margins_at(at.x, positions), search.positions[seen])
         unstable = worst[search.damping_margins_at(at.x, worst) < settings.stable_share - 1]
         # what beds miss anyway, more beds do not cure
         count = 0 if misses(search, at) else round(DESCENT.further * settings.pool)
         further = box.spread(settings.pool + count)[settings.pool :]
-        room = search.damping_margins_at(at.x, further) if count else np.zeros(0)
+        misses_by = search.misses_damping_at(at.x, further) if count else np.zeros(0)
     except NoDesign:
         return False
-    number = min(DESCENT.most_added, int((room < -settings.damping_reserve / 2).sum()))
-    missed = further[np.argsort(room)[:number]]
+    number = min(DESCENT.most_added, int((misses_by > 0).sum()))
+    missed = further[np.argsort(-misses_by)[:number]]
     for positions, share in ((unstable, settings.stable_share), (missed, 1.0)):
         if len(positions):
             search.add(positions, share)

@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case, Compared
 from matching.match.case_file import case_files
-from matching.match.in_time import InTime
+from matching.match.in_time import InTime, OpenLash
 from matching.match.loop import bed_set, controller_of, frequency_response, return_difference
 from matching.match.loop_modes import LoopMode
 from matching.match.result import AdapterTrade, MatchResult, TargetResult
@@ -950,7 +950,7 @@ def _evidence(result: MatchResult, content: Mapping[str, Any]) -> list[Fold]:
             Show("beds"),
         ] if beds else []),
         Fold("In time, on beds that are not the model",
-             [in_time_table(result.in_time), Show("in_time")] if result.in_time.rows else []),
+             [in_time_table(result.in_time, result.lash), Show("in_time")] if result.in_time.rows else []),
         Fold("What must be known accurately", [Show("robustness")]),
         Fold("Checks of stability and targets", [
             Table([{"check": what, "outcome": f"{'✓' if holds else '✗'} {outcome}"}
@@ -1089,7 +1089,7 @@ def to_watch(result: MatchResult) -> list[str]:
     return points[:MOST_LIMITS]
 
 
-def in_time_table(truth: InTime) -> Table:
+def in_time_table(truth: InTime, lash: OpenLash | None) -> Table:
     """Of every sensor the error with measured and with unmeasured torques."""
     rows = []
     for row in truth.rows:
@@ -1099,13 +1099,12 @@ def in_time_table(truth: InTime) -> Table:
                 cells[head] = "not stable" if errors is None else percent(errors[name])
         rows.append(cells)
     return Table(
-        rows, HOW_IN_TIME.format(seconds=number(truth.seconds, 3), lash=f"{_lash(truth)} {_standstill(truth)}".strip())
+        rows, HOW_IN_TIME.format(seconds=number(truth.seconds, 3), lash=f"{_lash(lash)} {_standstill(truth)}".strip())
     )
 
 
-def _lash(truth: InTime) -> str:
+def _lash(lash: OpenLash | None) -> str:
     """What drawn lashes do, as a sentence; empty where none was tried."""
-    lash = truth.lash
     if lash is None:
         return ""
     come = f"{lash.limit_cycles} of {lash.drawn} drawn beds swing on" if lash.limit_cycles else "every drawn bed rests"

@@ -133,15 +133,12 @@ class ControlStructure(ABC):
         Whether :meth:`feed_forward` gives one.
     is_observer : bool
         Whether :meth:`observer` gives the whole controller.
-    further_starts : tuple of dict
-        Values of all quantities where a search may begin in addition to those of the case.
     """
 
     name: str
     quantities: Mapping[str, LoopQuantity]
     has_feed_forward: bool = False
     is_observer: bool = False
-    further_starts: tuple[Mapping[str, float], ...] = ()
 
     @abstractmethod
     def gives_torque(self, values: Mapping[str, float]) -> bool:
@@ -158,6 +155,10 @@ class ControlStructure(ABC):
         simulated : sequence of str
             Inputs of the residual vehicle, whose torque the controller itself computes.
         """
+
+    def starts(self, rig: System, loop: Loop) -> tuple[Mapping[str, float], ...]:
+        """Values of all quantities where a search may begin, in addition to values that a case states."""
+        return ()
 
     def controller(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
         """The feedback law in continuous time, residual vehicle included.
@@ -252,6 +253,11 @@ class Loop:
     def tunes_observer(self) -> bool:
         """Whether a search moves the weights of an observer."""
         return self.structure.is_observer and not self.fixed
+
+    @property
+    def states_weights(self) -> bool:
+        """Whether quantities of the structure have other values than a search begins at."""
+        return any(self[name] != known.start for name, known in self.structure.quantities.items())
 
     @property
     def torqueless(self) -> bool:

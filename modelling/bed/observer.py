@@ -581,32 +581,32 @@ def filter_slopes(
 # measured or demanded (``loop.knows``). Unmeasured torques it estimates. Its weights, :data:`QUANTITIES`, are no
 # physical values: a search over drawn beds sets them.
 
-# Starts: tuned over drawn beds for the reference drive at 3 ms of dead time.
+# Starts: tuned over drawn beds for the reference drive at 3 ms of dead time, opened cut shafts among them.
 QUANTITIES = {
-    "torque_drift": LoopQuantity("N*m/s^0.5", 21.0, 1e-4, 1e6, "how fast an unmeasured torque at an input may wander"),
-    "dynamometer_drift": LoopQuantity("N*m/s^0.5", 3.4, 1e-4, 1e6, "how fast a torque at a rotor may wander"),
+    "torque_drift": LoopQuantity("N*m/s^0.5", 155.0, 1e-4, 1e6, "how fast an unmeasured torque at an input may wander"),
+    "dynamometer_drift": LoopQuantity("N*m/s^0.5", 17.0, 1e-4, 1e6, "how fast a torque at a rotor may wander"),
     "dynamometer_swing": LoopQuantity(
-        "N*m/s^0.5", 14.0, 1e-4, 1e6, "how fast a torque at a rotor may wander that swings with an emulated mode"
+        "N*m/s^0.5", 3.8, 1e-4, 1e6, "how fast a torque at a rotor may wander that swings with an emulated mode"
     ),
-    "dynamometer_noise": LoopQuantity("N*m*s^0.5", 0.04, 1e-6, 1e4, "noise of the torque at a rotor"),
-    "shaft_noise": LoopQuantity("N*m*s^0.5", 0.33, 1e-6, 1e4, "noise of the torque in a shaft at a cut"),
+    "dynamometer_noise": LoopQuantity("N*m*s^0.5", 0.004, 1e-6, 1e4, "noise of the torque at a rotor"),
+    "shaft_noise": LoopQuantity("N*m*s^0.5", 0.078, 1e-6, 1e4, "noise of the torque in a shaft at a cut"),
     "command_weight": LoopQuantity("(rad/s/(N*m))^2", 3.6e-12, 1e-18, 1.0, "weight on a squared command"),
     "command_change_weight": LoopQuantity(
-        "(rad/s/(N*m))^2", 1.2e-7, 1e-14, 1.0, "weight on the squared change of a command from sample to sample"
+        "(rad/s/(N*m))^2", 1.6e-6, 1e-14, 1.0, "weight on the squared change of a command from sample to sample"
     ),
-    "torque_sensor_noise": LoopQuantity("1", 1.4, 1e-3, 1e3, "noise of a flange torque over the sensor's uncertainty"),
-    "rotor_speed_noise": LoopQuantity("1", 0.59, 1e-3, 1e3, "noise of a rotor speed over the sensor's uncertainty"),
-    "further_sensor_noise": LoopQuantity("1", 0.075, 1e-3, 1e3, "noise of any other sensor over its uncertainty"),
+    "torque_sensor_noise": LoopQuantity("1", 0.14, 1e-3, 1e3, "noise of a flange torque over the sensor's uncertainty"),
+    "rotor_speed_noise": LoopQuantity("1", 0.32, 1e-3, 1e3, "noise of a rotor speed over the sensor's uncertainty"),
+    "further_sensor_noise": LoopQuantity("1", 0.76, 1e-3, 1e3, "noise of any other sensor over its uncertainty"),
 }
 
-# Where else a search may begin. For the same drive at 8 ms of dead time; and, at 3 and 8 ms, with no torque that swings
-# and no noise in the cut shafts, which other drives may be nearer to.
+# Where else a search may begin: tuned for the same drive at 5 ms; and, at 3 and 8 ms, with no torque that swings and no
+# noise in the cut shafts, which other drives may be nearer to.
 WITHOUT_SWING = {"dynamometer_swing": 1e-4, "shaft_noise": 1e-6}
 FURTHER_STARTS = (
     {
-        "torque_drift": 20.0, "dynamometer_drift": 1.2, "dynamometer_swing": 14.0, "dynamometer_noise": 0.041,
-        "shaft_noise": 0.13, "command_weight": 7.6e-12, "command_change_weight": 5.6e-7,
-        "torque_sensor_noise": 0.68, "rotor_speed_noise": 0.55, "further_sensor_noise": 0.047,
+        "torque_drift": 85.0, "dynamometer_drift": 5.0, "dynamometer_swing": 0.26, "dynamometer_noise": 0.0015,
+        "shaft_noise": 0.011, "command_weight": 3.6e-12, "command_change_weight": 4.2e-7,
+        "torque_sensor_noise": 0.04, "rotor_speed_noise": 0.09, "further_sensor_noise": 0.17,
     },
     {
         "torque_drift": 19.0, "dynamometer_drift": 11.0, "dynamometer_noise": 0.096, "command_weight": 3.6e-12,
@@ -620,6 +620,37 @@ FURTHER_STARTS = (
     },
 )  # fmt: skip
 
+# The drive they were tuned for: kg·m² of a rotor, rad/s of its speed sensor's uncertainty, s of the sample time.
+TUNED_FOR = {"inertia": 0.895, "speed_noise": 0.0836, "sample_time": 0.001}
+
+
+def scaled_starts(rig: System, loop: Loop) -> tuple[dict[str, float], ...]:
+    """Weights where a search may begin, scaled by the bed.
+
+    A torque that noise of a speed sensor asks for grows with the rotor's inertia and with that noise; a speed error for
+    which a command is worth its price falls with the inertia, and with the sample over which the command is held.
+    """
+    sensors, inputs = {part.name: part for part in rig.sensors}, {part.name: part for part in rig.inputs}
+    inertia = np.exp(np.mean([
+        np.log(rig.parameters[f"inertias.{inputs[one.torque_input].on}.J"].value) for one in loop.dynamometers
+    ]))  # fmt: skip
+    noise = np.exp(np.mean([
+        np.log(sensors[one.speed_sensor].uncertainty or NOISE["speed"]) for one in loop.dynamometers
+    ]))  # fmt: skip
+    torque = float(inertia * noise / (TUNED_FOR["inertia"] * TUNED_FOR["speed_noise"]))
+    light = float((TUNED_FOR["inertia"] / inertia) ** 2)
+    sample = (TUNED_FOR["sample_time"] / loop["sample_time"]) ** 2
+    factors = {"command_weight": light, "command_change_weight": light * sample}
+    factors |= {name: torque for name, known in QUANTITIES.items() if known.unit.startswith("N*m")}
+    own = {name: known.start for name, known in QUANTITIES.items()}
+    return tuple(
+        {
+            name: float(np.clip(factors.get(name, 1.0) * value, QUANTITIES[name].lower, QUANTITIES[name].upper))
+            for name, value in start.items()
+        }
+        for start in (own, *FURTHER_STARTS)
+    )
+
 
 @dataclass(frozen=True)
 class Observer(ControlStructure):
@@ -628,7 +659,10 @@ class Observer(ControlStructure):
     name = "observer"
     quantities = QUANTITIES
     is_observer = True
-    further_starts = FURTHER_STARTS
+
+    def starts(self, rig: System, loop: Loop) -> tuple[dict[str, float], ...]:
+        """See :func:`scaled_starts`."""
+        return scaled_starts(rig, loop)
 
     def gives_torque(self, values: Mapping[str, float]) -> bool:
         """Always."""

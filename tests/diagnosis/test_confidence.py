@@ -7,16 +7,15 @@ import pytest
 from diagnosis.linear import KnownProblem, fit_at
 from scipy.signal import lfilter
 
-from matching.diagnosis import verdict as module
 from matching.diagnosis.causes import Cause, ExtendedModel
+from matching.diagnosis.hypotheses import Hypothesis, at_noise, share_explained
 from matching.diagnosis.result import CauseParameter
-from matching.diagnosis.selection import Hypothesis, at_noise, share_explained
 from matching.diagnosis.statistics import inflation
 from matching.diagnosis.verdict import (
     acts,
     evidence_shares,
-    fitted_scores,
     residual_inflation,
+    stacking_weights,
 )
 
 
@@ -49,30 +48,20 @@ def test_residual_inflation() -> None:
     assert residual_inflation([2 * both]) == pytest.approx(4, rel=0.1)
 
 
-def test_evidence_of_fitted_data_with_known_noise_is_the_cost_over_what_the_best_leaves() -> None:
-    scores = fitted_scores([with_cost(2.0), with_cost(3.0)], 2.0)
-    price = np.log(1000)  # of a variable, for so many readings
-    np.testing.assert_allclose(scores, [(2000 + price) / 2, (3000 + price) / 2])
+def stacked(*squares: list[float], independent: float = 20.0) -> np.ndarray:
+    return stacking_weights([SimpleNamespace(blocks=np.array(own)[:, None], independent=np.array([independent]))
+                             for own in squares])  # fmt: skip
 
 
-def test_evidence_of_fitted_data_with_estimated_noise_is_that_of_the_scales(monkeypatch) -> None:
-    """Two sensors, 400 and 100 readings of which half count as independent: n·ln σ² each, and a price for variables."""
-    measured = np.ones((400, 2), bool)
-    measured[100:, 1] = False
-    data = SimpleNamespace(segments=[SimpleNamespace(measured=measured)], noise=np.ones(2))
-    problem = SimpleNamespace(weighting="estimated", data=data)
-
-    def hypothesis(scale, variables):
-        fit = SimpleNamespace(
-            problem=problem, by_sensor=lambda: [np.ones((400, 2))], v=np.zeros(variables), scale=scale
-        )
-        return SimpleNamespace(fit=fit)
-
-    monkeypatch.setattr(module, "effective_share", lambda residual: 0.5)
-    monkeypatch.setattr(module, "discrepancy", lambda fit: SimpleNamespace(scale=np.array(fit.scale)))
-    scores = fitted_scores([hypothesis([1.0, 2.0], 1), hypothesis([3.0, 1.0], 2)], 7.0)
-    price = np.log(250.0)
-    np.testing.assert_allclose(scores, [50 * np.log(4.0) + price, 200 * np.log(9.0) + 2 * price])
+def test_weights_are_of_the_hypotheses_that_predict_blocks_best_together() -> None:
+    good, bad = [4.0] * 16, [9.0] * 16
+    np.testing.assert_allclose(stacked(good, bad), [1.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(stacked(good, good), [0.5, 0.5])
+    halves = stacked([4.0] * 8 + [9.0] * 8, [9.0] * 8 + [4.0] * 8)  # each right in half of the blocks
+    np.testing.assert_allclose(halves, [0.5, 0.5], atol=0.05)
+    slight = stacked(good, [4.001] * 16)  # a difference of a hundredth of what one reading tells
+    assert 0.45 < slight[0] < 0.55
+    assert stacking_weights([SimpleNamespace(blocks=np.ones((4, 1)), independent=np.ones(1)), None])[0] == 1.0
 
 
 def test_share_of_the_misfit_that_a_cause_explains() -> None:

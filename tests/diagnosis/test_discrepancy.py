@@ -10,11 +10,11 @@ import pytest
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import solve
-from matching.diagnosis.holdout import OtherRecordings
+from matching.diagnosis.hypotheses import Hypothesis
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.result import _curve, discrepancy_curves, kept_table
-from matching.diagnosis.selection import Hypothesis, UnseenData
 from matching.diagnosis.settings import DiagnosisSettings
+from matching.diagnosis.unseen import UnseenData, cut
 from matching.report.diagnosis import discrepancy_figure
 from modelling.model_file import dumps, from_dict
 
@@ -85,15 +85,13 @@ def test_figure_names_place_variable_and_share(curves):
 
 
 def test_a_curve_is_kept_as_a_table_where_unseen_data_gain(curves):
-    """The second half of the recording is unseen; the equation that made it has the hidden torque in it."""
+    """The equation that made the recording has the hidden torque in it."""
     whole = hypothesis(AMPLITUDE)
     (segment,) = whole.fit.problem.data.segments
-    first, second = (
-        FitData((segment.part(*part),), whole.fit.problem.data.noise) for part in ((0, 1500), (1500, len(TIME)))
-    )
+    first = FitData((segment.part(0, 1500),), whole.fit.problem.data.noise)
     fit = solve(*base_problem(whole.model.base, first))
     final = Hypothesis(ExtendedModel(whole.model.base, (), dict(fit.problem.bounds), fit.values), fit)
-    unseen = UnseenData(OtherRecordings(second), DiagnosisSettings())
+    unseen = UnseenData(cut(first, 4), DiagnosisSettings())
     kept = kept_table(final, curves, unseen)
     assert (kept.effect.at, kept.over) == ("inertias.arm", "angle")
     assert kept.nrmse_after < 0.5 * kept.nrmse_before

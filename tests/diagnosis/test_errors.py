@@ -7,8 +7,8 @@ from diagnosis.linear import KnownProblem, fit_at
 from matching.diagnosis import result as errors
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData, Segment
+from matching.diagnosis.hypotheses import Hypothesis
 from matching.diagnosis.result import pooled_errors
-from matching.diagnosis.selection import Hypothesis
 
 
 def test_errors_are_pooled_over_each_sensors_range() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from matching.diagnosis import search
+from matching.diagnosis import moves
 from matching.diagnosis.descent import Quadratic
 from matching.diagnosis.diagnose import diagnose
 from modelling.errors import FitError
@@ -35,21 +35,21 @@ def test_planted_fault_in_a_candidates_fit_ends_the_program(recorded, monkeypatc
     def faulty(*_, **__):
         raise ValueError("operands could not be broadcast together")
 
-    monkeypatch.setattr(search, "fit_extended", faulty)
+    monkeypatch.setattr(moves, "fit_extended", faulty)
     with pytest.raises(ValueError, match="broadcast"):
         diagnose(system, [recording])
 
 
 def test_candidate_without_a_fit_is_on_the_table_with_the_reason(recorded, monkeypatch):
     system, recording = recorded
-    sound = search.fit_extended
+    sound = moves.fit_extended
 
     def fit(model, *rest):
         if any(cause.kind == "coulomb_friction" for cause in model.causes):
             raise FitError("the simulation diverges where the fit begins")
         return sound(model, *rest)
 
-    monkeypatch.setattr(search, "fit_extended", fit)
+    monkeypatch.setattr(moves, "fit_extended", fit)
     rows = [row for row in diagnose(system, [recording]).to_dict()["candidates"] if row["not_taken"] == "no_fit"]
     assert {(row["kind"], row["at"]) for row in rows} == {("coulomb_friction", "inertias.rotor")}
     assert rows[0]["why"] == "the simulation diverges where the fit begins"

@@ -8,10 +8,10 @@ import pytest
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.descent import solve
+from matching.diagnosis.hypotheses import Hypothesis
+from matching.diagnosis.moves import simplified
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.screening import fit_extended
-from matching.diagnosis.search import simplified
-from matching.diagnosis.selection import Hypothesis
 from modelling.effects.friction_and_compliance import StribeckFriction
 from modelling.model_file import from_dict
 from modelling.recordings.recording import Recording

@@ -10,11 +10,10 @@ from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.descent import FINAL_STEPS, Fit, solve, with_sharper_friction
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.holdout import split_holdout
+from matching.diagnosis.hypotheses import Hypothesis, at_noise
+from matching.diagnosis.moves import with_sharpest_friction
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.screening import fit_extended
-from matching.diagnosis.search import with_sharpest_friction
-from matching.diagnosis.selection import Hypothesis, at_noise
 from matching.diagnosis.statistics import estimates
 from modelling.model_file import load
 from modelling.recordings.read import read_recording
@@ -56,7 +55,7 @@ def test_friction_is_sharpened_while_that_pays(tmp_path: Path) -> None:
     case = make_case("two_mass", ["coulomb_friction"], 30.0, "normal", 7, 2.0, 500.0)
     case.write(tmp_path)
     system = load(tmp_path / "model.toml")
-    data, _ = split_holdout(prepare_data(system, [read_recording(tmp_path / "recording.csv", system)])[0])
+    data, _ = prepare_data(system, [read_recording(tmp_path / "recording.csv", system)])
     base = solve(*base_problem(system, data))
     assert with_sharper_friction(base) is base  # no friction
     trial = with_friction(system, base, "inertias.motor", {"torque": 0.35, "torque_reverse": 0.65})
@@ -73,7 +72,7 @@ def test_stick_slip_comes_to_the_noise_before_a_further_cause_is_sought(tmp_path
     case = make_case("test_bed", ["coulomb_friction"], "plain", "high", 380891909, 4.0, 500.0)
     case.write(tmp_path)
     system = load(tmp_path / "model.toml")
-    data, _ = split_holdout(prepare_data(system, [read_recording(tmp_path / "recording.csv", system)])[0])
+    data, _ = prepare_data(system, [read_recording(tmp_path / "recording.csv", system).cut(0, 2.8)])
     base = solve(*base_problem(system, data))
     truth = case.answer["parameters"]
     near = {key: 1.02 * value for key, value in truth.items()}

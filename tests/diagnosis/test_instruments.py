@@ -16,8 +16,8 @@ from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.closed_loop import closed_loop_notes, instrumented_fit
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.descent import solve
+from matching.diagnosis.hypotheses import Hypothesis
 from matching.diagnosis.problem import base_problem
-from matching.diagnosis.selection import Hypothesis
 from modelling.errors import InputError
 from modelling.model_file import dumps, from_dict
 from modelling.recordings.read import read_recording

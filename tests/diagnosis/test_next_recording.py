@@ -9,8 +9,8 @@ from scipy.signal import lsim
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit
+from matching.diagnosis.hypotheses import Hypothesis
 from matching.diagnosis.problem import base_problem
-from matching.diagnosis.selection import Hypothesis
 from matching.diagnosis.verdict import ProposedManoeuvre, propose_manoeuvre, waveforms
 from modelling.model_file import from_dict
 

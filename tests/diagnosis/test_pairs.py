@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from matching.diagnosis.moves import screened_pairs
 from matching.diagnosis.screening import ScreenedCandidate
-from matching.diagnosis.search import screened_pairs
 from matching.diagnosis.settings import DiagnosisSettings
 from modelling.effects.effect import Guess
 

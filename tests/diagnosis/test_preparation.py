@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.data import prepare_data
-from matching.diagnosis.holdout import split_holdout
 from modelling.errors import InputError
 from modelling.model_file import from_dict
 from modelling.recordings.recording import Recording
@@ -105,19 +104,3 @@ def test_too_short_a_recording_is_refused() -> None:
     time = np.arange(20) * 1e-3
     with pytest.raises(InputError, match="20 samples"):
         prepare_data(system(), [recording(time, noisy(20))])
-
-
-def test_too_short_a_recording_to_hold_a_part_out_is_refused() -> None:
-    """64 samples are needed to fit; of 80 only 56 would be fitted."""
-    data, _ = prepare_data(system(), [recording(np.arange(80) * 1e-3, noisy(80))])
-    with pytest.raises(InputError, match=r"made.csv: has 80 samples .* 30% are held out; record 92 or more"):
-        split_holdout(data)
-
-
-def test_split_keeps_the_last_part_of_every_recording() -> None:
-    time = np.arange(1000) * 1e-3
-    one, other = recording(time, noisy(1000)), recording(time, noisy(1000, 1))
-    data, _ = prepare_data(system(), [one, Recording(other.time, other.channels, (), "other.csv")])
-    train, seen = split_holdout(data)
-    assert seen == [700, 700]
-    assert [len(segment.time) for segment in train.segments] == [700, 700]

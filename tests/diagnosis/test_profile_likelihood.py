@@ -5,7 +5,7 @@ import pytest
 from diagnosis.linear import KnownProblem, fit_at
 
 from matching.diagnosis.causes import Cause
-from matching.diagnosis.selection import equivalent_fits, widened
+from matching.diagnosis.hypotheses import equivalent_fits, widened
 from matching.diagnosis.statistics import Estimate
 
 CAUSE = Cause("compliance", "shafts.link", ("stiffness",))

@@ -7,9 +7,8 @@ from plant.marks import needs_compiler
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.descent import solve
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.holdout import split_holdout
+from matching.diagnosis.moves import search_window
 from matching.diagnosis.problem import base_problem
-from matching.diagnosis.search import search_window
 from matching.diagnosis.settings import DiagnosisSettings
 from modelling.model_file import load
 from modelling.recordings.read import read_recording
@@ -29,7 +28,7 @@ def drag(tmp_path_factory):
 @pytest.fixture(scope="module")
 def base(drag):
     system, recording = drag
-    return solve(*base_problem(system, split_holdout(prepare_data(system, [recording])[0])[0]))
+    return solve(*base_problem(system, prepare_data(system, [recording])[0]))
 
 
 def test_short_data_have_no_window(base) -> None:

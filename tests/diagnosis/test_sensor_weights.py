@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from matching.diagnosis import selection as hypotheses
+from matching.diagnosis import hypotheses
 from matching.diagnosis.data import LARGEST_MEMORY, FitData, Segment
 from matching.diagnosis.descent import balanced_fit, innovation_power, iteratively_reweighted, solve
 from matching.diagnosis.problem import base_problem

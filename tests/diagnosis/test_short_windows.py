@@ -9,7 +9,7 @@ import pytest
 from matching.diagnosis import holdout
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit, solve
-from matching.diagnosis.holdout import RestartedRest, holdout_residuals, rms_by_sensor, simulate_other, split_holdout
+from matching.diagnosis.holdout import holdout_residuals, rms_by_sensor, simulate_other
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.simulation import fastest_rate
 from matching.diagnosis.statistics import estimates
@@ -81,19 +81,6 @@ def test_each_stretch_begins_on_the_flank_that_leaves_least(fit, monkeypatch):
     (run,) = simulate_other(fit, twice)
     assert list(run.errors) == [2.0, 1.0]
     assert [start.max() for start in run.problem.unpack(run.v)[1]] == [1.0, 0.0]
-
-
-def test_held_out_rest_begins_again_every_second(fit):
-    data = fit.problem.data
-    _, counts = split_holdout(data)
-    again = RestartedRest(data, counts)
-    assert [len(segment.time) for segment in again.segments(fit)] == [120]
-    longer = replace(data.segments[0], time=4 * data.segments[0].time)  # the last 30 % of 8 s
-    again = RestartedRest(replace(data, segments=(longer,)), counts)
-    assert [len(segment.time) for segment in again.segments(fit)] == [60, 60]
-    residuals = holdout_residuals(RestartedRest(data, [280]).simulate(fit))
-    assert sum(len(part) for part in residuals) == 120
-    assert rms_by_sensor(residuals) == pytest.approx(1.0, abs=0.2)
 
 
 def test_the_rate_of_a_slow_rotor_is_its_drag_over_its_inertia():

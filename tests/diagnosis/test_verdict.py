@@ -25,7 +25,13 @@ NAN = float("nan")
 def test_verdict(monkeypatch, at_noise, causes, after_holdout, verdict):
     monkeypatch.setattr(diagnosis, "at_noise", lambda final: at_noise)
     updated = [np.tile(np.array([after_holdout]), (4, 1))]
-    monkeypatch.setattr(diagnosis, "prediction", lambda *_: SimpleNamespace(updated=updated))
+    monkeypatch.setattr(diagnosis, "adapted", lambda *_: updated)
     judge = SimpleNamespace(simulate=lambda fit: [])
     final = SimpleNamespace(causes=causes, fit=None)
     assert diagnosis._verdict(final, judge, np.array(after_holdout)) == verdict
+
+
+def test_blocks_that_noise_alone_fills_need_no_hold_out_recording(monkeypatch):
+    """How uncertain its quantities are does not speak against a model that leaves noise everywhere."""
+    monkeypatch.setattr(diagnosis, "at_noise", lambda final: True)
+    assert diagnosis._verdict(SimpleNamespace(causes=[], fit=None), None, np.array([3.0])) == "adequate"

@@ -395,9 +395,20 @@ class DrawnBed:
         return self.values.get(f"loop.{name}", self.case.loop[name])
 
     @property
-    def _delay(self) -> float:
-        """From a sample to the moment its command acts, s: the dead time counts half a sample of hold."""
-        return max(self._value("dead_time") - self.case.loop["sample_time"] / 2, 0.0)
+    def _delays(self) -> np.ndarray:
+        """From a sample to the moment its command acts (k,), s: the dead time counts half a sample of hold.
+
+        A drawn dead time adds the same to those that dynamometers have of their own.
+        """
+        more, common = self._value("dead_time") - self.case.loop["dead_time"], self.case.loop["dead_time"]
+        own = [common if one.dead_time is None else one.dead_time for one in self.case.loop.dynamometers]
+        return np.maximum(np.array(own) + more - self.case.loop["sample_time"] / 2, 0.0)
+
+    def _lags(self, name: str) -> np.ndarray:
+        """Of every dynamometer (k,), s; a drawn one scales those that dynamometers have of their own."""
+        own = [getattr(one, name) for one in self.case.loop.dynamometers]
+        factor = self._value(name) / self.case.loop[name]
+        return np.array([factor * (self.case.loop[name] if lag is None else lag) for lag in own])
 
     @cached_property
     def gains(self) -> np.ndarray:
@@ -419,7 +430,7 @@ class DrawnBed:
         """What the controller's sensors read (f, y, n) of unit coordinates, gains and the flanges' lag included."""
         names, k = self.case.loop.controller_sensors, len(self.gains)
         rows = np.stack([self.rig.reading(name, s) for name in names], axis=1) * self.sensor_gains[:, None]
-        rows[:, :k] /= (1 + s * self._value("torque_sensor_lag"))[:, None, None]
+        rows[:, :k] /= (1 + s[:, None] * self._lags("torque_sensor_lag"))[:, :, None]
         return rows
 
     def moved(self, s: np.ndarray, torques: np.ndarray) -> np.ndarray:
@@ -431,8 +442,8 @@ class DrawnBed:
         """Air-gap torques (f, k) at a frequency for sampled commands: hold, dead time, lag and gain."""
         step = self.case.loop["sample_time"]
         hold = (1 - np.exp(-s * step)) / (s * step)
-        late = hold * np.exp(-s * self._delay) / (1 + s * self._value("inverter_lag"))
-        return late[:, None] * self.gains
+        late = np.exp(-s[:, None] * self._delays) / (1 + s[:, None] * self._lags("inverter_lag"))
+        return hold[:, None] * late * self.gains
 
     @cached_property
     def rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -450,8 +461,8 @@ class DrawnBed:
         A[n : 2 * n, : 2 * n + 2 * k] = np.linalg.solve(
             M, np.hstack([-K, -D, self.drive * self.gains, np.zeros((n, k))])
         )
-        lag, sensor_lag = self._value("inverter_lag"), self._value("torque_sensor_lag")
-        A[2 * n : 2 * n + k, 2 * n : 2 * n + k], B[2 * n : 2 * n + k] = -np.eye(k) / lag, np.eye(k) / lag
+        lag, sensor_lag = self._lags("inverter_lag"), self._lags("torque_sensor_lag")
+        A[2 * n : 2 * n + k, 2 * n : 2 * n + k], B[2 * n : 2 * n + k] = -np.diag(1 / lag), np.diag(1 / lag)
         for i, name in enumerate(names):
             still, turning = (self.rig.measured(name, np.array([s]))[0] for s in (0.0j, 1.0 + 0j))
             row = np.zeros(size)
@@ -464,8 +475,8 @@ class DrawnBed:
                     row[first] += lagged
                     first += 1
             if i < k:
-                A[2 * n + k + i] += row / sensor_lag
-                A[2 * n + k + i, 2 * n + k + i] -= 1 / sensor_lag
+                A[2 * n + k + i] += row / sensor_lag[i]
+                A[2 * n + k + i, 2 * n + k + i] -= 1 / sensor_lag[i]
                 C[i, 2 * n + k + i] = 1
             else:
                 C[i] = row
@@ -476,23 +487,24 @@ class DrawnBed:
         """A (x, x), B (x, k), C (y, x) from sample to sample; states end with commands on their way, oldest first."""
         A, B, C = self.rates
         x, k, step = len(A), B.shape[1], self.case.loop["sample_time"]
-        late = self._delay / step
-        waiting = int(np.ceil(late - 1e-9)) or 1  # commands that a sample may still wait for
-        switch = waiting - late  # of the sample, from its beginning to where the next command arrives, counted back
-        augmented = np.block([[A, B], [np.zeros((k, x + k))]])
-        first, rest = expm(augmented * step * (1 - switch)), expm(augmented * step * switch)
-        whole = np.zeros((x + k * waiting,) * 2)
-        whole[:x, :x] = rest[:x, :x] @ first[:x, :x]
-        whole[:x, x : x + k] += rest[:x, :x] @ first[:x, x:]
-        new = rest[:x, x:]
-        drive = np.zeros((x + k * waiting, k))
-        if waiting > 1:
-            whole[:x, x + k : x + 2 * k] += new
-            whole[x:-k, x + k :] = np.eye(k * (waiting - 1))
-        else:
-            drive[:x] = new
-        drive[-k:] = np.eye(k)
-        return whole, drive, np.hstack([C, np.zeros((len(C), k * waiting))])
+        late = self._delays / step
+        waiting = np.maximum(np.ceil(late - 1e-9).astype(int), 1)  # commands that a sample may still wait for
+        size = x + int(waiting.sum())
+        whole, drive, begin = np.zeros((size, size)), np.zeros((size, k)), x
+        whole[:x, :x] = expm(A * step)
+        for j, (count, delay) in enumerate(zip(waiting.tolist(), late.tolist(), strict=True)):
+            switch = count - delay  # of the sample, from where the next command arrives to its end
+            augmented = np.block([[A, B[:, [j]]], [np.zeros((1, x + 1))]])
+            first, rest = expm(augmented * step * (1 - switch)), expm(augmented * step * switch)
+            whole[:x, begin] = rest[:x, :x] @ first[:x, x]
+            if count > 1:
+                whole[:x, begin + 1] = rest[:x, x]
+                whole[begin : begin + count - 1, begin + 1 : begin + count] = np.eye(count - 1)
+            else:
+                drive[:x, j] = rest[:x, x]
+            drive[begin + count - 1, j] = 1.0
+            begin += count
+        return whole, drive, np.hstack([C, np.zeros((len(C), size - x))])
 
     def closed(self, law: ControlLaw) -> np.ndarray:
         """State matrix (x + c, x + c) of bed and law, one sample after the other as they run.

@@ -31,5 +31,5 @@ def small_search(small_case: Case) -> Search:
 def small_result(small_case: Case) -> MatchResult:
     """The small bed matched with little effort."""
     return match(
-        small_case, beds=8, settings=SearchSettings(drawn=4, pool=16, rounds=1, steps=1, emulated=0.0, scenarios=0)
+        small_case, beds=8, settings=SearchSettings(drawn=4, pool=16, rounds=1, steps=8, emulated=0.0, scenarios=0)
     )

@@ -24,6 +24,7 @@ from matching.match.in_time import (
     errors_in_time,
     imperfections,
     lash_runs,
+    lashes,
     open_lash,
     simulate_deviations,
     standstill,
@@ -203,10 +204,9 @@ def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, law, tabl
         for system in (small_case.vehicle, small_case.rig)
     )
     compared = tuple(pair for pair in small_case.compared if pair.sensor != "side_torque")
-    blind = errors_in_time(
-        replace(small_case, vehicle=vehicle, rig=rig, compared=compared), law, pulse(small_case, 600)
-    )
-    assert blind.lash == table.lash
+    without = replace(small_case, vehicle=vehicle, rig=rig, compared=compared)
+    blind = errors_in_time(without, law, pulse(small_case, 600))
+    assert lashes(without) == lashes(small_case) is not None
     assert [row.measured["motor_speed"] for row in blind.rows[:-1]] == pytest.approx(
         [row.measured["motor_speed"] for row in table.rows[:-1]]
     )
@@ -238,7 +238,8 @@ def test_the_reference_follows_its_vehicle_with_everything_wrong_at_once():
 def test_no_limit_cycle_of_the_reference_with_twenty_lashes(milliseconds, exact):
     """As the match leaves it: where its search begins, three of the twenty swing on at 3 ms.
 
-    With exact gains 19 of 20 did at 3 and 5 ms while the search left opened cut shafts out.
+    With exact gains 19 of 20 did at 3 and 5 ms while the search left opened cut shafts out, and 4 of 20 at 3 ms while
+    opened shafts were given up where their price was high.
     """
     case = load_case(Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml")
     box = case.uncertainty.without(*exact).about({"loop.dead_time": milliseconds * 1e-3})

@@ -1,8 +1,8 @@
-"""The search for causes: one after another, each accepted by unseen data; then what is not needed is dropped.
+"""One selection: a set of causes with their values, and moves from it. Each refits from the best values so far.
 
-A round screens the residual for every kind at every place, refits the most promising candidates with everything
-uncertain free, and accepts the best that meets unseen data better beyond chance. Where none does, two are tried
-together. At the end each cause is left out and exchanged in turn.
+The moves are: add a cause, or two that hide each other; share one cause between channels; put a simpler kind in the
+place of a cause; drop a cause, the only one too; exchange a cause. One rule decides downward, to the model without a
+cause: a cause stands where unseen data are met better with it than without it, beyond chance and in every sensor.
 """
 
 from __future__ import annotations
@@ -10,45 +10,44 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel, compilable, recorded_range
-from matching.diagnosis.data import FEWEST_SAMPLES, FitData, Segment
-from matching.diagnosis.descent import Fit, FitOptions, solve, with_sharper_friction
-from matching.diagnosis.screening import (
-    NoiseDraws,
-    ScreenedCandidate,
-    Screening,
-    fit_extended,
-)
-from matching.diagnosis.selection import (
+from matching.diagnosis.data import FEWEST_SAMPLES, FitData
+from matching.diagnosis.descent import Fit, FitOptions, discrepancy, reweighted, solve, with_sharper_friction
+from matching.diagnosis.hypotheses import (
     Hypothesis,
-    UnseenData,
     at_noise,
+    final_fit,
     largest_error,
     scatters_only,
     share_explained,
     with_balanced_sensors,
     with_sharpest_friction,
 )
+from matching.diagnosis.result import acts, cause_parameters, fitted_values
+from matching.diagnosis.screening import NoiseDraws, ScreenedCandidate, Screening, fit_extended
 from matching.diagnosis.settings import DiagnosisSettings
-from matching.diagnosis.shared_causes import RefitBudget, with_shared_causes
+from matching.diagnosis.unseen import UnseenData
 from matching.diagnosis.windows import fit_from_windows
 from modelling.effects import EFFECTS
-from modelling.effects.effect import members
+from modelling.effects.effect import members, shared_place
+from modelling.effects.sensors_and_actuators import LATE_SIGN, ClockOffset, DeadTime, SensorDelay, recorded_late
 from modelling.errors import FitError
 from modelling.resources import time_is_over
 from modelling.system import System
 
 SIDE_BY_SIDE = 4  # models that are compiled at once
+TOLD_FROM_NOTHING = 0.95  # probability that a torque acts, from which its cause stands
 Progress = Callable[[str], None]  # is given the name of each step
 Suspected = tuple[str, str, dict[str, float]]  # kind, place and first values of a cause
 
 
 @dataclass
-class SearchState:
-    """What a search has found.
+class Selection:
+    """What the moves have reached.
 
     Attributes
     ----------
@@ -62,7 +61,7 @@ class SearchState:
     noise_threshold : float
         Decrease of χ² that the best of all candidates seldom reaches in pure noise.
     rivals : list of list of Hypothesis
-        For each cause of ``best``: hypotheses with another cause in its place, itself included, best first.
+        For each cause of ``best``: hypotheses with another cause in its place, best first.
     with_one_cause : list of Hypothesis
         All that were fitted, taken or not, best first.
     failed : dict of (str, str) to str
@@ -87,15 +86,14 @@ def best_by_candidate(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCan
     return list(out.values())
 
 
-def search_causes(
+def select_causes(
     system: System,
     base_fit: Fit,
     unseen: UnseenData,
-    settings: DiagnosisSettings,
     progress: Progress,
     suspected: Sequence[Suspected] = (),
-) -> SearchState:
-    """Find the causes that a base fit lacks, as far as the vocabulary has them.
+) -> Selection:
+    """The causes that a base fit lacks, as far as the vocabulary has them.
 
     Parameters
     ----------
@@ -106,25 +104,25 @@ def search_causes(
     suspected : sequence of (kind, place, parameters)
         Causes that are fitted in the first round whatever the screening says: what the audit of the channels suspects.
     """
-    return _Search(system, base_fit, unseen, settings, progress, suspected).run()
+    return _Moves(system, base_fit, unseen, progress, suspected).run()
 
 
-class _Search:
-    """One search; screenings are made once for each set of causes."""
+class _Moves:
+    """The moves of one selection; screenings are made once for each set of causes."""
 
     def __init__(
         self,
         system: System,
         base_fit: Fit,
         unseen: UnseenData,
-        settings: DiagnosisSettings,
         progress: Progress,
         suspected: Sequence[Suspected],
     ):
-        self.suspected = suspected
-        self.unseen, self.settings, self.progress = unseen, settings, progress
-        self.budget = RefitBudget(settings.refits, settings.search_share)
-        self.windowed = settings.windowed
+        self.suspected, self.unseen, self.progress = suspected, unseen, progress
+        self.settings = settings = unseen.settings
+        self.left, self.windowed = settings.refits, settings.windowed
+        self.in_place: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # by the causes beside it
+        self.done: dict[tuple, tuple[Hypothesis, Any]] = {}  # with the hypothesis: no other takes its identity
         screening = Screening(base_fit)
         recorded = recorded_range(system, base_fit.problem.data, screening.motion)
         model = ExtendedModel(system, (), dict(base_fit.problem.bounds), base_fit.values, recorded=recorded)
@@ -133,27 +131,58 @@ class _Search:
         candidates = best_by_candidate(screening.candidates())
         screening.draws = None
         self.known: dict[tuple[Cause, ...], tuple[Screening, list[ScreenedCandidate]]] = {(): (screening, candidates)}
-        self.state = SearchState(base, base, screening, candidates, draws.threshold())
+        self.state = Selection(base, base, screening, candidates, draws.threshold())
 
-    def run(self) -> SearchState:
-        """The whole search."""
+    def run(self) -> Selection:
+        """Add while that helps, then share, drop and exchange; add again where that has changed the causes; then move
+        with finer steps."""
+        state = self.state
+        for _ in range(self.settings.rounds):
+            self._grow()
+            before = state.best.places
+            self._settle(lambda hypothesis: hypothesis)
+            if state.best.places == before:
+                break
+        self.progress("final fit")
+        state.best = final_fit(state.best)
+        self._settle(final_fit)
+        state.rivals = [self._rivals(index) for index in range(len(state.best.causes))]
+        if not state.best.causes:
+            state.base = state.best
+        return state
+
+    def _grow(self) -> None:
+        """Add causes, one or two at a time, while unseen data are met better with them."""
         state = self.state
         while len(state.best.causes) < self.settings.most_causes and not self._over(state.best):
             fitted = self.refitted(state.best, self.promising(state.best))
             if not state.best.causes:
-                state.with_one_cause = fitted
+                state.with_one_cause = self.in_place[()] = fitted
             accepted = self.first_accepted(fitted) or self.first_accepted(self.pairs())
             if accepted is None:
-                break
-            if len(accepted.causes) == 1:
-                state.rivals = [[accepted, *(other for other in fitted if other.places != accepted.places)]]
-            weighted = with_balanced_sensors(accepted, self.settings.far_from_noise)
-            state.best = with_shared_causes(weighted, self.unseen, self.budget)
-        self.settle()
-        shared = with_shared_causes(state.best, self.unseen, self.budget)
-        if shared is not state.best:  # an exchange has made causes alike
-            state.best, state.rivals = shared, [[shared] for _ in shared.causes]
-        return state
+                return
+            state.best = self._shared(with_balanced_sensors(accepted, self.settings.far_from_noise))
+
+    def _settle(self, finished: Callable[[Hypothesis], Hypothesis]) -> None:
+        """Share, simplify, drop and exchange until nothing changes."""
+        state = self.state
+        for _ in range(self.settings.moves):
+            changed = self._shared(state.best)
+            if changed is state.best:
+                changed = self._once(simplified, state.best)
+            if changed is state.best:
+                changed = self._dropped() or self._exchanged() or state.best
+            if changed is state.best:
+                return
+            state.best = finished(changed)
+
+    def _take(self) -> bool:
+        """Take one refit; whether there was one: a count, so that no answer depends on the machine, unless the caller
+        limits the time."""
+        if time_is_over(self.settings.search_share):
+            self.left = 0
+        self.left -= 1
+        return self.left >= 0
 
     def _over(self, best: Hypothesis) -> bool:
         """Whether nothing is left that a cause could explain, or a single one did not bring a model near its noise that
@@ -221,7 +250,7 @@ class _Search:
     def _over_windows(self, parent: Hypothesis, hypothesis: Hypothesis) -> Hypothesis:
         """A hypothesis whose last cause is a free play, fitted over short windows first, where that is better."""
         cause = hypothesis.causes[-1]
-        if not EFFECTS[cause.kind].free_play or self.windowed == 0 or not self.budget.take():
+        if not EFFECTS[cause.kind].free_play or self.windowed == 0 or not self._take():
             return hypothesis
         self.windowed -= 1
         self.progress(f"{cause.kind} at {cause.at} over short windows")
@@ -243,7 +272,7 @@ class _Search:
     def _refit(
         self, parent: Hypothesis, candidate: ScreenedCandidate, model: ExtendedModel, others: list[Hypothesis]
     ) -> Hypothesis | None:
-        if not self.budget.take():
+        if not self._take():
             return None
         self.progress(f"{candidate.kind} at {candidate.at}")
         rival = min((hypothesis.fit.cost for hypothesis in others), default=0.0)
@@ -281,7 +310,7 @@ class _Search:
             return fit
         return solve(fit.problem, fit.v, fit.jacobian, FitOptions(self.settings.iterations, exact=False))
 
-    # --- Acceptance
+    # --- Add
 
     def first_accepted(self, fitted: list[Hypothesis]) -> Hypothesis | None:
         """The first of hypotheses, best first, that explains more than chance, is possible, and meets unseen data
@@ -306,11 +335,9 @@ class _Search:
             share_explained(parent, child) >= self.settings.least_share
         )
 
-    # --- Pairs
-
     def pairs(self) -> list[Hypothesis]:
-        """The best hypothesis with two causes more: pairs of candidates that promise more together than the best
-        alone. What one adds to the readings the other may take away, so that neither gains much alone."""
+        """The best hypothesis with two causes more: pairs of candidates that promise much of what the best alone would
+        leave. What one adds to the readings the other may take away, so that neither gains much alone."""
         best = self.state.best
         if len(best.causes) + 2 > self.settings.most_causes:
             return []
@@ -319,7 +346,7 @@ class _Search:
         out: list[Hypothesis] = []
         for pair in screened_pairs(screening, candidates, self.settings)[: self.settings.pairs]:
             model = self._with(best, pair.first, pair.second)
-            if not compilable([model]) or not self.budget.take():
+            if not compilable([model]) or not self._take():
                 continue
             try:
                 fit = fit_extended(model, best.fit, FitOptions(exact=False))
@@ -330,44 +357,129 @@ class _Search:
             out.append(Hypothesis(model, fit, pair.reduction))
         return self._sharpened(out)
 
-    # --- The end of a search
+    # --- Drop
 
-    def settle(self) -> None:
-        """Leave out each of several causes without which unseen data are met as well, and exchange each for a better
-        one; what was fitted in its place are its rivals."""
-        state = self.state
-        for _ in range(self.settings.rounds):
-            if len(state.best.causes) < 2:
-                return
-            rivals: list[list[Hypothesis]] = []
-            for index in range(len(state.best.causes)):
-                better = self._better_without(index, rivals)
-                if better is not None:
-                    state.best = better
-                    break
-            else:
-                state.rivals = rivals
-                return
-        if len(state.best.causes) > 1:
-            state.rivals = [[state.best] for _ in state.best.causes]
-
-    def _better_without(self, index: int, rivals: list[list[Hypothesis]]) -> Hypothesis | None:
-        """A hypothesis without a cause of the best, or with another in its place, that is to be preferred; where there
-        is none, the rivals of the cause are appended."""
+    def _dropped(self) -> Hypothesis | None:
+        """The best hypothesis without a cause that does not stand, the last first."""
         best = self.state.best
-        rest = without(best, index)
-        if rest is None:
-            rivals.append([best])
-            return None
-        if not self.unseen.keeps(best, rest):
-            return rest
-        fitted = self.refitted(rest, self.screened(rest)[1][: self.settings.exchanged])
-        others = [hypothesis for hypothesis in fitted if hypothesis.places != best.places]
-        likelier = bool(others) and others[0].cost < best.cost and not others[0].model.not_taken(others[0].fit)
-        if likelier and self.unseen.pooled(others[0]) < self.unseen.pooled(best):
-            return with_balanced_sensors(others[0], self.settings.far_from_noise)
-        rivals.append(distinct(sorted([best, *others], key=lambda hypothesis: hypothesis.cost)))
+        for index in reversed(range(len(best.causes))):
+            rest = self._without(index)
+            if rest is not None and not self._stands(index, rest):
+                return rest
         return None
+
+    def _stands(self, index: int, rest: Hypothesis) -> bool:
+        """The rule of acceptance: a cause is told from nothing, and unseen data are met better with it than by the rest
+        alone."""
+        best = self.state.best
+        parameters = cause_parameters(best.model.base, best.causes[index], fitted_values(best, [best.fit]))
+        nothing = best.model.negligible(best.fit, index) or acts(parameters) < TOLD_FROM_NOTHING
+        return not nothing and self.unseen.keeps(best, rest)
+
+    def _without(self, index: int) -> Hypothesis | None:
+        """The best hypothesis without a cause, fitted from its values; a model without causes that this frees from a
+        local minimum is the base from then on."""
+        best = self.state.best
+        rest = self._once(without, best, index)
+        if rest is None or rest.causes:
+            return rest
+        if _lower(rest.fit, self.state.base.fit):
+            self.state.base = final_fit(rest)
+        return self.state.base
+
+    # --- Exchange
+
+    def _exchanged(self) -> Hypothesis | None:
+        """The best hypothesis with another cause in the place of one that is likelier: it has less of χ² and variables,
+        and where more than noise is left, it meets unseen data better as well."""
+        best = self.state.best
+        for index in range(len(best.causes)):
+            for other in self._rivals(index):
+                if other.model.not_taken(other.fit) or other.cost >= best.cost:
+                    continue
+                if at_noise(other) or self.unseen.prefers(other, best):
+                    return _in_place(with_balanced_sensors(other, self.settings.far_from_noise), index)
+        return None
+
+    def _rivals(self, index: int) -> list[Hypothesis]:
+        """Hypotheses with another cause in the place of one of the best's, weighted as the best; those near it are
+        fitted as finely where it leaves noise."""
+        best = self.state.best
+        beside = tuple(cause for i, cause in enumerate(best.causes) if i != index)
+        if beside not in self.in_place:
+            rest = self._without(index)
+            candidates = [] if rest is None else self.screened(rest)[1][: self.settings.exchanged]
+            self.in_place[beside] = [] if rest is None else self.refitted(rest, candidates)
+        by_noise = best.fit.problem.weighting is None
+        others = [
+            self._once(weighted, other, by_noise) for other in self.in_place[beside] if other.places != best.places
+        ]
+        if at_noise(best):
+            near = [o for o in others if o.cost < best.cost + self.settings.out_of_question]
+            fine = [self._once(final_fit, other) for other in near[: self.settings.fine_rivals]]
+            others = sorted([*fine, *(o for o in others if o not in near)], key=lambda other: other.cost)
+        return others
+
+    def _once(self, what: Callable[..., Any], hypothesis: Hypothesis, *given: Any) -> Any:
+        """What a function makes of a hypothesis, made once."""
+        key = (what, id(hypothesis), *given)
+        if key not in self.done:
+            self.done[key] = hypothesis, what(hypothesis, *given)
+        return self.done[key][1]
+
+    # --- Share
+
+    def _shared(self, hypothesis: Hypothesis) -> Hypothesis:
+        """A hypothesis whose causes of one kind at several channels are one, unless several sizes are likelier and meet
+        unseen data better beyond chance; so too where channels are recorded late by the same time, whatever the kinds
+        that say so."""
+        late = tuple(cause for cause in hypothesis.causes if cause.kind in LATE_SIGN)
+        for causes in dict.fromkeys((*combinations(hypothesis.causes, 2), *combinations(late, len(late)))):
+            shared = _shared(hypothesis, causes)
+            joined = None if shared is None or not self._take() else _joined(hypothesis, causes, shared)
+            if shared is not None and joined is not None and self._as_good(joined, hypothesis):
+                return self._shared(self._without_idle_inputs(joined, shared))
+        return hypothesis
+
+    def _without_idle_inputs(self, joined: Hypothesis, shared: _SharedCause) -> Hypothesis:
+        """A hypothesis whose clock has only those inputs that speak for it.
+
+        Which logger an input belongs to that hardly acts cannot be seen; as one more late channel it would be invented.
+        """
+        for place in members(shared.at):
+            few = [other for other in members(shared.at) if other != place]
+            if shared.kind != ClockOffset.kind or not few or not place.startswith("inputs.") or not self._take():
+                continue
+            fewer = _of_channels(joined.model.base, few, shared.sizes["offset"])
+            cause = next(cause for cause in joined.causes if (cause.kind, cause.at) == (shared.kind, shared.at))
+            without = _joined(joined, [cause], fewer)
+            if without is not None and self._as_good(without, joined):
+                return self._without_idle_inputs(without, fewer)
+        return joined
+
+    def _as_good(self, simpler: Hypothesis, hypothesis: Hypothesis) -> bool:
+        return simpler.cost < hypothesis.cost or not self.unseen.accepts(hypothesis, simpler)
+
+
+def weighted(hypothesis: Hypothesis, by_noise: bool) -> Hypothesis:
+    """A hypothesis that is weighted by noise, or else by what it leaves."""
+    fit = hypothesis.fit
+    if (fit.problem.weighting is None) == by_noise:
+        return hypothesis
+    return replace(hypothesis, fit=reweighted(fit, None if by_noise else discrepancy(fit)))
+
+
+def _lower(fit: Fit, other: Fit) -> bool:
+    """Whether a fit leaves less than another one of the same data, in the same weights."""
+    same = fit.residual.shape == other.residual.shape and fit.problem.weighting is other.problem.weighting
+    return same and fit.cost < other.cost
+
+
+def _in_place(hypothesis: Hypothesis, index: int) -> Hypothesis:
+    """The same with its last cause at a place among the others."""
+    *rest, last = hypothesis.causes
+    causes = (*rest[:index], last, *rest[index:])
+    return replace(hypothesis, model=replace(hypothesis.model, causes=causes))
 
 
 def simplified(hypothesis: Hypothesis) -> Hypothesis:
@@ -444,6 +556,105 @@ def _price(hypothesis: Hypothesis) -> float:
     return (len(problem.free) + len(problem.model.states)) * float(np.log(problem.data.readings_count))
 
 
+# --- One cause for several channels: a filter, a clock or a supply that these share.
+#
+# Groups by the measured quantity compete from the start. A logger may have some channels of a quantity and lack others,
+# and inputs beside sensors; its delay is then found channel by channel, by the kind that each channel has for it.
+
+ALIKE = 1.5  # ratio of two sizes from which they are not tried as one
+SPREAD = 0.5  # of the offset between two loggers: channels of one that differ by more are not of one
+
+
+@dataclass(frozen=True)
+class _SharedCause:
+    """A cause that stands for several: its place, and first values of its parameters."""
+
+    kind: str
+    at: str
+    sizes: dict[str, float]
+
+
+def _shared(hypothesis: Hypothesis, causes: Sequence[Cause]) -> _SharedCause | None:
+    """What causes may be together; None where they are not alike."""
+    if len(causes) < 2:
+        return None
+    first = causes[0]
+    tables = {place.split(".")[0] for cause in causes for place in members(cause.at)}
+    if len(tables) > 1 or any(cause.kind != first.kind for cause in causes):
+        return _one_clock(hypothesis, causes) if all(cause.kind in LATE_SIGN for cause in causes) else None
+    if not EFFECTS[first.kind].shareable or any(cause.keys != first.keys for cause in causes):
+        return None
+    values = hypothesis.fit.values
+    sizes = np.array([[values[cause.names()[key]] for key in cause.keys] for cause in causes])
+    if not all(_alike(column) for column in sizes.T):
+        return None
+    places = [place for cause in causes for place in members(cause.at)]
+    if first.kind == SensorDelay.kind:
+        return _of_channels(hypothesis.model.base, places, float(sizes.mean()))
+    return _SharedCause(
+        first.kind, shared_place(places), dict(zip(first.keys, sizes.mean(axis=0).tolist(), strict=True))
+    )
+
+
+def _one_clock(hypothesis: Hypothesis, causes: Sequence[Cause]) -> _SharedCause | None:
+    """The clock of the logger with fewer channels, where the times of all channels are those of two loggers.
+
+    Only differences of times show in a recording: a logger that is late is another one that is early.
+    """
+    system = hypothesis.model.base
+    parts = [*(("inputs", part.name) for part in system.inputs), *(("sensors", part.name) for part in system.sensors)]
+    offsets = {".".join(part): 0.0 for part in parts}
+    for cause in causes:
+        (name,) = cause.names().values()
+        for place in members(cause.at):
+            offsets[place] += recorded_late(cause.kind, hypothesis.fit.values[name])
+    middle = (max(offsets.values()) + min(offsets.values())) / 2
+    late = [place for place in offsets if offsets[place] > middle]
+    early = [place for place in offsets if offsets[place] <= middle]
+    few, rest = (late, early) if len(late) <= len(early) else (early, late)
+    reference = float(np.mean([offsets[place] for place in rest]))
+    differences = np.array([offsets[place] - reference for place in few])
+    spread = np.ptp([offsets[place] for place in rest])
+    if not few or not _alike(differences) or spread > SPREAD * np.abs(differences).min():
+        return None
+    return _of_channels(system, few, float(differences.mean()))
+
+
+def _of_channels(system: System, few: Sequence[str], offset: float) -> _SharedCause:
+    """How channels that are ``offset`` s late are named: sensors that read late, inputs that act late, else a clock, as
+    where all sensors are late."""
+    tables = {place.split(".")[0] for place in few}
+    if offset > 0 and tables == {"sensors"} and len(few) < len(system.sensors):
+        return _SharedCause(SensorDelay.kind, shared_place(few), {"delay": offset})
+    if offset < 0 and tables == {"inputs"}:
+        return _SharedCause(DeadTime.kind, shared_place(few), {"delay": -offset})
+    return _SharedCause(ClockOffset.kind, shared_place(few), {"offset": offset})
+
+
+def _alike(sizes: np.ndarray) -> bool:
+    """Whether sizes (c,) have one sign and are near each other."""
+    magnitudes = np.abs(sizes)
+    return bool((np.sign(sizes) == np.sign(sizes[0])).all() and magnitudes.max() <= ALIKE * magnitudes.min())
+
+
+def _joined(hypothesis: Hypothesis, causes: Sequence[Cause], shared: _SharedCause) -> Hypothesis | None:
+    """The hypothesis with one cause in the place of several, fitted; None where there is none."""
+    fit, model = hypothesis.fit, hypothesis.at_fit()
+    removed = {name for cause in causes for name in cause.names().values()}
+    kept = set(model.bounds) - removed
+    model = replace(
+        model, causes=tuple(cause for cause in model.causes if cause not in causes),
+        bounds={name: model.bounds[name] for name in kept}, values={name: model.values[name] for name in kept},
+    )  # fmt: skip
+    model = model.with_cause(shared.kind, shared.at, shared.sizes, fit.problem.data.sampling_interval)
+    if not compilable([model]):
+        return None
+    try:
+        return Hypothesis(model, fit_extended(model, fit), hypothesis.screened)
+    except FitError:
+        return None
+
+
 # --- Two causes at once: pairs of candidates that take more of the residual together than the best takes alone.
 #
 # A search that adds one cause after another goes wrong where two hide each other: what one adds to the readings the
@@ -465,7 +676,7 @@ class ScreenedPair:
 def screened_pairs(
     screening: Screening, candidates: Sequence[ScreenedCandidate], settings: DiagnosisSettings
 ) -> list[ScreenedPair]:
-    """Pairs of the best candidates that promise clearly more than the best alone, the most promising first.
+    """Pairs of the best candidates that promise much of what the best alone would leave, the most promising first.
 
     Parameters
     ----------
@@ -479,7 +690,7 @@ def screened_pairs(
     rest = float(screening.residual @ screening.residual) - float(np.count_nonzero(screening.mask)) - alone
     if rest <= 0:  # the best leaves no more than noise
         return []
-    least = settings.pair_gain * min(alone, rest)
+    least = settings.pair_gain * rest
     for i, j in combinations(range(len(best)), 2):
         if best[i].at == best[j].at and best[i].kind == best[j].kind:
             continue
@@ -564,14 +775,3 @@ def _worst_window(segment: int, residual: np.ndarray, most: int) -> _SearchWindo
     squares = (total[starts + length] - total[starts]) / length
     worst = int(np.argmax(squares))
     return _SearchWindow(float(squares[worst]), segment, int(starts[worst]), int(starts[worst]) + length)
-
-
-def first_readings(data: FitData, most: int) -> FitData:
-    """The first ``most`` readings of data, segment by segment."""
-    left, sensors, parts = most, max(len(data.noise), 1), list[Segment]()
-    for segment in data.segments:
-        count = min(len(segment.time), left // sensors)
-        if count >= min(FEWEST_SAMPLES, len(segment.time)) and count:
-            parts.append(segment.part(0, count))
-            left -= count * sensors
-    return replace(data, segments=tuple(parts))

@@ -1,7 +1,4 @@
-"""Hypotheses, how far they are from noise, and whether a cause earns its place on data that no fit has used.
-
-What a further parameter takes of the fitted data it may take from the error of the model, which does not repeat.
-"""
+"""Hypotheses: causes with a fit, how far that is from noise, and the fits that a comparison or an answer needs."""
 
 from __future__ import annotations
 
@@ -23,15 +20,13 @@ from matching.diagnosis.descent import (
     solve,
     with_sharper_friction,
 )
-from matching.diagnosis.holdout import Holdout, holdout_residuals
-from matching.diagnosis.settings import DiagnosisSettings
+from matching.diagnosis.screening import fit_extended
 from matching.diagnosis.statistics import (
     BLOCK_LENGTHS,
     Estimate,
     WhitenessTest,
     covariance,
     effective_share,
-    mean_square,
     shares_of_ranges,
     whiteness,
 )
@@ -131,19 +126,25 @@ class Hypothesis:
 
 def of_the_same_instant(fit: Fit) -> list[np.ndarray]:
     """Errors (t, y) of every segment, in times the noise, without what a sensor adds that reads up to ``SAME_INSTANT``
-    of a sample early or late; NaN without a reading."""
+    of a sample early or late, after the fitted variables took what they can of that; NaN without a reading."""
     data = fit.problem.data
-    errors = [np.where(s.measured, part, np.nan) for s, part in zip(data.segments, fit.errors, strict=True)]
+    errors = [np.where(s.measured, part, 0.0) for s, part in zip(data.segments, fit.errors, strict=True)]
     slopes = [
-        np.gradient(segment.readings / data.noise - part, axis=0) if len(part) > 1 else np.zeros_like(part)
+        np.gradient(np.where(segment.measured, segment.readings / data.noise, np.nan) - part, axis=0)
+        if len(part) > 1
+        else np.zeros_like(part)
         for segment, part in zip(data.segments, errors, strict=True)
     ]
-    square, along = (
-        np.sum([np.nansum(a * b, axis=0) for a, b in zip(slopes, other, strict=True)], axis=0)
-        for other in (slopes, errors)
-    )
-    late = np.clip(along / np.maximum(square, 1e-300), -SAME_INSTANT, SAME_INSTANT)
-    return [part - late * np.nan_to_num(slope) for part, slope in zip(errors, slopes, strict=True)]
+    slope, left = np.nan_to_num(np.concatenate(slopes)), np.concatenate(errors)
+    moved = np.zeros((left.size, slope.shape[1]))
+    for j, column in enumerate(slope.T):
+        moved[j :: slope.shape[1], j] = column
+    if fit.problem.weighting is None:
+        moved -= fit.jacobian @ np.linalg.lstsq(fit.jacobian.T @ fit.jacobian, fit.jacobian.T @ moved, rcond=1e-12)[0]
+    late = np.linalg.lstsq(moved.T @ moved, moved.T @ left.ravel(), rcond=1e-12)[0]
+    left -= (moved @ np.clip(late, -SAME_INSTANT, SAME_INSTANT)).reshape(left.shape)
+    ends = np.cumsum([len(part) for part in errors])[:-1]
+    return [np.where(s.measured, p, np.nan) for s, p in zip(data.segments, np.split(left, ends), strict=True)]
 
 
 def with_balanced_sensors(hypothesis: Hypothesis, far_from_noise: float) -> Hypothesis:
@@ -308,131 +309,31 @@ def widened(estimates: Mapping[str, Estimate], fits: list[Fit]) -> dict[str, Est
     return out
 
 
-# --- Unseen data
+# --- The final fit of a hypothesis: finer integration steps, sharper friction, exact derivatives.
 
-DIVERGED = 1e12  # times the noise: a simulation that runs away
-AT_NOISE = 1.1  # mean square in times the noise; a sensor at its noise is not worse
-
-
-@dataclass(frozen=True)
-class UnseenError:
-    """Errors of one hypothesis on unseen data.
-
-    Attributes
-    ----------
-    blocks : ndarray (b, y)
-        Mean squares over blocks of the data, in times the noise; NaN without readings.
-    shares : ndarray (y,)
-        Root mean square error of each sensor over its range; NaN where it has no readings or never changes.
-    ranges : ndarray (y,)
-        Of the readings, in times the noise; NaN as above.
-    """
-
-    blocks: np.ndarray
-    shares: np.ndarray
-    ranges: np.ndarray
-
-    @property
-    def pooled(self) -> float:
-        """Root mean square over the sensors of the error over the sensor's range; NaN without any."""
-        known = self.shares[np.isfinite(self.shares)]
-        return float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
+ITERATIONS = 12
+FINER = 2.0  # times as many integration steps as in a search
+WORSE_SHARE, WORSE = 0.01, 10.0  # of χ², and χ²: what finer steps may add; more, and they ended elsewhere
 
 
-class UnseenData:
-    """Held-out data and the errors of hypotheses on them, each simulated once."""
-
-    def __init__(self, holdout: Holdout, settings: DiagnosisSettings):
-        self.holdout, self.settings = holdout, settings
-        self._known: dict[int, tuple[Hypothesis, UnseenError | None]] = {}
-
-    def error(self, hypothesis: Hypothesis) -> UnseenError | None:
-        """The errors of a hypothesis; None where it does not simulate the data."""
-        key = id(hypothesis)
-        if key not in self._known:
-            self._known[key] = hypothesis, self._simulated(hypothesis)
-        return self._known[key][1]
-
-    def pooled(self, hypothesis: Hypothesis) -> float:
-        """Root mean square over the sensors of the error over the sensor's range; infinite where it does not
-        simulate."""
-        error = self.error(hypothesis)
-        return np.inf if error is None or np.isnan(error.pooled) else error.pooled
-
-    def share_explained(self, child: Hypothesis, parent: Hypothesis) -> float:
-        """Share of a hypothesis's misfit on unseen data, beyond the noise, that another one explains: mean squares over
-        the sensors in units of their ranges; between 0 and 1."""
-        after, before = self.error(child), self.error(parent)
-        if after is None or before is None:
-            return float(before is None)
-        known = np.isfinite(before.ranges) & (before.ranges > 0)
-        floor = float(np.mean(1 / before.ranges[known] ** 2)) if known.any() else 0.0
-        excess = before.pooled**2 - floor
-        return float(np.clip((before.pooled**2 - after.pooled**2) / excess, 0.0, 1.0)) if excess > 0 else 0.0
-
-    def accepts(self, child: Hypothesis, parent: Hypothesis) -> bool:
-        """Whether a hypothesis meets unseen data better than another, beyond chance.
-
-        Of every sensor the difference of the mean squares counts, over the larger of both: a sensor says as much as
-        another whatever it measures, and one that is at its noise says nothing. Chance is that of the blocks of the
-        data: a paired bootstrap draws them again and again, and all but a share ``chance`` of the draws have to find
-        the child better.
-        """
-        gain, _ = self._drawn(child, parent)
-        return bool(np.mean(gain <= 0) < self.settings.chance)
-
-    def keeps(self, child: Hypothesis, parent: Hypothesis, by_sensor: bool = True) -> bool:
-        """Whether a hypothesis to which nothing will be added is accepted over another, the error of all sensors in
-        units of their ranges falls, and, ``by_sensor``, that of none rises beyond chance and more than slightly. Before
-        the end the right cause may let an angle drift away, beside another that is still missing."""
-        gain, rises = self._drawn(child, parent)
-        chance, slight = self.settings.chance, self.settings.slight_rise
-        worse = (np.mean(rises <= 0, axis=0) < chance) & (rises.mean(axis=0) > slight)
-        lower = self.pooled(child) < self.pooled(parent)
-        return bool(np.mean(gain <= 0) < chance and lower and not (by_sensor and worse.any()))
-
-    def _drawn(self, child: Hypothesis, parent: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
-        """Gains and rises in draws of the blocks; certain ones where only one of both simulates the data."""
-        after, before = self.error(child), self.error(parent)
-        if after is None or before is None or after.blocks.shape != before.blocks.shape:
-            better = 1.0 if after is not None and before is None else -1.0
-            return np.full(1, better), np.full((1, 1), -better)
-        return drawn_gains(after, before, self.settings.draws)
-
-    def _simulated(self, hypothesis: Hypothesis) -> UnseenError | None:
-        try:
-            residuals = holdout_residuals(self.holdout.simulate(hypothesis.fit))
-        except FitError:
-            return None
-        if not residuals or not all(np.isfinite(part[~np.isnan(part)]).all() for part in residuals):
-            return None
-        data = hypothesis.fit.problem.data
-        readings = np.concatenate([segment.readings for segment in self.holdout.data.segments])
-        total = np.concatenate(residuals)
-        if np.nanmax(np.abs(total), initial=0.0) > DIVERGED:
-            return None
-        blocks = np.array([mean_square(part) for part in np.array_split(total, min(self.settings.blocks, len(total)))])
-        shares = shares_of_ranges(total, readings, data.noise)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ranges = np.sqrt(mean_square(total)) / shares
-        return UnseenError(blocks, shares, ranges)
+def final_fit(hypothesis: Hypothesis) -> Hypothesis:
+    """A hypothesis fitted with steps half as long, ending on a Jacobian of its own point, if that is no worse."""
+    if time_is_over():
+        return hypothesis
+    if not hypothesis.causes:
+        return replace(hypothesis, fit=polished(hypothesis.fit))
+    model = replace(hypothesis.at_fit(), starts=tuple(hypothesis.fit.starts))
+    try:
+        fit = fit_extended(model, hypothesis.fit, FitOptions(ITERATIONS), FINER)
+        fit = polished(with_sharper_friction(fit, FINAL_STEPS))
+    except FitError:
+        return hypothesis
+    finer = with_sharpest_friction(replace(hypothesis, fit=fit))
+    return finer if finer.fit.cost < (1 + WORSE_SHARE) * hypothesis.fit.cost + WORSE else hypothesis
 
 
-def drawn_gains(after: UnseenError, before: UnseenError, draws: int) -> tuple[np.ndarray, np.ndarray]:
-    """What one hypothesis gains over another in draws of the blocks of unseen data.
-
-    Returns
-    -------
-    gain : ndarray (d,)
-        Differences of the mean squares, each over the larger of both and the noise at least, summed over the sensors.
-    rises : ndarray (d, y)
-        Of each sensor, as a share of the larger mean square, 0 where it is at its noise.
-    """
-    count = len(after.blocks)
-    chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=draws).astype(float)
-    known = np.isfinite(after.blocks) & np.isfinite(before.blocks)
-    new, old = (chosen @ np.where(known, error.blocks, 0.0) for error in (after, before))
-    number = np.maximum(chosen @ known, 1.0)
-    new, old = (np.maximum(error / number, 1.0) for error in (new, old))
-    rises = (new - old) / np.maximum(new, old)
-    return -rises.sum(axis=1), np.where(new > AT_NOISE, rises, 0.0)
+def final_fit_on(hypothesis: Hypothesis, base: Fit) -> Hypothesis:
+    """A hypothesis of a part of the data fitted to all that a base fit has."""
+    model = hypothesis.at_fit()
+    fit = fit_extended(model, base, FitOptions()) if hypothesis.causes else base
+    return final_fit(Hypothesis(model, fit))
