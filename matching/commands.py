@@ -398,6 +398,8 @@ def run_verify(arguments: Arguments) -> dict[str, Any]:
     if arguments.follow is not None:
         arguments.follow = api.in_si(arguments.follow, "s", "--follow", positive=True)
     case, channels = api.tuned_case_of(arguments.case), api.channels_of(arguments.channels)
+    if arguments.channel_check:
+        return written(api.checked_channels(case, arguments.recordings, channels), arguments)
     if arguments.follow is None:
         return _judged(arguments, case, channels, arguments.recordings)
     return _followed(arguments, case, channels)
@@ -451,7 +453,8 @@ def _followed(arguments: Arguments, case: Case, channels: Any) -> dict[str, Any]
 def run_commission(arguments: Arguments) -> dict[str, Any]:
     """Go round; a person at the bed is told every step in a line of its own."""
     more = {} if arguments.follow is None else {"progress": say}
-    return written(called_with_pool(arguments, **more), arguments)
+    again = shlex.join(["rigmatch", "commission", arguments.case, "--bed", arguments.bed, "--out", arguments.out])
+    return written(called_with_pool(arguments, **more), arguments, {"command": again, "out": arguments.out})
 
 
 def say(what: str) -> None:
@@ -645,6 +648,7 @@ EXAMPLES = {
     "excite": (
         "excite out/road_to_rig --out out/excite",
         "excite out/road_to_rig --proof --out out/proof",
+        "excite out/road_to_rig --channel-check --out out/channels",
         "excite examples/from_recordings/case.toml --duration 30 --speed 40 --limit motor_torque=60 --out out/excite",
     ),
     "identify": (
