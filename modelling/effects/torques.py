@@ -61,7 +61,7 @@ class ConstantTorque(Kind):
 
 # --- Torque that varies with the angle (cogging, torque ripple, universal joint).
 
-MOST_ORDERS = 4  # that are tried from one spectrum
+MOST_ORDERS = 4  # that are tried from one spectrum, of its low orders and of its high ones
 FEW_TURNS = 4 * np.pi  # rad; over less a spectrum is too coarse
 SIDE_LOBES, FINEST_ORDER = 0.4, 0.002  # reach and smallest step of the orders tried near the best: 400 at the most
 LOWEST_ORDER = 0.4  # per turn, that is searched for: a period of several turns is that of another shaft
@@ -158,10 +158,13 @@ def outstanding_orders(
     orders, strength = orders[used], strength[used]
     level = scipy.ndimage.median_filter(strength, 2 * int(0.75 / fine) + 1, mode="reflect")
     outstanding = strength / (level + 1e-3 * strength.max() + 1e-300)
-    for _ in range(MOST_ORDERS):
-        best = int(np.argmax(outstanding))
-        yield float(orders[best]), max(len(orders) / MOST_ORDERS, 1.0)
-        outstanding[abs(orders - orders[best]) < 3 * fine + 0.1] = 0.0
+    low = orders <= HIGHEST_FOLLOWED
+    for band in (low, ~low):  # high orders are many, and the best of their noise must not hide a low one
+        left = np.where(band, outstanding, 0.0)
+        for _ in range(MOST_ORDERS if band.any() else 0):
+            best = int(np.argmax(left))
+            yield float(orders[best]), max(int(band.sum()) / MOST_ORDERS, 1.0)
+            left[abs(orders - orders[best]) < 3 * fine + 0.1] = 0.0
 
 
 # --- Torque on one inertia that varies with the angle of another: teeth of a gear, pulses of an engine at the wheels.
