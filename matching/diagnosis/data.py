@@ -126,6 +126,8 @@ class Segment:
         Its number, from 1.
     held : tuple of int
         Inputs, by index, that keep the value of a sample until the next; others are straight between samples.
+    smooth : tuple of int
+        Inputs, by index, that are smooth between samples.
     """
 
     time: np.ndarray
@@ -134,6 +136,7 @@ class Segment:
     name: str = ""
     recording: int = 1
     held: tuple[int, ...] = ()
+    smooth: tuple[int, ...] = ()
 
     @property
     def measured(self) -> np.ndarray:
