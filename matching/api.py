@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
+    from matching.bed.channels import ChannelCheck, ChannelPlan
     from matching.bed.commission import Commissioning, CommissionOrder
     from matching.bed.excite import ExcitationPlan
     from matching.bed.identify import FromRecordings
@@ -679,9 +680,10 @@ def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
 
 
 def excite(
-    case: Case | File, *, proof: bool = False, duration: float | str = 20.0, margin: float | str = 0.2,
-    speed: float | str | None = None, limit: Mapping[str, float | str] | None = None, beds: int = 20, seed: int = 0,
-) -> ExcitationPlan | Proof:  # fmt: skip
+    case: Case | File, *, proof: bool = False, channel_check: bool = False, duration: float | str = 20.0,
+    margin: float | str = 0.2, speed: float | str | None = None, limit: Mapping[str, float | str] | None = None,
+    beds: int = 20, seed: int = 0,
+) -> ExcitationPlan | Proof | ChannelPlan:  # fmt: skip
     """Plan the recording that identifies what a match depends on most, within the limits of the bed.
 
     A multisine whose spectrum carries the most information (Fisher), a chirp and steps on dynamometers and motor, as
@@ -696,6 +698,8 @@ def excite(
         Directory or result.json of a match, or a case file (TOML).
     proof : bool
         Plan the proof of the controlled bed instead: compared torques, emulation on, as long as the verdict needs.
+    channel_check : bool
+        Plan the check of the channels instead: small torques one after another, at rest, before anything is fed back.
     duration : float or str
         Length in s, or with a unit.
     margin : float or str
@@ -711,7 +715,7 @@ def excite(
 
     Returns
     -------
-    ExcitationPlan or Proof
+    ExcitationPlan, Proof or ChannelPlan
         Torques over time, the share of every limit that they use, and the uncertainties to expect.
 
     Raises
@@ -724,10 +728,16 @@ def excite(
     >>> plan = rm.excite("out/road_to_rig")  # doctest: +SKIP
     >>> plan.error_after  # doctest: +SKIP
     """
+    from matching.bed.channels import plan_channels
     from matching.bed.excite import ExcitationOrder, check_order, plan_excitation, steady_speed
     from matching.bed.proof import plan_proof
 
     tuned = tuned_case_of(case)
+    if proof and channel_check:
+        raise InputError("proof", "and channel_check are two recordings", "plan one after the other")
+    if channel_check:
+        computing()
+        return plan_channels(tuned)
     steady = None if speed is None else in_si(speed, "rad/s", "speed")
     if proof:
         computing()
@@ -759,8 +769,8 @@ def identify(
     bed : sequence of paths
         Recordings of the bed without emulation.
     diagnosis_limit : float or str, optional
-        A diagnosis that takes longer (s, or with a unit) ends with its best answer so far, and says so; by default no
-        limit.
+        A diagnosis that takes longer (s of processor time, or with a unit) ends with its best answer so far, and says
+        so; by default no limit.
     progress : callable, optional
         Is called with a line of text at every step; by default a terminal or a notebook shows it.
 
@@ -785,7 +795,9 @@ def identify(
         return run(tuned, on_the_road, on_the_bed, tell, limit)
 
 
-def verify(case: Case | File, *recordings: File, channels: File | None = None) -> BedVerification:
+def verify(
+    case: Case | File, *recordings: File, channels: File | None = None, channel_check: bool = False
+) -> BedVerification | ChannelCheck:  # fmt: skip
     """Judge recordings of the controlled bed beside vehicle and prediction.
 
     Frequency responses with their uncertainty, the response error, frequency and damping of the target modes, and
@@ -801,11 +813,14 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
         Recordings of the controlled bed (CSV, MDF, .mat, Parquet).
     channels : path, optional
         File that says what the signals are called in the recordings (TOML).
+    channel_check : bool
+        The recording is one of the check of the channels (`excite --channel-check`): say which channel is wrong.
 
     Returns
     -------
-    BedVerification
-        Response errors with uncertainties, modes and fidelity of the bed, each beside its prediction.
+    BedVerification or ChannelCheck
+        Response errors with uncertainties, modes and fidelity of the bed, each beside its prediction; or every channel
+        with its gain, delay, zero and noise, and what is wrong of it.
 
     Examples
     --------
@@ -815,16 +830,31 @@ def verify(case: Case | File, *recordings: File, channels: File | None = None) -
     from matching.bed.verify import judge, read_recordings
 
     tuned = tuned_case_of(case)
+    if channel_check:
+        return checked_channels(tuned, recordings, channels_of(channels))
     return judge(tuned, read_recordings([Path(path) for path in recordings], tuned, channels_of(channels)))
+
+
+def checked_channels(case: Case, recordings: Sequence[File], channels: Mapping[str, Channel] | None) -> ChannelCheck:
+    """The channels by a recording of their check."""
+    from matching.bed.channels import judge_channels
+    from matching.bed.simulated_bed import bed_system
+    from modelling.recordings.read import read_recording
+
+    if len(recordings) != 1:
+        raise InputError("recordings", f"are {len(recordings)}", "give the one recording of the check of the channels")
+    return judge_channels(case, read_recording(Path(recordings[0]), bed_system(case), channels))
 
 
 def commission(
     case: File, bed: File, out: File, *, vehicle_recording: Sequence[File] = (), rounds: int = 3,
-    duration: float | str = 12.0, speed: float | str | None = None, diagnosis_limit: float | str = 600.0, seed: int = 0,
-    workers: int | None = None, follow: float | str | None = None, progress: Callable[[str], None] | None = None,
+    duration: float | str = 12.0, speed: float | str | None = None, diagnosis_limit: float | str = 240.0, seed: int = 0,
+    workers: int | None = None, follow: float | str | None = None, skip_channel_check: bool = False,
+    progress: Callable[[str], None] | None = None,
 ) -> Commissioning:  # fmt: skip
-    """Go the whole way onto the bed: match, run, verify; then excite, record, diagnose and match again.
+    """Go the whole way onto the bed: match, check the channels, run, verify; then record, diagnose and match again.
 
+    The channels are checked at rest with small torques before anything is fed back; a wrong one ends it with its name.
     Rounds go on as long as a further round would gain. An FMU of the bed (FMI 2.0, inputs and outputs named as in the
     rig file) is stepped with the exported controller. With a folder the command stops, says what to record and where to
     put it. Called again it goes on where it stopped; finished steps are not repeated. The command writes a folder a
@@ -847,13 +877,16 @@ def commission(
     speed : float or str, optional
         Rotor speed of the excitation in rad/s, or with a unit; by default a quarter of the limit.
     diagnosis_limit : float or str
-        A diagnosis that takes longer (s, or with a unit) ends with its best answer so far, and says so.
+        A diagnosis that takes longer (s of processor time, or with a unit) ends with its best answer so far, and says
+        so.
     seed : int
         Seed of the matches: the same seed gives the same result.
     workers : int, optional
         Processes; by default one a core.
     follow : float or str, optional
         With a folder: wait for each recording, and follow it until it has not grown for so long (s, or with a unit).
+    skip_channel_check : bool
+        Begin emulation at once: sign, unit and place of every channel are known to be right.
     progress : callable, optional
         Is called with a line of text at every step; by default a terminal or a notebook shows it.
 
@@ -876,6 +909,7 @@ def commission(
         workers=workers or cores(), follow=None if follow is None else in_si(follow, "s", "follow", positive=True),
         vehicle=tuple(Path(path) for path in vehicle_recording),
         diagnosis_limit=in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True),
+        skip_channel_check=skip_channel_check,
     )  # fmt: skip
     computing(lambda: _files_read(tuned_case_of(case), Path(bed), order))
     with shown("commission", progress) as tell:

@@ -398,6 +398,8 @@ def run_verify(arguments: Arguments) -> dict[str, Any]:
     if arguments.follow is not None:
         arguments.follow = api.in_si(arguments.follow, "s", "--follow", positive=True)
     case, channels = api.tuned_case_of(arguments.case), api.channels_of(arguments.channels)
+    if arguments.channel_check:
+        return written(api.checked_channels(case, arguments.recordings, channels), arguments)
     if arguments.follow is None:
         return _judged(arguments, case, channels, arguments.recordings)
     return _followed(arguments, case, channels)
@@ -645,6 +647,7 @@ EXAMPLES = {
     "excite": (
         "excite out/road_to_rig --out out/excite",
         "excite out/road_to_rig --proof --out out/proof",
+        "excite out/road_to_rig --channel-check --out out/channels",
         "excite examples/from_recordings/case.toml --duration 30 --speed 40 --limit motor_torque=60 --out out/excite",
     ),
     "identify": (

@@ -22,6 +22,8 @@ from modelling.bed.observer import NOISE
 from modelling.bed.vehicle import Interface, ResidualVehicle, cut
 from modelling.controller.c_source import memory_bytes
 from modelling.controller.law import (
+    CHECK_SPEED_SHARE,
+    CHECK_TORQUE_SHARE,
     KEPT_SAMPLES,
     NO_LIMIT,
     OPENED_SHARE,
@@ -477,6 +479,8 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
         np.full(k, torque), np.full(k, speed), proportional, integral, np.full(k, lost),
         np.array([dynamometer.torque_gain for dynamometer in loop.dynamometers]), unexpected,
         np.full(k, case.limits.get("dynamometer_power", NO_LIMIT)), *_curve(case),
+        np.full(k, CHECK_TORQUE_SHARE * torque if torque < NO_LIMIT else NO_LIMIT),
+        np.full(k, CHECK_SPEED_SHARE * speed if speed < NO_LIMIT else NO_LIMIT),
     )  # fmt: skip
 
 

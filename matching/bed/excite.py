@@ -323,15 +323,20 @@ class ExcitedBeds:
         self._speeds = at
         self._continuous = beds
 
-    def steady(self, speed: float) -> tuple[np.ndarray, np.ndarray]:
-        """Commands (b, k) and outputs (b, y + 2s) of the steady motion with every rotor at a speed, rad/s."""
+    def steady(self, speed: float, demands: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Commands (b, k) and outputs (b, y + 2s) of the steady motion with every rotor at a speed, rad/s.
+
+        ``demands`` (d,) are mean torques of the inputs that are no dynamometer's, N·m.
+        """
         commands, outputs = [], []
-        for linear, C in zip(self._continuous, self._C, strict=True):
+        for linear, C, D in zip(self._continuous, self._C, self._D, strict=True):
             n, k = linear.commands.shape
+            given = np.zeros(linear.torques.shape[1]) if demands is None else demands
             equations = np.block([[linear.A, linear.commands], [C[self._speeds], np.zeros((k, k))]])
-            solution = np.linalg.lstsq(equations, np.append(np.zeros(n), np.full(k, speed)), rcond=None)[0]
+            wanted = np.append(-linear.torques @ given, np.full(k, speed))
+            solution = np.linalg.lstsq(equations, wanted, rcond=None)[0]
             commands.append(solution[n:])
-            outputs.append(C @ solution[:n])
+            outputs.append(C @ solution[:n] + D[:, k:] @ given)
         return np.stack(commands), np.stack(outputs)
 
     def run(self, demands: np.ndarray) -> ExcitedMotion:

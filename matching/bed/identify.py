@@ -55,12 +55,15 @@ class IdentifiedValue:
         SI.
     half_width : float
         Of the interval that is left after it, k = 2, SI.
+    found : bool
+        Whether the recording tells it; a value at the end of its range is none that was found.
     """
 
     name: str
     before: float
     after: float
     half_width: float
+    found: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """A row of ``identification.json``."""
@@ -85,7 +88,12 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
     estimates = {
         name: diagnosis.parameters[key] for name, key in names_in_system(case).items() if key in diagnosis.parameters
     }
-    known = {name: estimate for name, estimate in estimates.items() if math.isfinite(estimate.standard_uncertainty)}
+    # a value at the end of its range is none that was found, in a model that does not explain the recording
+    unexplained = diagnosis.verdict == "unexplained"
+    known = {
+        name: estimate for name, estimate in estimates.items()
+        if math.isfinite(estimate.standard_uncertainty) and not (unexplained and estimate.note)
+    }  # fmt: skip
     of_rig = {name.removeprefix("rig."): estimate.value for name, estimate in known.items() if name.startswith("rig.")}
     effects, notes = _linear_effects(case, diagnosis)
     faults = [effect for effect in effects if is_taken(effect)]
@@ -156,16 +164,21 @@ def _linear_effects(case: Case, diagnosis: Diagnosis) -> tuple[list[Effect], tup
     added = [effect for effect in diagnosis.extended.effects if effect.name not in {known.name for known in before}]
     linear = [
         effect for effect in added
-        if is_taken(effect) or (effect.law.linear and effect.at.split(".")[0] in ("shafts", "inertias"))
+        if is_taken(effect)
+        or ((effect.law.linear or effect.law.free_play) and effect.at.split(".")[0] in ("shafts", "inertias"))
     ]  # fmt: skip
     return linear, tuple(
-        _said(effect, effect in linear) for effect in added if effect not in linear or is_taken(effect)
+        _said(effect, effect in linear)
+        for effect in added
+        if effect not in linear or is_taken(effect) or effect.law.free_play
     )
 
 
 def _said(effect: Effect, taken: bool) -> str:
     """What becomes of an effect that is no part of the bed's mechanics, or that the match leaves out."""
     named = f"{effect.kind} at {place_in_words(effect.at)} was named"
+    if effect.law.free_play:
+        return f"{named}: the next match has it closed, and the next proof keeps it closed by a mean torque"
     if taken:
         return f"{named}: the next match reads the sensor so, and compares vehicle and bed by what it reads"
     if effect.kind in CONSTANT:
@@ -359,12 +372,21 @@ def bed_from_recordings(
     diagnosis, limit = _diagnosed(bed_system(case), recordings, progress, seconds)
     made = identified_case(case, diagnosis)
     after = {quantity.name: quantity for quantity in made.case.uncertainty.uncertain}
-    values = tuple(
-        IdentifiedValue(quantity.name, quantity.value, after[quantity.name].value, after[quantity.name].half_width)
-        for quantity in case.uncertainty.uncertain
-    )
+    values = tuple(_identified(quantity, after[quantity.name], case, made.case, diagnosis)
+                   for quantity in case.uncertainty.uncertain)  # fmt: skip
     early = _ended_early(limit)
     return Identification(made.case, diagnosis, values, (*early, *made.notes), limit.seconds if early else None)
+
+
+def _identified(before: Uncertain, after: Uncertain, case: Case, made: Case, diagnosis: Diagnosis) -> IdentifiedValue:
+    """A quantity before and after; the torque gain of a dynamometer as the case states it, not relative to that."""
+    key = names_in_system(case).get(before.name, "")
+    found = key in diagnosis.parameters and not diagnosis.parameters[key].note
+    if not before.name.endswith(GAIN):
+        return IdentifiedValue(before.name, before.value, after.value, after.half_width, found)
+    name = before.name.removeprefix("dynamometers.").removesuffix(GAIN)
+    gains = [next(own.torque_gain for own in one.loop.dynamometers if own.name == name) for one in (case, made)]
+    return IdentifiedValue(before.name, gains[0], gains[1], after.half_width * gains[1], found)
 
 
 def _diagnosed(
@@ -376,7 +398,7 @@ def _diagnosed(
     then left takes some seconds more.
     """
     read = [read_recording(path, system) for path in recordings]
-    with limited(seconds) as limit:
+    with limited(seconds, of_processor=True) as limit:
         return diagnose(system, read, None, progress), limit
 
 
@@ -384,7 +406,7 @@ def _ended_early(limit: TimeLimit) -> tuple[str, ...]:
     """A sentence on a diagnosis that its time ended."""
     if not limit.ended_at:
         return ()
-    ended = f"the time of the diagnosis was over ({limit.seconds:g} s, --diagnosis-limit)"
+    ended = f"the time of the diagnosis was over ({limit.seconds:g} s of processor time, --diagnosis-limit)"
     if limit.ended_at < 1:
         return (f"{ended}: its causes are the best that it had until then",)
     return (f"{ended}: causes and values are the best that it had until then, and less certain than they state",)

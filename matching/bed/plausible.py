@@ -21,6 +21,12 @@ from matching.match.responses import ComparedBed
 from modelling.errors import InputError, listed
 from modelling.recordings.recording import Recording
 
+THIS_BED = "this bed"
+
+
+class NotThisBed(InputError):
+    """A recording fits neither the model of the bed nor the fault of one channel: the bed is another."""
+
 
 @dataclass(frozen=True)
 class PlausibleSettings:
@@ -94,7 +100,7 @@ def check_recording(
         units = settings.speeds if kinds.get(name, "torque") == "speed" else settings.torques
         causes[name] = ((-1.0, "has the wrong sign"), *units, *(settings.followed if name in commands else ()))
     fit = _Fit(model, inputs, sensors, lines, causes, settings)
-    told = fit.check(recording.source, "this bed" if complete else None)
+    told = fit.check(recording.source, THIS_BED if complete else None)
     read = list(case.loop.controller_sensors)
     if complete and set(read) <= set(sensors):
         acting = frequency_response(controller_of(case), lines.frequencies)
@@ -225,7 +231,7 @@ class _Fit:
         if of_what is None:
             return distances
         wrong = [name for name, far in zip(self.outputs, distances > self.settings.fits, strict=True) if far]
-        raise InputError(
+        raise (NotThisBed if of_what == THIS_BED else InputError)(
             source, f"does not fit {of_what}: {listed(wrong)} {'is' if len(wrong) == 1 else 'are'} far off over most "
             "of the band, and no single channel explains it", "look at the recording and at what ran on the bed",
         )  # fmt: skip

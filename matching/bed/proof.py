@@ -7,7 +7,7 @@ vehicle hardly answers, they may be many times those of a drive: else nothing is
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -43,7 +43,7 @@ from matching.match.responses import ComparedBed
 from matching.match.targets import target_modes
 from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, Settings, has_gone
 from modelling.display import Displayed
-from modelling.errors import InputError
+from modelling.errors import InputError, listed
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ class ProofSettings:
     decayed: float = 4.0  # time constants of the slowest target mode before the first period that counts
     free: float = 0.25  # share of every limit that stays free
     demanded_share: float = 0.8  # of the manoeuvre's largest torque: peak of a torque that a motor has to give
+    kept_closed: float = 0.25  # of a free play's mean torque, that is left at the least moment
     beds: int = 8  # drawn from what is uncertain, that the limits hold on beside the bed as planned
     phases: int = 30  # draws, of which the flattest wave is taken
     samples_a_period: float = 8.0  # of the highest frequency, for peaks of motions
@@ -194,14 +195,17 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     box = case.uncertainty
     values = [box.at(place) for place in np.vstack([np.zeros(len(box.uncertain)), box.draw(settings.beds, seed)])]
     beds = controlled_beds(bed, values, exported.law, names, lines / times.period)
-    limits = ExcitationLimits(bed, speed, settings.demanded_share / (1 - settings.free) * demanded)
-    steady = ExcitedBeds(bed, values, SpeedHold.of(exported.settings)).steady(speed)
+    still = ExcitedBeds(bed, values, SpeedHold.of(exported.settings))
+    mean, steady = _loaded(case, bed, still, speed, names, settings.demanded_share * demanded)
+    room = settings.demanded_share * demanded - np.abs(mean)
+    limits = ExcitationLimits(bed, speed, room / (1 - settings.free))
     limits.check_steady(steady, 1 - settings.free)
     shaping = _Shaping(
         case, bed, limits, steady, beds, lines, of_input, times.samples, exported.settings, settings
     )  # fmt: skip
     spectra = np.stack([shaping.alone(e, name, seed) for e, name in enumerate(names)], axis=1)
     spectra *= shaping.largest(spectra, names)
+    spectra *= shaping.closed(spectra, names)
     motion, demands = shaping.motion(spectra, names)
     told = _Told(case, bed, beds, lines / times.period, spectra, times, settings)
     periods, notes = told.periods()
@@ -209,6 +213,9 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     total = times.begin + periods * times.samples
     rows = np.arange(-times.begin, periods * times.samples + times.edge) % times.samples
     torques = wave[rows] * fade(total + times.edge, times.step)[:, None]
+    means = dict(zip(bed.inputs[len(case.loop.dynamometers) :], mean.tolist(), strict=True))
+    torques = torques + np.array([means.get(name, 0.0) for name in names])
+    notes = (*notes, *_of_free_play(case, means))
     return Proof(
         names, torques, times.step, times.period, periods, limits.used(steady, motion, demands), told.visible(periods),
         told.expected(periods), told.modes(periods), notes,
@@ -222,6 +229,44 @@ def _check(case: Case, bed: RecordedBed, names: tuple[str, ...], demanded: np.nd
             raise InputError(f"manoeuvre.{name}", "is missing", "its largest torque says how large the proof may be")
         if name not in bed.inputs and "dynamometer_torque" not in case.limits:
             raise InputError("limits.dynamometer_torque", "is missing", f"it says how large {name} may be in the proof")
+
+
+def _loaded(
+    case: Case, bed: RecordedBed, beds: ExcitedBeds, speed: float, names: tuple[str, ...], most: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Mean torques (d,) of the inputs beside the dynamometers', N·m, that keep free play closed, and the steady motion.
+
+    Half of what the input that loads the free play most may give; nothing where the rig has no free play.
+    """
+    none = np.zeros(len(most))
+    steady = beds.steady(speed)
+    rows = [len(bed.sensors) + bed.shafts.index(place.split(".")[1]) for place in case.rig.free_plays
+            if place.startswith("shafts.")]  # fmt: skip
+    able = [d for d, name in enumerate(bed.inputs[len(case.loop.dynamometers) :]) if name in names and most[d] > 0]
+    if not rows or not able:
+        return none, steady
+    loads = []
+    for d in able:
+        alone = none.copy()
+        alone[d] = most[d] / 2
+        loads.append((alone, beds.steady(speed, alone)))
+    alone, loaded = max(loads, key=lambda pair: np.abs(pair[1][1][:, rows]).min())
+    other = beds.steady(speed, -alone)
+    return (alone, loaded) if np.abs(loaded[1][:, rows]).min() >= np.abs(other[1][:, rows]).min() else (-alone, other)
+
+
+def _of_free_play(case: Case, means: Mapping[str, float]) -> list[str]:
+    """What is said of a proof of a bed with free play."""
+    loads = [f"{name} {mean:.3g} N·m" for name, mean in means.items() if mean]
+    if not case.rig.free_plays:
+        return []
+    places = listed([place.split(".")[1] for place in case.rig.free_plays])
+    if not loads:
+        return [f"no torque can load the free play of {places}: where it opens, the bed is not linear"]
+    return [
+        f"the free play of {places} stays closed: the torques hold a mean of {listed(loads)}; bring the bed to it in "
+        "speed hold, then ask for emulation"
+    ]
 
 
 @dataclass(frozen=True)
@@ -320,6 +365,16 @@ class _Shaping:
         while scale > 0 and _seems_lost(still + scale * moved, self.controller, self.settings):
             scale *= self.settings.smaller
         return scale
+
+    def closed(self, spectra: np.ndarray, names: tuple[str, ...]) -> float:
+        """Factor, 1 at most, below which no free play opens: the torque there keeps a share of its mean."""
+        rows = [len(self.bed.sensors) + self.bed.shafts.index(place.split(".")[1])
+                for place in self.case.rig.free_plays if place.startswith("shafts.")]  # fmt: skip
+        mean = np.abs(self.steady[1][:, rows])
+        if not rows or not mean.all():
+            return 1.0
+        peak = np.abs(self.motion(spectra, names)[0].outputs[:, :, rows]).max(axis=0)
+        return float(min(1.0, ((1 - self.settings.kept_closed) * mean / np.maximum(peak, 1e-12)).min()))
 
     def motion(self, spectra: np.ndarray, names: tuple[str, ...]) -> tuple[ExcitedMotion, np.ndarray]:
         """The beds' periodic motion and the demands (t, u), by the inputs of the recorded bed."""

@@ -439,13 +439,20 @@ class FmuController(Slave):
     def __init__(self, path: Path, law: ControlLaw):
         self._commands = [f"{name}.command" for name in law.dynamometers]
         self._hold = [f"{name}.hold_speed" for name in law.dynamometers]
-        super().__init__(path, [*law.sensors, *law.known, *self._commands, *self._hold])
+        self._added = [f"{name}.added_torque" for name in law.dynamometers]
+        super().__init__(path, [*law.sensors, *law.known, *self._commands, *self._hold, *self._added])
         self._law = law
         self.initialise({})
 
-    def step(self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int) -> Answer:
-        """One sample: readings (y,), known torques (w,), N·m, mode asked for, speeds to hold (k,), rad/s."""
-        values = dict(zip((*self._law.sensors, *self._law.known, *self._hold), (*readings, *known, *hold), strict=True))
+    def step(
+        self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int,
+        added: np.ndarray | None = None,
+    ) -> Answer:  # fmt: skip
+        """One sample: readings (y,), known torques (w,), N·m, mode asked for, speeds to hold (k,), rad/s, and torques
+        that are added (k,), N·m."""
+        more = np.zeros(len(hold)) if added is None else added
+        names = (*self._law.sensors, *self._law.known, *self._hold, *self._added)
+        values = dict(zip(names, (*readings, *known, *hold, *more), strict=True))
         self.set(values | {"mode": float(mode), "life": float(life)})
         self.advance(self._law.sample_time)
         *commands, active, fault = self.get([*self._commands, "active_mode", "fault"])
@@ -488,7 +495,19 @@ def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
         sent[i, :k] += proportional * error + total
         total += integral * step * error
         bed.step(sent[i], step)
-    return _csv(case, bed, step, held_as_linear(sent)[before:], readings[before:], plan.inputs)
+    return run_csv(case, bed, step, held_as_linear(sent)[before:], readings[before:], plan.inputs)
+
+
+class Tripped(InputError):
+    """The controller gave up; ``recording`` is the text of what was recorded up to there."""
+
+    def __init__(self, time: float, fault: str, reason: str, recording: str):
+        because = f" ({reason})" if reason else ""
+        super().__init__(
+            "bed", f"{time:.3f} s after the start the controller gave up: {fault}{because}",
+            "look at the recording, limits and watchdogs",
+        )  # fmt: skip
+        self.recording = recording
 
 
 def proof_recording(
@@ -498,15 +517,24 @@ def proof_recording(
     controller: FmuController | SupervisedController,
     wanted: Proof,
     speed: float,
+    replayed: SupervisedController | None = None,
 ) -> str:
-    """Text of the CSV recording of the controlled bed under a proof's torques, emulation on."""
+    """Text of the CSV recording of the controlled bed under a proof's torques, emulation on.
+
+    Raises
+    ------
+    Tripped
+        If the controller gives up; ``replayed``, the same controller in Python, says which reading led to it.
+    """
     step = wanted.step
     k, before = len(law.dynamometers), round(SETTLING_SECONDS / step)
     drives = [
         name for name in bed.inputs if name not in {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
     ]
     at = [bed.sensors.index(name) for name in law.sensors]
-    torques = np.vstack([np.zeros((before, len(wanted.inputs))), wanted.torques])
+    # mean torques, which keep free play closed, rise in speed hold
+    rising = np.minimum(np.arange(before) / max(before // 4, 1), 1.0)[:, None] * wanted.torques[0]
+    torques = np.vstack([rising, wanted.torques])
     readings, hold = np.zeros((len(torques), len(bed.sensors))), np.full(k, speed)
     driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
     sent = np.zeros((len(torques), k))
@@ -517,21 +545,24 @@ def proof_recording(
         now, meant = (dict(zip(wanted.inputs, values, strict=True)) for values in (torque, as_linear[i]))
         readings[i] = bed.readings()
         known = np.array([meant.get(name, 0.0) for name in law.known])
-        answer = controller.step(readings[i, at], known, SPEED_HOLD if i < before // 2 else EMULATION, hold, i)
+        mode = SPEED_HOLD if i < before // 2 else EMULATION
+        answer = controller.step(readings[i, at], known, mode, hold, i)
+        if replayed is not None:
+            replayed.step(readings[i, at], known, mode, hold, i)
         if answer.fault:
-            raise InputError(
-                "bed", f"{(i - before) * step:.3f} s after the start the controller gave up: {FAULTS[answer.fault]}",
-                "look at the recording, limits and watchdogs",
-            )  # fmt: skip
+            held = np.hstack([as_linear[: i + 1], held_as_linear(sent[: i + 1])])
+            text = run_csv(case, bed, step, held, readings[: i + 1], (*wanted.inputs, *driven))
+            raise Tripped((i - before) * step, FAULTS[answer.fault], replayed.reason if replayed else "", text)
         sent[i] = answer.commands
         bed.step(np.concatenate([sent[i], [now.get(name, 0.0) for name in drives]]), step)
     held = np.hstack([as_linear, held_as_linear(sent)])[before:]
-    return _csv(case, bed, step, held, readings[before:], (*wanted.inputs, *driven))
+    return run_csv(case, bed, step, held, readings[before:], (*wanted.inputs, *driven))
 
 
-def _csv(
+def run_csv(
     case: Case, bed: FmuBed, step: float, torques: np.ndarray, readings: np.ndarray, inputs: tuple[str, ...]
 ) -> str:
+    """Text of the CSV recording of a run: torques (t, u) and readings (t, y), SI."""
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors} | dict.fromkeys(inputs, "N*m")
     return csv_text(
         np.arange(len(torques)) * step, {**columns(inputs, torques), **columns(bed.sensors, readings)}, units

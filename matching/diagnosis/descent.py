@@ -342,7 +342,7 @@ def with_sharper_friction(fit: Fit, most_steps: int = SEARCH_STEPS) -> Fit:
         sharper = replace(
             fit.problem, steps_per_second=2 * fit.problem.steps_per_second, stick_speed=fit.problem.stick_speed / 2
         )
-        if fit.cost - _expected_cost(fit, sharper.residuals(fit.v[None])[0]) < worthwhile:
+        if fit.cost - expected_cost(fit, sharper.residuals(fit.v[None])[0]) < worthwhile:
             break
         try:
             again = solve(sharper, fit.v, fit.jacobian, FitOptions(ITERATIONS, exact=False))
@@ -354,7 +354,7 @@ def with_sharper_friction(fit: Fit, most_steps: int = SEARCH_STEPS) -> Fit:
     return fit
 
 
-def _expected_cost(fit: Fit, residual: np.ndarray) -> float:
+def expected_cost(fit: Fit, residual: np.ndarray) -> float:
     """χ² to first order when the variables of a fit adapt to another residual (r,)."""
     if not np.isfinite(chi_square(residual)):
         return np.inf

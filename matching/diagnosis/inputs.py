@@ -15,7 +15,7 @@ from scipy.linalg import qr
 
 from matching.diagnosis.base import as_hypothesis
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.descent import Fit, FitOptions, solve
+from matching.diagnosis.descent import Fit, FitOptions, expected_cost, solve
 from matching.diagnosis.hypotheses import at_noise
 from matching.diagnosis.statistics import BLOCK_LENGTHS, residual_inflation, whiteness
 from modelling.errors import FitError
@@ -34,13 +34,9 @@ ITERATIONS = 60
 
 
 def as_taken(data: FitData, kinds: Sequence[str]) -> FitData:
-    """Data as recorded with inputs that are taken so between their samples, one kind an input.
-
-    Smooth ones get samples whose straight lines act like the smooth signal.
-    """
-    held = tuple(j for j, kind in enumerate(kinds) if kind == HELD)
-    smooth = [j for j, kind in enumerate(kinds) if kind == SMOOTH]
-    return replace(data, segments=tuple(replace(_smooth(part, smooth), held=held) for part in data.segments))
+    """Data as recorded with inputs that are taken so between their samples, one kind an input."""
+    held, smooth = (tuple(j for j, own in enumerate(kinds) if own == kind) for kind in (HELD, SMOOTH))
+    return replace(data, segments=tuple(replace(part, held=held, smooth=smooth) for part in data.segments))
 
 
 def likeliest(system: System, recorded: FitData, fit: Fit, kinds: tuple[str, ...]) -> tuple[tuple[str, ...], Fit]:
@@ -89,11 +85,15 @@ def note_on(system: System, kinds: Sequence[str]) -> list[str]:
 
 
 def _refitted(fit: Fit, data: FitData) -> Fit | None:
-    """A fit with other inputs; None where that changes nothing or does not simulate."""
+    """A fit with other inputs; None where that changes nothing, is clearly worse to first order, or does not
+    simulate."""
     problem = replace(fit.problem, data=data)
-    change = problem.by_sensor(problem.residuals(fit.v[None])[0] - fit.residual)
+    residual = problem.residuals(fit.v[None])[0]
+    change = problem.by_sensor(residual - fit.residual)
     squares = np.sum([np.sum(part**2, axis=0) for part in change], axis=0)
     if not np.sqrt(squares / np.maximum(data.readings_by_sensor, 1)).max(initial=0.0) >= NOTICED:
+        return None
+    if expected_cost(fit, residual) > fit.cost + LIKELIER:
         return None
     try:
         return solve(problem, fit.v, fit.jacobian, FitOptions(ITERATIONS, exact=False))
@@ -109,9 +109,10 @@ def _likelier(
     perfect = [kinds for kinds, fit in known.items() if at_noise(as_hypothesis(system, fit))]
     if perfect and now not in perfect:
         return min(perfect, key=lambda kinds: known[kinds].cost)
-    left = {kinds: _free_of_delays(fit) for kinds, fit in known.items()}
-    best = min(left, key=lambda kinds: float(left[kinds] @ left[kinds]))
-    if best == now or known[best].cost >= known[now].cost:
+    lower = [kinds for kinds, fit in known.items() if fit.cost < known[now].cost]
+    left = {kinds: _free_of_delays(known[kinds]) for kinds in ([now, *lower] if lower else [])}
+    best = min(left, key=lambda kinds: float(left[kinds] @ left[kinds]), default=now)
+    if best == now:
         return now
     problem = known[best].problem
     inflation = residual_inflation(
@@ -142,27 +143,6 @@ def _late(segment: Segment, j: int) -> Segment:
     step = np.gradient(segment.time)
     inputs[:, j] = np.interp(segment.time - DELAY * step, segment.time, segment.inputs[:, j])
     return replace(segment, inputs=inputs)
-
-
-# --- Samples whose straight lines have the moments of a smooth signal follow from the series of 1/sinc²,
-# 1 + x²/12 + x⁴/240 with x = 2π·f·h, by central differences, −Δ² = x² − x⁴/12.
-
-
-def _smooth(segment: Segment, columns: Sequence[int]) -> Segment:
-    inputs, step = segment.inputs.copy(), float(np.median(np.diff(segment.time)))
-    for j in columns:
-        second = _second_difference(segment.time, segment.inputs[:, j], step)
-        fourth = _second_difference(segment.time, second, step)
-        inputs[:, j] += -second / 12 + fourth / 90
-    return replace(segment, inputs=inputs)
-
-
-def _second_difference(time: np.ndarray, values: np.ndarray, step: float) -> np.ndarray:
-    """Second derivative (t,) of values (t,) times the square of a step, s; 0 at both ends."""
-    out = np.zeros_like(values)
-    slope = np.diff(values) / np.diff(time)
-    out[1:-1] = 2 * np.diff(slope) / (time[2:] - time[:-2]) * step**2
-    return out
 
 
 # --- The resolution of inputs: what rounding them adds to the residual of a perfect model.

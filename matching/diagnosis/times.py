@@ -299,7 +299,7 @@ def _pair(
     source: _Source, target: int, segments: Sequence[tuple[np.ndarray, np.ndarray]], step: float, noise: np.ndarray
 ) -> PairTime | None:
     """How late a channel is against the one that drives the model; None where that is not told."""
-    whole = [part for u, y in segments if (part := _compared(source, target, u, y, y, step, noise)) is not None]
+    whole = [one for u, y in segments if (one := _compared(source, target, u, y, y, step, noise)) is not None]
     coarse = _coarse(whole, step)
     if coarse is None:
         return None

@@ -10,6 +10,8 @@ VIEWS = {
     "modelling.modal.result.Mode": "matching.report.modes",
     "matching.bed.identify.FromRecordings": "matching.report.bed",
     "matching.bed.proof.Proof": "matching.report.bed",
+    "matching.bed.channels.ChannelCheck": "matching.report.bed",
+    "matching.bed.channels.ChannelPlan": "matching.report.bed",
     "matching.bed.excite.ExcitationPlan": "matching.report.bed",
     "matching.diagnosis.result.Diagnosis": "matching.report.diagnosis",
     "matching.match.result.MatchResult": "matching.report.match",
@@ -29,7 +31,9 @@ RESULTS = {  # by the name of a result's file: the command that writes it, and t
     "result.json": ("match", "match"), "map.json": ("map", "studies"), "tolerance.json": ("tolerance", "studies"),
     "diagnosis.json": ("diagnose", "diagnosis"), "modes.json": ("modes", "modes"),
     "uncertainty.json": ("uncertainty", "evidence"), "fidelity.json": ("fidelity", "evidence"),
-    "excite.json": ("excite", "bed"), "proof.json": ("excite", "bed"), "identification.json": ("identify", "bed"),
+    "channels_plan.json": ("excite", "bed"), "channels.json": ("verify", "bed"),
+    "excite.json": ("excite", "bed"), "proof.json": ("excite", "bed"),
+    "identification.json": ("identify", "bed"),
     "verification.json": ("verify", "bed"), "commission.json": ("commission", "bed"),
 }  # fmt: skip
 

@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from matching.bed.channels import ChannelCheck, ChannelPlan
 from matching.bed.commission import Commissioning
 from matching.bed.excite import ExcitationPlan, excitation_csv
 from matching.bed.identify import FromRecordings
@@ -162,10 +163,13 @@ def answer(result: Mapping[str, Any]) -> str:
 
 
 def with_uncertainty(value: float | None, standard: float | None, digits: int = 3) -> str:
-    """A value with its expanded uncertainty, k = 2."""
+    """A value with its expanded uncertainty, k = 2, to the second digit of that; ``digits`` where it is 0."""
     if value is None or standard is None:
         return "not determined"
-    return f"{number(value, digits)} ± {number(2 * standard, 2)}"
+    if not standard > 0 or not np.isfinite(standard):
+        return f"{number(value, digits)} ± {number(2 * standard, 2)}"
+    place = int(np.floor(np.log10(2 * standard))) - 1
+    return f"{number(round(value, -place), 12)} ± {number(2 * standard, 2)}"
 
 
 def _known(row: Mapping[str, Any], key: str = "R_XiL") -> str:
@@ -221,6 +225,10 @@ def verification_steps(result: Mapping[str, Any], case: str, folder: str, *, com
                         "it records the bed without emulation, diagnoses it and matches with what it found",
                         command=f"rigmatch commission {case} --bed FOLDER --out commission"),
         ] if not commissioned else []  # fmt: skip
+    if result["status"] == "unlike_model":
+        return [
+            Step("Allow a further round: it records the bed without emulation and diagnoses it", result["sentence"]),
+        ] if not commissioned else []  # fmt: skip
     longer = []
     for error in result["errors"]:
         if error["status"] == "undetermined" and error["interval"]:
@@ -254,6 +262,7 @@ END_MEANING = {
     "short": "The bed falls short of what the last match predicted.",
     "undetermined": "The recordings do not decide whether the bed answers as predicted.",
     "waiting": "Waiting for your recording.",
+    "unlike_model": "The bed answers otherwise than its model, so nothing could be judged.",
 }
 ROUNDS = "Measured response error of each round, against the last round's vehicle."
 BESIDE = Markup(
@@ -270,31 +279,70 @@ def commissioning_report(
     """What a commissioning says."""
     told = [("Vehicle on the road", identification_lines(content["vehicle"]), content["vehicle"]["values"])] \
         if content.get("vehicle") else []  # fmt: skip
+    if content.get("channels") and content["status"] != "wrong_channel":
+        told.append(("Channels before the first emulation", [content["channels"]["sentence"]], ()))
     told += [
         (f"Round {entry['round']}", round_lines(entry), entry.get("identification", {}).get("values", ()))
         for entry in content["rounds"]
     ]
+    checked = content.get("channels")
+    wrong = content["status"] == "wrong_channel"
+    meaning = _sentence(checked["sentence"]) if checked and wrong else END_MEANING[content["status"]]
     return Report(
         title="Commissioning",
         status=spaced(content["status"]),
-        answer=" ".join(filter(None, [END_MEANING[content["status"]], ending(content), gain(content)])),
+        answer=" ".join(filter(None, [meaning, ending(content), gain(content)])),
         good=content["status"] == "as_predicted",
         lists={"What to do now": next_steps(content, made.case if made else "CASE", folder)},
+        table=channel_table(checked) if checked and wrong else Table(()),
         folds=[
             *(Fold(name, [lines, *([Table([_value(own) for own in values])] if values else [])], told=True)
               for name, lines, values in told),
+            *([Fold("Every channel", [channel_table(checked)])] if checked and not wrong else []),
             Fold("Files beside this page", [BESIDE]),
         ],
     )  # fmt: skip
 
 
+def channel_table(checked: Mapping[str, Any]) -> Table:
+    """Gain, delay, zero and noise of every channel, as the check of the channels found them."""
+    rows = []
+    for own in checked["channels"]:
+        zero, per = own["zero"], unit(own["unit"])
+        rows.append({
+            "channel": spaced(own["name"]), "": own["words"] or "as modelled",
+            "gain": _with(own["gain"], own["gain_uncertainty"]),
+            "delay beyond the model in ms": _with(own["delay"], own["delay_uncertainty"], 1e3),
+            "reads at rest": "" if zero is None else f"{_with(zero, own['zero_uncertainty'])} {per}",
+            "noise of a sample": "" if own["noise"] is None else f"{number(own['noise'], 2)} {per}",
+        })  # fmt: skip
+    return Table(
+        rows, "± is an expanded uncertainty (k = 2). A gain is that of the reading over the model's, of a torque that "
+        "of torque over command; the sensors' gains have the mean 1. The model itself is known to some per cent.",
+    )  # fmt: skip
+
+
+def _sentence(words: str) -> str:
+    """With a full stop, and a capital unless a name begins it."""
+    first = words.partition(" ")[0]
+    return f"{words if '_' in first else words[:1].upper() + words[1:]}."
+
+
+def _with(value: float | None, uncertainty: float | None, factor: float = 1.0) -> str:
+    if value is None or uncertainty is None:
+        return "not told"
+    return with_uncertainty(factor * value, factor * uncertainty).replace("-", "−")
+
+
 def _value(own: Mapping[str, Any]) -> dict[str, str]:
     return {"quantity": component(own["name"]), "before": number(own["before"]), "as recorded": number(own["after"]),
-            "±": number(own["half_width"], 2)}  # fmt: skip
+            "±": number(own["half_width"], 2), "": "" if own.get("found", True) else "not told"}  # fmt: skip
 
 
 def ending(result: Mapping[str, Any]) -> str:
     """Why the circle ended, a sentence."""
+    if result["status"] == "wrong_channel":
+        return "No emulation was begun."
     if result["end"]:
         return f"It ended with round {result['rounds'][-1]['round']}: {result['end']}."
     if result["status"] in VERDICT_MEANING:
@@ -304,9 +352,12 @@ def ending(result: Mapping[str, Any]) -> str:
 
 def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[Step]:
     """What to do after a commissioning, with its command."""
-    again = f"rigmatch commission {case} --bed BED --out {folder}"
+    folder = result.get("out") or folder
+    again = result.get("command") or f"rigmatch commission {case} --bed BED --out {folder}"
     if result["waiting_for"]:
         return [Step(f"Record: {result['waiting_for']}"), Step("Go on", command=again)]
+    if result["status"] == "wrong_channel":
+        return wrong_channel_steps(result["channels"], again)
     best = result["best_round"]
     judged = {entry["round"]: entry.get("verification") for entry in result["rounds"]}
     points = [Step(f"Use the controller of round {best}", f"it has the least error on the bed: "
@@ -319,17 +370,38 @@ def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[Step]:
     return points
 
 
+def wrong_channel_steps(checked: Mapping[str, Any], again: str) -> list[Step]:
+    """What to mend on the bed, and how to read what was recorded before."""
+    points = [
+        Step(f"{spaced(wrong['channel'])} {wrong['words']}: mend it on the bed, for the controller reads it there",
+             f"of recordings made before: a channel file with the line {wrong['line']}" if wrong["line"] else "")
+        for wrong in checked["wrong"]
+    ]  # fmt: skip
+    if not points:
+        points = [Step(f"The check ended early: {checked['tripped']}", "look at the recording, limits and watchdogs")]
+    return [*points, Step("Check again, and go on", command=again)]
+
+
+MOVED = 4  # quantities that are told in a sentence
+
+
 def identification_lines(identification: Mapping[str, Any]) -> list[str]:
     """What a diagnosis found, a sentence each."""
     causes = ", ".join(f"{cause['kind']} at {cause['at']}" for cause in identification["causes"]) or "no further cause"
-    moved = sorted(
-        identification["values"],
-        key=lambda value: -abs(value["after"] / value["before"] - 1) if value["before"] else 0,
-    )
-    pairs = [f"{value['name']} {number(value['before'], 4)} → {number(value['after'], 4)}" for value in moved[:4]]
-    return [
-        f"diagnosis {identification['verdict']}: {causes}", f"moved most: {', '.join(pairs)}", *identification["notes"],
+    known = [value for value in identification["values"] if value.get("found", True) and value["half_width"] > 0]
+    moved = sorted(known, key=lambda value: -abs(value["after"] - value["before"]) / value["half_width"])
+    pairs = [
+        f"{component(value['name'])} {number(value['before'], 4)} → "
+        f"{with_uncertainty(value['after'], value['half_width'] / 2)}"
+        for value in moved[:MOVED] if abs(value["after"] - value["before"]) > value["half_width"]
     ]  # fmt: skip
+    open_ = [component(value["name"]) for value in identification["values"] if not value.get("found", True)]
+    return [
+        f"diagnosis {identification['verdict']}: {causes}",
+        *([f"off beyond their uncertainty (k = 2), the clearest first: {'; '.join(pairs)}"] if pairs else []),
+        *([f"not told by the recording: {'; '.join(open_)}"] if open_ else []),
+        *identification["notes"],
+    ]
 
 
 def round_lines(entry: Mapping[str, Any]) -> list[str]:
@@ -339,6 +411,8 @@ def round_lines(entry: Mapping[str, Any]) -> list[str]:
         lines.append(f"match {entry['match']['status']}")
     if "verification" in entry:
         proof = entry["verification"]
+        if proof["status"] == "unlike_model":
+            lines.append(f"unlike its model: {proof['sentence']}")
         for error in proof["errors"]:
             lines.append(f"{spaced(proof['status'])}: response error to {error['name']} torques {error_words(error)}")
         lines += [f"not judged: {note}" for note in proof["notes"] if "left out" in note]
@@ -465,7 +539,29 @@ def excitation(plan: ExcitationPlan) -> Figure:
     return fig
 
 
-# --- The reports of an identification, of a planned excitation, and of a planned proof; they have no page.
+def proof_figure(plan: Proof) -> Figure:
+    """Torques of a proof over its last period, one panel an input."""
+    return torques_figure(plan.inputs, plan.torques[-round(plan.period / plan.step) :], plan.step)
+
+
+def torques_figure(inputs: Sequence[str], torques: np.ndarray, step: float) -> Figure:
+    """Torques (t, u), N·m, at steps (s) over time, one panel an input."""
+    fig = figure(7.4, 1.3 * len(inputs) + 0.8)
+    with styled():
+        panels = fig.subplots(len(inputs), 1, sharex=True, squeeze=False).ravel()
+        for j, (axes, name) in enumerate(zip(panels, inputs, strict=True)):
+            time = np.arange(len(torques)) * step
+            axes.plot(*decimated(time, torques[:, j]), linewidth=0.8, **(curve(j) | {"linestyle": "-"}))
+            axes.set_ylabel(f"{spaced(name)}\nin N·m")
+        panels[-1].set_xlabel("time in s")
+    return fig
+
+
+# --- The reports of an identification, of a planned excitation, a planned proof and a planned check of the channels.
+
+EXCITATION = "Torques over time; below, the part of each quantity in the response error, now and after the recording."
+PROOF = "The last period of the torques."
+PULSES = "Torques of the check of the channels: every one alone, then all at once."
 
 NAMED = 8  # quantities of a plan that are told
 FROM_NOISE = "± is a standard uncertainty (k = 1) from sensor noise alone: a model that lacks something adds to it"
@@ -494,8 +590,9 @@ def excitation_report(content: Mapping[str, Any], *_: Any) -> Report:
     most = max(content["limits_used"], key=content["limits_used"].get)
     return Report(
         title="Excitation",
-        status=f"{number(content['duration'], 3)} s",
-        answer=f"About a rotor speed of {number(content['speed'], 3)} rad/s. The response error from what is not known "
+        status="planned",
+        answer=f"{number(content['duration'], 3)} s about a rotor speed of {number(content['speed'], 3)} rad/s. "
+        f"The response error from what is not known "
         f"is {number(error['before'], 2)} now, and {number(error['after'], 2)} expected with what the recording tells.",
         lists={"What to do now": [
             Step("Run excitation.csv on the bed without emulation, and record the sensors of the rig"),
@@ -530,8 +627,9 @@ def proof_report(content: Mapping[str, Any], *_: Any) -> Report:
     most = max(content["limits_used"], key=content["limits_used"].get)
     return Report(
         title="Proof",
-        status=f"{number(content['duration'], 3)} s",
-        answer=f"{content['periods']} periods of {number(content['period'], 3)} s with the emulation on; torques "
+        status="planned",
+        answer=f"{number(content['duration'], 3)} s: {content['periods']} periods of "
+        f"{number(content['period'], 3)} s with the emulation on; torques "
         f"{', '.join(map(spaced, content['inputs']))}.",
         folds=[Fold("What it will tell", [told], told=True)],
         notes=[
@@ -543,13 +641,55 @@ def proof_report(content: Mapping[str, Any], *_: Any) -> Report:
 
 
 register(FromRecordings, View(
-    "identification.json", identification_report, page="",
+    "identification.json", identification_report,
     others=lambda known: {name: text for name, text in known.files().items() if name != "identification.json"},
 ))  # fmt: skip
 register(ExcitationPlan, View(
-    "excite.json", excitation_report, lambda plan: {"excitation": Picture(lambda: excitation(plan), "")}, page="",
+    "excite.json", excitation_report, lambda plan: {"excitation": Picture(lambda: excitation(plan), EXCITATION)},
     others=lambda plan: {"excitation.csv": excitation_csv(plan)},
 ))  # fmt: skip
 register(Proof, View(
-    "proof.json", proof_report, page="", others=lambda proof: {"excitation.csv": proof_csv(proof)},
+    "proof.json", proof_report, lambda proof: {"excitation": Picture(lambda: proof_figure(proof), PROOF)},
+    others=lambda proof: {"excitation.csv": proof_csv(proof)},
 ))  # fmt: skip
+
+
+def channel_plan_report(content: Mapping[str, Any], *_: Any) -> Report:
+    """What moves the bed while its channels are checked."""
+    rows = [{"torque": spaced(name), "largest": f"{number(size, 3)} N·m"}
+            for name, size in content["largest_torques"].items()]  # fmt: skip
+    return Report(
+        title="Check of the channels",
+        status="planned",
+        answer=f"{number(content['duration'], 3)} s from rest; no reading is fed back. Rotors turn at most at "
+        f"{number(content['largest_speed'], 2)} rad/s.",
+        lists={"What to do now": [
+            Step("At rest, run the controller in mode 3 with the torques of channels.csv as added torques and demands"),
+            Step("Record the torque commands and every sensor of the rig, then judge the recording",
+                 command="rigmatch verify CASE RECORDING --channel-check --out channels"),
+        ]},
+        table=Table(rows, ""),
+    )  # fmt: skip
+
+
+def channel_check_report(content: Mapping[str, Any], folder: str = "OUT", *_: Any) -> Report:
+    """Every channel with what is wrong of it."""
+    steps = wrong_channel_steps(content, f"rigmatch verify CASE RECORDING --channel-check --out {folder}")
+    return Report(
+        title="Channels",
+        status="right" if content["right"] else "wrong channel" if content["wrong"] else "ended early",
+        answer=_sentence(content["sentence"]),
+        good=content["right"],
+        lists={} if content["right"] else {"What to do now": steps},
+        table=channel_table(content),
+        notes=[f"{spaced(one)} and {spaced(other)} answer alike: nothing tells whether they are exchanged"
+               for one, other in content["alike"]],
+    )  # fmt: skip
+
+
+register(ChannelPlan, View(
+    "channels_plan.json", channel_plan_report,
+    lambda plan: {"torques": Picture(lambda: torques_figure(plan.inputs, plan.torques, plan.step), PULSES)},
+    others=lambda plan: {"channels.csv": plan.csv()},
+))  # fmt: skip
+register(ChannelCheck, View("channels.json", channel_check_report))

@@ -13,6 +13,7 @@ import scipy
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFormatter
 
+from matching.diagnosis.audit import AuditedChannel
 from matching.diagnosis.holdout import HoldoutData
 from matching.diagnosis.result import UNITS, Diagnosis, DiscrepancyCurve, PlotData, SensorErrors
 from matching.report.common import (
@@ -253,6 +254,9 @@ CAPTIONS = {
     "where": "Measured minus simulated over the motion at the sensor's component; dots are samples, lines the mean of "
     "a bin. A step at zero speed indicates dry friction, a kink over the twist free play or hardening, a wave over "
     "the angle torque ripple.",
+    "channels": "Each channel where they move most, and its samples over those that the base model simulates: on the "
+    "line they have the right sign and gain, in an ellipse another time. A channel whose time is another than that of "
+    "most is drawn set back as well.",
     "spectrum": "Amplitude of the residual over frequency and over orders of the rotation. White noise of the stated "
     "size lies at 1.",
     "balance": "Torque that the measurement requires in addition to the base model, for each component alone (smoothed "
@@ -372,6 +376,52 @@ HIGHEST_ORDER = 12
 MOST_SAMPLES = 4_000  # of an order spectrum; more are averaged first
 WELCH_SAMPLES = 4096  # of a segment
 UNEVEN = 0.1  # share of the longer steps, and of the shorter ones, where a rate is no whole part of that of the grid
+
+
+STRETCH, STRETCHES = 400, 40  # samples that are drawn of a channel, and how many places are looked at for them
+DOTS = 1500  # samples that are drawn over those simulated
+
+
+def channels_figure(plot_data: PlotData, system: System, channels: Sequence[AuditedChannel]) -> Figure:
+    """Each channel over a stretch in which they move most, and its samples over those simulated, by the base model."""
+    time, audited = continuous_time(plot_data), {channel.name: channel for channel in channels}
+    shown = [j for j, sensor in enumerate(system.sensors) if sensor.name in audited]
+    part = _liveliest(plot_data.before.segments, plot_data.measured[:, shown])
+    with styled():
+        fig = figure(11, 0.9 + 1.5 * len(shown))
+        grid = fig.subplots(len(shown), 2, squeeze=False, width_ratios=(4, 1))
+        for (left, right), j in zip(grid, shown, strict=True):
+            sensor, channel = system.sensors[j], audited[system.sensors[j].name]
+            own, model = plot_data.measured[:, j], plot_data.before.reading[sensor.name]
+            left.plot(time[part], own[part], **MEASURED)
+            left.plot(time[part], model[part], **BEFORE)
+            if np.isfinite(channel.delay) and abs(channel.delay) > LATE * channel.delay_uncertainty:
+                earlier = {"color": INK, "linewidth": 0.8, "linestyle": (0, (3, 1.5)), "label": "measured, set back"}
+                left.plot(time[part] - channel.delay, own[part], **earlier)
+            left.set_ylabel(label(sensor))
+            some = slice(None, None, -(-len(own) // DOTS))
+            right.plot(model[some], own[some], ".", color=VEHICLE, markersize=2.0, alpha=0.5)
+            ends = [np.nanmin(model), np.nanmax(model)]
+            right.plot(ends, ends, color=INK, linewidth=0.8)
+            right.set_ylabel("measured")
+        grid[-1, 0].set_xlabel("Time in s")
+        grid[-1, 1].set_xlabel("simulated")
+        legend(fig, max(grid[:, 0], key=lambda axes: len(axes.lines)))
+    return fig
+
+
+def _liveliest(segments: Sequence[slice], values: np.ndarray) -> slice:
+    """The stretch of the longest segment in which channels (t, y) move most, each in units of its spread."""
+    values = values / np.maximum(np.nanstd(values, axis=0), 1e-300)
+    longest = max(segments, key=lambda part: part.stop - part.start)
+    begins = np.unique(np.linspace(longest.start, max(longest.stop - STRETCH, longest.start), STRETCHES).astype(int))
+    changes = np.nan_to_num(np.diff(values, axis=0)) ** 2
+    moves = [float(changes[begin : begin + STRETCH].sum()) for begin in begins.tolist()]
+    begin = int(begins[int(np.argmax(moves))])
+    return slice(begin, min(begin + STRETCH, longest.stop))
+
+
+LATE = 4.0  # standard uncertainties, from which a channel is drawn at its own time as well
 
 
 def time_figure(plot_data: PlotData, sensor_views: list[SensorView]) -> Figure:
@@ -530,6 +580,7 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
     sensor_views = views(system, plot_data)
     detailed = sensor_views[:SENSORS_IN_DETAIL]
     draw: dict[str, Callable[[], Figure]] = {
+        "channels": lambda: channels_figure(plot_data, system, diagnosis.channels),
         "unseen": lambda: holdout_figure(plot_data.holdout, sensor_views),
         "errors": lambda: errors_figure(shown.errors),
         "balance": lambda: balance_figure(plot_data),
@@ -755,9 +806,9 @@ REASONS = {
 NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
 NOTHING_NAMED = "No cause is named and no effect is added: extended.toml is the base model with its fitted values."
 HOW_CHANNELS = (
-    "Every channel against the simulation of the model as given, fitted: times from the peak of the cross-correlation "
-    "in blocks of the recording (nothing where it is open), gain from least squares. A wrong model shows here as well: "
-    "compare the channels with each other."
+    "Times against most channels, from the phases of pairs: one channel drives the part of the model between them, the "
+    "other is compared (nothing where that is open). Gain against the simulation of the model as given, fitted, from "
+    "least squares: a wrong model shows there as well."
 )
 HOW_ERRORS = (
     "Root mean square of measured minus simulated; the simulation starts from fitted states and uses no measured "
@@ -800,7 +851,8 @@ def report(
         lists={"What to do next": [Step(step) for step in _to_do(result)]},
         table=Table([_cause(cause) for cause in causes], ""),
         folds=[
-            Fold("The channels, before any physics", _channels(result.get("channels", []), units), told=True),
+            Fold("The channels, before any physics",
+                 [*_channels(result.get("channels", []), units), Show("channels")], told=True),
             Fold("What the verdict means", [NO_CAUSE if verdict == "unexplained" and not causes else MEANING[verdict]]),
             Fold("Evidence for the causes", [_evidence(cause) for cause in causes] or [NOTHING_NAMED], told=True),
             Fold("Errors before and after, on fitted and on held-out data",

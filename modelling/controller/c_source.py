@@ -43,7 +43,7 @@ def memory_bytes(controller: ExportedController) -> int:
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
     x, w, s = len(controller.law.A), len(controller.law.known), len(controller.watched.shafts)
     reals = (
-        7 * k
+        9 * k
         + 2 * len(controller.settings.curve_speeds)
         + y
         + x
@@ -119,6 +119,8 @@ def _data(controller: ExportedController) -> str:
         "lost_torque",
         "torque_gain",
         "power_limit",
+        "check_torque",
+        "check_speed",
     )
     for part in (*per_dynamometer, "curve_speeds", "curve_torques", "unexpected"):
         lines.append(f"    {{{', '.join(_real(value) for value in getattr(settings, part))}}}, /* {part} */")

@@ -220,7 +220,7 @@ class ShaftWatch:
 
 # --- What the supervision of a controller needs to know: limits, speed hold, when to give up.
 
-ZERO_TORQUE, SPEED_HOLD, EMULATION = 0, 1, 2  # modes
+ZERO_TORQUE, SPEED_HOLD, EMULATION, CHANNEL_CHECK = 0, 1, 2, 3  # modes
 FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
 TORQUE_GONE = FAULTS.index("torque gone")
 HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
@@ -229,6 +229,8 @@ SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wr
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
 SLOWEST = 1e-6  # rad/s: power limits no torque below it
+CHECK_TORQUE_SHARE = 0.08  # of the torque limit: friction of 3 % of the rated torque is overcome
+CHECK_SPEED_SHARE = 0.1  # of the speed limit, which no speed passes before the channels are known
 OPENED_SHARE = 0.5  # of the torque that it carried that an opened shaft seems to lose at least
 TURNING = 1.0  # rad/s: a rotor that turns faster cannot have readings that do not change
 
@@ -249,6 +251,8 @@ class Settings:
         Air-gap torque over command as calibrated: commands are divided by it.
     curve_speeds, curve_torques : ndarray (p,)
         rad/s, N·m: largest torque over speed of every dynamometer, straight between the points.
+    check_torque, check_speed : ndarray (k,)
+        N·m, rad/s: while the channels are checked, commands stay within that torque, and a faster rotor is overspeed.
     opened_torque : ndarray (s,)
         N·m: a watched shaft that carries more and loses it counts as opened, see :class:`ShaftWatch`.
     unexpected : ndarray (y,)
@@ -271,6 +275,8 @@ class Settings:
     power_limit: np.ndarray
     curve_speeds: np.ndarray
     curve_torques: np.ndarray
+    check_torque: np.ndarray
+    check_speed: np.ndarray
     opened_torque: np.ndarray = field(default_factory=lambda: np.zeros(0))
     opened_share: float = OPENED_SHARE
     frozen_samples: int = 4
@@ -311,8 +317,10 @@ def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.nd
 
 # --- The controller with its supervision, sample by sample, in Python: what the C sources have to equal.
 #
-# Three modes: zero torque, speed hold and emulation. Emulation begins from the mean of the readings before it, and from
-# the torques and commands of its first sample, so it begins without a bump at any steady speed. What goes wrong ends
+# Four modes: zero torque, speed hold, emulation, and the check of the channels, in which no reading is fed back: small
+# torques are commanded as they are asked for, whatever sign or unit the channels have. Emulation begins from the mean
+# of the readings before it, and from the torques and commands of its first sample, so it begins without a bump at any
+# steady speed. What goes wrong ends
 # it: readings that are not finite, do not come or do not change, a rotor too fast, a torque that is gone at once, a
 # shaft that opens, or readings that are not what the controller's model expects. Then the speeds are held, or, where
 # they are not known any more, the torque is zero, until zero torque is asked for.
@@ -363,8 +371,12 @@ class SupervisedController:
         self._gone = np.zeros(k, bool)
         self._unchanged = self._lifeless = self._surprised = 0
         self._life: int | None = None
+        self.reason = ""  # of the last fault, where one reading led to it: which, and how far it was off
 
-    def step(self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int = 0) -> Answer:
+    def step(
+        self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int = 0,
+        added: np.ndarray | None = None,
+    ) -> Answer:  # fmt: skip
         """One sample.
 
         Parameters
@@ -375,11 +387,15 @@ class SupervisedController:
             That is asked for. Zero torque also ends a fault that is over.
         life : int
             A number that changes from sample to sample as long as the sender lives.
+        added : ndarray (k,), optional
+            Torques, N·m, that speed hold adds to its own and that the check of the channels commands alone.
         """
-        fault = self._check(readings, known, hold, life)
+        added = np.zeros(len(self._sent)) if added is None else added
+        fault = self._check(readings, known, np.concatenate([hold, added]), life)
         if fault and not self._fault and self._mode != ZERO_TORQUE:
             self._fault = fault
-            self._fallback = SPEED_HOLD if fault in HOLDABLE else ZERO_TORQUE
+            known_speeds = fault in HOLDABLE and self._mode != CHANNEL_CHECK
+            self._fallback = SPEED_HOLD if known_speeds else ZERO_TORQUE
             below = HELD_BELOW_LIMIT * self.settings.speed_limit
             self._held = np.clip(readings[self._speeds], -below, below) if fault in HOLDABLE else self._held
         elif fault and fault not in HOLDABLE:
@@ -389,7 +405,7 @@ class SupervisedController:
         unknown = bool(fault) and fault not in HOLDABLE
         wanted = self._fallback if self._fault else mode
         self._enter(ZERO_TORQUE if unknown else wanted, readings, known, hold)
-        self._sent = self._command(readings, known, hold)
+        self._sent = self._command(readings, known, hold, added)
         if not np.isfinite(self._sent).all():  # a law that has left all bounds
             self._mode, self._fault, self._fallback = ZERO_TORQUE, 1, ZERO_TORQUE
             self._sent = np.zeros(len(self._sent))
@@ -400,12 +416,12 @@ class SupervisedController:
             self._past_torques = np.vstack([readings[self._torques], self._past_torques[:-1]])
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
 
-    def _check(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray, life: int) -> int:
+    def _check(self, readings: np.ndarray, known: np.ndarray, asked: np.ndarray, life: int) -> int:
         """The first of :data:`FAULTS` that shows."""
         settings = self.settings
         self._lifeless = self._lifeless + 1 if life == self._life else 0
         self._life = life
-        if not (np.isfinite(readings).all() and np.isfinite(known).all() and np.isfinite(hold).all()):
+        if not (np.isfinite(readings).all() and np.isfinite(known).all() and np.isfinite(asked).all()):
             return 1
         if 0 < settings.life_samples <= self._lifeless:
             return 2
@@ -414,7 +430,10 @@ class SupervisedController:
         self._unchanged = self._unchanged + 1 if still else 0
         if 0 < settings.frozen_samples <= self._unchanged:
             return 3
-        if (speeds > settings.speed_limit).any():
+        fastest = settings.check_speed if self._mode == CHANNEL_CHECK else settings.speed_limit
+        if (speeds > fastest).any():
+            at = int(np.argmax(speeds / fastest))
+            self._why(self._speeds[at], readings, fastest[at])
             return 4
         if self._mode != EMULATION:
             self._surprised = 0
@@ -422,9 +441,22 @@ class SupervisedController:
         deviation = readings - self._start[0] - self.law.E @ self._state
         self._deviations = np.vstack([deviation, self._deviations[:-1]])
         if self._has_lost_torque(readings):
+            self._why(self._torques[int(np.argmax(self._gone))], readings, None)
             return TORQUE_GONE
         self._surprised = self._surprised + 1 if (np.abs(deviation) > settings.unexpected).any() else 0
+        if self._surprised:
+            at = int(np.argmax(np.abs(deviation) / settings.unexpected))
+            self._why(at, readings, settings.unexpected[at], readings[at] - deviation[at])
         return 6 if self._surprised >= SAMPLES_IN_A_ROW else 0
+
+    def _why(self, at: int, readings: np.ndarray, limit: float | None, expected: float | None = None) -> None:
+        """Note which reading led to a fault, and by how much."""
+        parts = [f"{self.law.sensors[at]} reads {readings[at]:.4g}"]
+        if expected is not None:
+            parts.append(f"{expected:.4g} ± {limit:.3g} was expected")
+        elif limit is not None:
+            parts.append(f"{limit:.4g} is the limit")
+        self.reason = ", ".join(parts)
 
     def _has_lost_torque(self, readings: np.ndarray) -> bool:
         """A flange torque is gone, or a shaft has opened."""
@@ -468,7 +500,7 @@ class SupervisedController:
         of_curve = np.interp(speeds, settings.curve_speeds, settings.curve_torques)
         return np.minimum(np.minimum(settings.torque_limit, of_power), of_curve)
 
-    def _command(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> np.ndarray:
+    def _command(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray, added: np.ndarray) -> np.ndarray:
         settings, limit = self.settings, self._torque_limits(readings)
         if self._mode == EMULATION:
             law, (y0, w0, u0) = self.law, self._start
@@ -479,11 +511,14 @@ class SupervisedController:
             return sent
         if self._mode == SPEED_HOLD:
             error = (self._held if self._fault else hold) - readings[self._speeds]
-            asked = settings.hold_proportional * error + self._integral
+            asked = settings.hold_proportional * error + self._integral + added
             sent = np.clip(asked, -limit, limit)
             within = asked == sent
             self._integral = self._integral + within * settings.hold_integral * self.law.sample_time * error
             return sent
+        if self._mode == CHANNEL_CHECK:
+            small = np.minimum(limit, settings.check_torque)
+            return np.clip(added, -small, small)
         return np.zeros(len(self._sent))
 
 

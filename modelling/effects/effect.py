@@ -592,6 +592,10 @@ class Kind:
         The list that has an element for every fitted recording; a recording that is not fitted gets its own.
     is_clock : bool
         Its only parameter is by how many s the clock of a logger, whose channels share it, is late.
+    rate_bound : str
+        The parameter that bounds the rate of its state; what does not change does not meet it.
+    looks_ahead : bool
+        The law takes the delay of a filter of its own off the recording.
     imposes_motion : bool
         The inertia moves as recorded: an input on it is a motion, see :meth:`imposed_input`.
     arrays : tuple of str
@@ -621,6 +625,8 @@ class Kind:
     zero_of_recording: ClassVar[bool] = False
     by_recording: ClassVar[str] = ""
     is_clock: ClassVar[bool] = False
+    rate_bound: ClassVar[str] = ""
+    looks_ahead: ClassVar[bool] = False
     imposes_motion: ClassVar[bool] = False
     arrays: ClassVar[tuple[str, ...]] = ()
     zero_mean: ClassVar[tuple[str, ...]] = ()

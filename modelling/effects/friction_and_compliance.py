@@ -8,9 +8,11 @@ from itertools import accumulate
 
 import numpy as np
 import scipy
-from sympy import Abs, Add, Expr, Integer, Rational, atan, cos, exp, sign, sin
+from sympy import Abs, Add, Expr, Integer, Rational, Symbol, atan, cos, exp, sign, sin
 
+from modelling.effects import drifts
 from modelling.effects.effect import (
+    SECOND_STATE,
     Drivetrain,
     EquationBuilder,
     FittedMotion,
@@ -376,6 +378,90 @@ class Relaxation(Kind):
         return (0.1 * guess, 10 * guess) if key == "time_constant" else super().fit_bounds(key, guess, step)
 
 
+# --- Rubber over a wide band: two springs that relax at different rates.
+
+
+class DoubleRelaxation(Kind):
+    """Two :class:`Relaxation` elements side by side: a fast and a slow one."""
+
+    kind = "double_relaxation"
+    words = (
+        "is stiffer by {stiffness}, which relaxes within {time_constant}, and by {stiffness_2}, which relaxes within "
+        "{time_constant_2} (rubber)"
+    )
+    in_recording = "the shaft grows stiffer and damps over several decades of frequency, whatever the amplitude."
+    tables = ("shafts",)
+    parameters = {
+        "stiffness": Parameter("N*m/rad", lower=0.0), "time_constant": Parameter("s", lower=1e-5),
+        "stiffness_2": Parameter("N*m/rad", lower=0.0), "time_constant_2": Parameter("s", lower=1e-5),
+    }  # fmt: skip
+    state = State("rad", "twist of the first relaxing spring of {place}")
+    second_state = "twist of the second relaxing spring of {place}"
+    linear = True
+
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
+        for suffix, state in (("", ""), ("_2", SECOND_STATE)):
+            relaxed = partial(_relaxed, law.rate, p[f"time_constant{suffix}"])
+            z = assembly.add_state(f"{law.place}.{self.kind}{state}", relaxed)
+            law.parallel.append(p[f"stiffness{suffix}"] * z)
+            law.parallel_stiffness.append(p[f"stiffness{suffix}"])
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        twist = motion.twist[at.split(".")[1]]
+        for fast, slow in ((0.003, 0.03), (0.01, 0.1), (0.03, 0.3), (0.1, 1.0)):  # s, a decade apart
+            additions = tuple({at: twist - motion.lagged(twist, constant)} for constant in (fast, slow))
+            yield Guess(additions, partial(_two_springs, fast, slow))
+
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
+    ) -> Iterator[SimplerEffect]:
+        """One of the two alone."""
+        for suffix in ("", "_2"):
+            kept = {key: parameters[f"{key}{suffix}"] for key in ("stiffness", "time_constant")}
+            yield SimplerEffect(Relaxation.kind, at, kept)
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        return (0.1 * guess, 10 * guess) if key.startswith("time") else super().fit_bounds(key, guess, step)
+
+
+def _relaxed(rate: Symbol, time_constant: Symbol, z: Symbol) -> Expr:
+    """Rate of a relaxing spring's twist."""
+    return rate - z / time_constant
+
+
+def _two_springs(fast: float, slow: float, a: np.ndarray) -> dict[str, float] | None:
+    if min(a) <= 0:
+        return None
+    return {"stiffness": float(a[0]), "time_constant": fast, "stiffness_2": float(a[1]), "time_constant_2": slow}
+
+
+# --- A shaft that is softer or stiffer in one direction of its twist (chains, preloaded springs, split couplings).
+
+
+class DirectionalStiffness(Kind):
+    """The spring has ``factor`` times the stiffness where the twist is negative."""
+
+    kind = "directional_stiffness"
+    words = "has {factor} times the stiffness where its twist is negative"
+    in_recording = "torque over twist has a corner at zero; the resonance frequency changes with the mean torque."
+    tables = ("shafts",)
+    parameters = {"factor": Parameter("1", lower=0.0)}
+    state_dependent = True
+
+    def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
+        more = (p["factor"] - 1) * law.stiffness
+
+        def energy(twist: Expr) -> Expr:
+            return more * (twist - Abs(twist)) ** 2 / 8  # the square of its negative part, halved
+
+        law.potentials.append(energy)
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        negative = np.minimum(motion.twist[at.split(".")[1]], 0.0)
+        more = motion.value[f"{at}.stiffness"] * negative
+        yield Guess(({at: more},), lambda a: {"factor": 1 + float(a[0])} if a[0] > -1 else None)
+
+
 # --- Damping of a shaft that grows with the square of its twist rate (hydraulic damper, oil between plates).
 
 
@@ -472,6 +558,62 @@ def _share(difference: Expr) -> Expr:
 def _torques(a: np.ndarray) -> dict[str, float] | None:
     """No friction where the guess drives; no such effect where it does so in every recording."""
     return {f"torque_{i}": max(float(x), 0.0) for i, x in enumerate(a, 1)} if a.max() > 0 else None
+
+
+# --- Dry friction that falls, or grows, while the machine warms up.
+
+
+class WarmingFriction(Kind):
+    """torque·(1 + change·(1 − exp(−t/time_constant)))·sgn(speed), t from the start of the recording.
+
+    In steady motion the change has happened; linear models at rest are without it.
+    """
+
+    kind = "warming_friction"
+    words = "has dry friction of {torque} that changes by a factor of 1 + {change} within {time_constant}"
+    in_recording = "the torque that is missing has the sign of the speed, and falls from beginning to end."
+    tables = ("inertias",)
+    parameters = {"torque": Parameter("N*m", lower=0.0)} | drifts.PARAMETERS
+    state = drifts.STATE
+    state_dependent = True
+    sticks = True
+
+    def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
+        now = p["torque"] * drifts.factor(p, assembly, f"{name}.{self.kind}")
+        assembly.add_torque(name, -now * assembly.sign(motion.speed), motion)
+
+    def state_after(self, seconds: float, parameters: Mapping[str, float]) -> float:
+        return drifts.done_after(seconds, parameters["time_constant"])
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        sign, longest = smooth_sign(motion.speed[at.split(".")[1]]), float(motion.time.max(initial=0.0))
+        for share in (1.0, 0.3) if longest > 0 else ():  # of the longest recording: nearly a straight line, and bent
+            constant = share * longest
+            happened = -np.expm1(-motion.time / constant)
+            yield Guess(({at: -sign}, {at: -sign * happened}), partial(_warming, constant))
+
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
+    ) -> Iterator[SimplerEffect]:
+        yield SimplerEffect("coulomb_friction", at, {"torque": parameters["torque"] * (1 + parameters["change"] / 2)})
+
+    def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
+        return drifts.drift_bounds(guess) if key == "time_constant" else super().fit_bounds(key, guess, step)
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        largest = recorded.torque[at.split(".")[1]]
+        return (-largest, largest) if key == "torque" else super().recorded_bounds(key, at, recorded)
+
+
+MOST_FALL = 0.9  # share of a friction that a first guess lets fall
+
+
+def _warming(time_constant: float, a: np.ndarray) -> dict[str, float] | None:
+    """Parameters for the amplitudes of the friction at the start and of its change; some is left of it."""
+    if a[0] <= 0:
+        return None
+    change = max(float(a[1] / a[0]), -MOST_FALL)
+    return {"torque": float(a[0]), "change": change, "time_constant": time_constant}
 
 
 # --- Tyre slip or another damper in series with a shaft.

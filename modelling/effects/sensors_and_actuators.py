@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from itertools import accumulate
 
 import numpy as np
+from sympy import Float, Max, Min, pi, sin, sqrt
 
 from modelling.effects.effect import (
     LONG_DELAYS,
@@ -316,6 +319,121 @@ class Lag(Kind):
         return 0.0, recorded.longest_memory
 
 
+# --- An actuator that is at its limit.
+
+LIMITS = (0.5, 0.7, 0.85, 0.95)  # of the largest value, that are tried
+
+
+class Saturation(Kind):
+    """Acts with the recorded value, at most ``limit`` (N·m) either way."""
+
+    kind = "saturation"
+    words = "acts with {limit} at most"
+    in_recording = "responses are too small where this input is large, and right where it is not."
+    tables = ("inputs",)
+    parameters = {"limit": Parameter("N*m", lower=0.0)}
+
+    def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
+        path.value = Max(-p["limit"], Min(p["limit"], path.value))
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield from self._at(motion, at, LIMITS)
+
+    def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
+        largest = float(np.abs(motion.signal(at)).max())
+        return self._at(motion, at, best["limit"] / largest * np.linspace(0.85, 1.15, 13))
+
+    def _at(self, motion: FittedMotion, at: str, shares: Iterable[float]) -> Iterator[Guess]:
+        signal = motion.signal(at)
+        for limit in np.abs(signal).max(initial=0.0) * np.array(list(shares)):
+            if limit > 0:
+                yield Guess(({at: np.clip(signal, -limit, limit) - signal},), _known("limit", float(limit)))
+
+    def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
+        return 0.0, recorded.input_torque
+
+
+def _known(key: str, value: float) -> Callable[[np.ndarray], dict[str, float] | None]:
+    """The parameter of a guess whose amplitude says nothing about it, but has to be near 1."""
+    return lambda a: {key: value} if a[0] > LEAST_AMPLITUDE else None
+
+
+LEAST_AMPLITUDE = 0.2
+
+
+# --- An actuator whose torque cannot change as fast as it is asked to.
+
+FOLLOWS = 2e-3  # s in which it follows where it may; its delay is taken off the recording, and at 30 Hz it errs by 4 %
+
+
+class RateLimit(Kind):
+    """Acts with the recorded value, which changes by ``rate`` (N·m/s) at most."""
+
+    kind = "rate_limit"
+    words = "acts with a torque that changes by {rate} at most"
+    in_recording = "steps of this input act as ramps of one slope, and large vibrations as triangles that lag."
+    tables = ("inputs",)
+    parameters = {"rate": Parameter("N*m/s", lower=1e-9)}
+    rate_bound = "rate"
+    looks_ahead = True
+    state = State("signal", "{place} behind its rate limit", settles=True)
+
+    def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
+        wanted = path.value
+        path.delay -= Float(FOLLOWS)
+        path.value = assembly.add_state(
+            f"{path.place}.{self.kind}", lambda z: Max(-p["rate"], Min(p["rate"], (wanted - z) / FOLLOWS))
+        )
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        change = np.abs(motion.per_segment(lambda t, s: np.gradient(s, t), motion.signal(at)))
+        yield from self._at(motion, at, float(np.quantile(change, 0.99)) * np.array([0.1, 0.25, 0.5, 0.8]))
+
+    def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
+        return self._at(motion, at, best["rate"] * np.geomspace(0.6, 1.7, 9))
+
+    def _at(self, motion: FittedMotion, at: str, rates: Iterable[float]) -> Iterator[Guess]:
+        signal = motion.signal(at)
+        for rate in rates:
+            if rate > 0:
+                slow = motion.per_segment(partial(_followed, float(rate)), signal)
+                yield Guess(({at: slow - signal},), _known("rate", float(rate)))
+
+
+def _followed(rate: float, time: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    """A signal (t,) followed with so much change per second at most."""
+    steps = zip(signal[1:].tolist(), (rate * np.diff(time)).tolist(), strict=True)
+    return np.array(list(accumulate(steps, lambda z, s: z + min(max(s[0] - z, -s[1]), s[1]), initial=float(signal[0]))))
+
+
+# --- A motor whose torque constant falls with its current, as iron saturates.
+
+
+class FallingTorqueConstant(Kind):
+    """Acts with u/√(1 + (u/``torque``)²) where u is recorded: the constant has fallen by 29 % at that torque."""
+
+    kind = "falling_torque_constant"
+    words = "has a torque constant that falls with the current, by 29 % at {torque}"
+    in_recording = "responses to large values of this input are too small, to small ones they are right."
+    tables = ("inputs",)
+    parameters = {"torque": Parameter("N*m", lower=1e-9)}
+
+    def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
+        path.value = path.value / sqrt(1 + (path.value / p["torque"]) ** 2)
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        signal = motion.signal(at)
+        largest = float(np.abs(signal).max(initial=0.0))
+        for share in (1.0, 2.0, 5.0) if largest > 0 else ():  # of the largest value
+            torque = share * largest
+            yield Guess(({at: signal / np.sqrt(1 + (signal / torque) ** 2) - signal},), partial(_falling, torque))
+
+
+def _falling(torque: float, a: np.ndarray) -> dict[str, float] | None:
+    """What is lost grows with the inverse square of the torque, nearly."""
+    return {"torque": torque / math.sqrt(a[0])} if a[0] > 0 else None
+
+
 # --- A sensor that reads with a delay.
 
 
@@ -364,6 +482,33 @@ class SensorDrift(Kind):
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         fastest = recorded.width[at.split(".")[1]] / recorded.duration
         return -fastest, fastest
+
+
+# --- A sensor with hum of the mains, or another steady line.
+
+
+class Hum(Kind):
+    """Reads amplitude·sin(2π·frequency·t + phase) besides, t from the start of the recording.
+
+    The audit of the channels finds it and takes it off; no diagnosis looks for it as a cause.
+    """
+
+    kind = "hum"
+    words = "reads a hum of {amplitude} at {frequency} besides"
+    in_recording = "a line of one frequency that does not change with the motion, at standstill as well."
+    tables = ("sensors",)
+    parameters = {
+        "amplitude": Parameter("sensor"), "frequency": Parameter("Hz", lower=0.0), "phase": Parameter("rad")
+    }  # fmt: skip
+
+    def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
+        path.value += p["amplitude"] * sin(2 * pi * p["frequency"] * assembly.time + p["phase"])
+
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        return []
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        yield from ()
 
 
 # --- A sensor with a wrong scale factor.

@@ -61,11 +61,12 @@ class ConstantTorque(Kind):
 
 # --- Torque that varies with the angle (cogging, torque ripple, universal joint).
 
-MOST_ORDERS = 4  # that are tried from one spectrum
+MOST_ORDERS = 4  # that are tried from one spectrum, of its low orders and of its high ones
 FEW_TURNS = 4 * np.pi  # rad; over less a spectrum is too coarse
 SIDE_LOBES, FINEST_ORDER = 0.4, 0.002  # reach and smallest step of the orders tried near the best: 400 at the most
 LOWEST_ORDER = 0.4  # per turn, that is searched for: a period of several turns is that of another shaft
-HIGHEST_ORDER = 24.0  # the same: above those of cogging and joints
+HIGHEST_ORDER = 100.0  # the same: above cogging, the least common multiple of slots and poles, 36 to 90
+HIGHEST_FOLLOWED = 24.0  # over another shaft's angle, and where all orders are tried: above joints, teeth and pulses
 
 
 class TorqueRipple(Kind):
@@ -118,10 +119,10 @@ def _orders(motion: FittedMotion, name: str, over: str) -> Iterator[tuple[float,
     Of its gradient: a matched filter finds what is near the noise. Of the torque that is lacking: through a resonance
     the readings answer most where an order meets it, and that hides the order.
     """
-    angle = motion.angle[over]
-    yield from outstanding_orders(angle, motion.torque_gradient[name])
+    angle, highest = motion.angle[over], HIGHEST_ORDER if over == name else HIGHEST_FOLLOWED
+    yield from outstanding_orders(angle, motion.torque_gradient[name], highest)
     if np.ptp(angle) >= FEW_TURNS:  # below, all orders are offered anyway
-        yield from outstanding_orders(angle, motion.torque_lacking[name])
+        yield from outstanding_orders(angle, motion.torque_lacking[name], highest)
 
 
 def _orders_near(angle: np.ndarray, best: float) -> Iterator[float]:
@@ -132,13 +133,16 @@ def _orders_near(angle: np.ndarray, best: float) -> Iterator[float]:
             yield float(order)
 
 
-def outstanding_orders(angle: np.ndarray, torque: np.ndarray) -> Iterator[tuple[float, float]]:
-    """Orders at which a torque over an angle stands out of its spectrum, and from how many each was chosen."""
+def outstanding_orders(
+    angle: np.ndarray, torque: np.ndarray, highest: float = HIGHEST_ORDER
+) -> Iterator[tuple[float, float]]:
+    """Orders up to a ``highest`` at which a torque over an angle stands out of its spectrum, and from how many each was
+    chosen."""
     span = float(np.ptp(angle))
     if not 0.5 * np.pi < span < 1e6:
         return
     # an order that turns further than half a period a sample cannot be seen; some samples are slower than the mean
-    highest = min(HIGHEST_ORDER, 4 * np.pi * len(angle) / span)
+    highest = min(highest if span >= FEW_TURNS else HIGHEST_FOLLOWED, 4 * np.pi * len(angle) / span)
     if span < FEW_TURNS:  # too coarse a spectrum: all orders, half a spectral line apart
         yield from ((float(order), 1.0) for order in np.arange(np.pi / span, highest, np.pi / span))
         return
@@ -152,12 +156,15 @@ def outstanding_orders(angle: np.ndarray, torque: np.ndarray) -> Iterator[tuple[
     if not used.any():
         return
     orders, strength = orders[used], strength[used]
-    level = scipy.ndimage.median_filter(strength, 2 * int(0.75 / fine) + 1, mode="nearest")
+    level = scipy.ndimage.median_filter(strength, 2 * int(0.75 / fine) + 1, mode="reflect")
     outstanding = strength / (level + 1e-3 * strength.max() + 1e-300)
-    for _ in range(MOST_ORDERS):
-        best = int(np.argmax(outstanding))
-        yield float(orders[best]), max(len(orders) / MOST_ORDERS, 1.0)
-        outstanding[abs(orders - orders[best]) < 3 * fine + 0.1] = 0.0
+    low = orders <= HIGHEST_FOLLOWED
+    for band in (low, ~low):  # high orders are many, and the best of their noise must not hide a low one
+        left = np.where(band, outstanding, 0.0)
+        for _ in range(MOST_ORDERS if band.any() else 0):
+            best = int(np.argmax(left))
+            yield float(orders[best]), max(int(band.sum()) / MOST_ORDERS, 1.0)
+            left[abs(orders - orders[best]) < 3 * fine + 0.1] = 0.0
 
 
 # --- Torque on one inertia that varies with the angle of another: teeth of a gear, pulses of an engine at the wheels.
@@ -204,7 +211,7 @@ class GearedRipple(Kind):
         angle = motion.angle[second]
         of_model = motion.model_angle or motion.angle
         ratio, lag = _parting(of_model[second], of_model[first])
-        if lag < RIGID * np.ptp(angle) or (HIGHEST_ORDER * lag < LEAST_LAG and ratio >= 1):
+        if lag < RIGID * np.ptp(angle) or (HIGHEST_FOLLOWED * lag < LEAST_LAG and ratio >= 1):
             return
         for order, chosen_from in _orders(motion, first, second):
             if order * lag > LEAST_LAG or order * ratio < LOWEST_ORDER:

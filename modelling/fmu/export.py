@@ -717,23 +717,34 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     ]
     switches = [
         Variable(
-            "mode", "input", "1", 0.0, "asked for: 0 zero torque, which also ends a fault; 1 speed hold; 2 emulation"
+            "mode",
+            "input",
+            "1",
+            0.0,
+            "asked for: 0 zero torque, which also ends a fault; 1 speed hold; 2 emulation; 3 check of the channels",
         ),
         Variable("life", "input", "1", 0.0, "changes from sample to sample as long as the sender lives"),
     ]
+    added = [
+        Variable(
+            f"{dynamometer}.added_torque", "input", "N*m", 0.0,
+            "torque that speed hold adds, and that the check of the channels commands alone",
+        )
+        for dynamometer in law.dynamometers
+    ]  # fmt: skip
     outputs = [
         Variable(f"{dynamometer}.command", "output", "N*m", 0.0, "torque command for this sample")
         for dynamometer in law.dynamometers
     ]
     outputs += [
-        Variable("active_mode", "output", "1", 0.0, "0 zero torque, 1 speed hold, 2 emulation"),
+        Variable("active_mode", "output", "1", 0.0, "0 zero torque, 1 speed hold, 2 emulation, 3 channel check"),
         Variable(
             "fault", "output", "1", 0.0,
             "0 none, 1 not finite, 2 missing, 3 frozen, 4 overspeed, 5 torque gone, 6 unexpected",
         ),
     ]  # fmt: skip
     return ControllerContents(
-        xml(controller.title), name, CONTROLLER_ABOUT, (*readings, *known, *hold, *switches), tuple(outputs),
+        xml(controller.title), name, CONTROLLER_ABOUT, (*readings, *known, *hold, *switches, *added), tuple(outputs),
         tuple(_settings(controller)),
     )  # fmt: skip
 
@@ -751,6 +762,8 @@ def _settings(controller: ExportedController) -> list[Variable]:
             ("lost_torque", "N*m", "a flange torque above it that is gone at once is a fault"),
             ("torque_gain", "1", "air-gap torque over command as calibrated: commands are divided by it"),
             ("power_limit", "W", "torque times speed stays within ± this"),
+            ("check_torque", "N*m", "commands of the check of the channels stay within ± this"),
+            ("check_speed", "rad/s", "beyond it is overspeed while the channels are checked"),
         ):
             value = float(getattr(settings, key)[j])
             least = SMALLEST_GAIN if key == "torque_gain" else 0.0

@@ -52,6 +52,9 @@ class _Problem:
     common: np.ndarray
 
 
+NO_BOUND = 1e30  # of a rate, SI
+
+
 def steady_motion(
     model: Model,
     p: np.ndarray,
@@ -82,7 +85,7 @@ def steady_motion(
     InputError
         If an inertia is unknown.
     """
-    p = without_ripple(model, p)
+    p = without_rate_bounds(model, without_ripple(model, p))
     parts = elements(model, p[None])
     twists, turns = (rows.reshape(-1, model.n) for rows in (parts.spring_transformation, parts.mass_transformation))
     for name in speeds or ():
@@ -113,6 +116,15 @@ def steady_motion(
 def _untwisted(locked: np.ndarray) -> np.ndarray:
     """Basis (n, r) of the motions that twist none of the rows (l, n)."""
     return null_space(unit_rows(locked)) if len(locked) else np.eye(locked.shape[1])
+
+
+def without_rate_bounds(model: Model, p: np.ndarray) -> np.ndarray:
+    """Parameters (p,) with which no state is at the bound of its rate, as none is in a motion that stays."""
+    out = p.copy()
+    for effect in model.system.effects:
+        if effect.law.rate_bound:
+            out[model.parameters.index(f"{effect.name}.{effect.law.rate_bound}")] = NO_BOUND
+    return out
 
 
 def without_ripple(model: Model, p: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from modelling.effects.effect import SECOND_STATE, Motion
 from modelling.equations.casadi_code import Model
 from modelling.equations.lagrange import STICK_SPEED, Assembly
 from modelling.errors import InputError, listed, unknown
-from modelling.linear.steady_motion import steady_motion
+from modelling.linear.steady_motion import steady_motion, without_rate_bounds
 from modelling.simulation.stepping import STABLE_STEP, rates_at_rest, steps_per_second
 
 # --- Inputs of a simulation, checked and brought into arrays.
@@ -110,6 +110,7 @@ def _settled(model: Model, p: np.ndarray, u: np.ndarray, x: np.ndarray, fixed: l
         effect.name for effect in model.system.effects if effect.law.state is not None and effect.law.state.settles
     }
     lags = [i for i, name in enumerate(model.states) if name.removesuffix(SECOND_STATE) in settling and i not in fixed]
+    p = without_rate_bounds(model, p)
     for _ in range(3 if lags else 0):  # lags may stand in a row
         rate = np.array(model.rates(x, u, p)).ravel()[lags]
         A = np.array(model.jacobians(x, u, p, 0.0)[0])[np.ix_(lags, lags)]

@@ -246,7 +246,8 @@ def make_task(
     if delayed or any(path.delay != 0 for path in input_paths):
         delays = [np.array(part).T for part in model.delays(p.T)]
     lowest = min((float(part.min()) for part in delays if part.size), default=0.0)
-    ahead = any(effect.law.is_clock or effect.law.imposes_motion for effect in model.system.effects)
+    laws = [effect.law for effect in model.system.effects]
+    ahead = any(law.is_clock or law.imposes_motion or law.looks_ahead for law in laws)
     if lowest < 0 and not ahead:
         raise InputError("simulation", f"a delay of {lowest:g} s is not possible", "delays are 0 or more")
     group = np.zeros(len(model.sensors), dtype=np.int64)

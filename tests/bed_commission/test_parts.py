@@ -11,7 +11,7 @@ from small_bed import write
 from matching.bed import commission as module
 from matching.bed.commission import Circle, CommissionOrder, Stages
 from matching.bed.identify import COVERAGE, LEAST_SHARE, bed_from_recordings, identified_case
-from matching.bed.proof import Proof
+from matching.bed.proof import Proof, plan_proof
 from matching.bed.simulated_bed import (
     SETTLING_SECONDS,
     Waiting,
@@ -134,7 +134,7 @@ def test_what_was_identified_enters_rig_vehicle_loop_and_box(case):
     friction = Effect("coulomb_friction", "inertias.rotor", (("torque", Quantity(3.0)),))
     late = Effect("sensor_delay", "sensors.motor_speed", (("delay", Quantity(0.002)),))
     extended = bed_system(case).with_effects(slip, friction, late)
-    made = identified_case(case, SimpleNamespace(parameters=parameters, extended=extended))
+    made = identified_case(case, SimpleNamespace(parameters=parameters, extended=extended, verdict="explained"))
     new = made.case
     assert new.rig.parameters["inertias.rotor.J"].value == 0.87
     assert new.rig.parameters["inertias.motor.J"].value == new.vehicle.parameters["inertias.motor.J"].value == 0.53
@@ -151,6 +151,33 @@ def test_what_was_identified_enters_rig_vehicle_loop_and_box(case):
     assert [one.kind for one in new.rig.effects] == [one.kind for one in new.vehicle.effects] == kinds
     assert any("coulomb_friction" in note for note in made.notes)
     assert any("sensor_delay at sensors.motor_speed was named: the next match reads" in note for note in made.notes)
+
+
+@pytest.mark.parametrize("verdict", ["explained", "unexplained"])
+def test_a_value_at_the_end_of_its_range_is_taken_only_from_a_model_that_explains(case, verdict):
+    names = names_in_system(case)
+    held = {"rig.inertias.motor.J": "at the bound of its range", "rig.inertias.rotor.J": ""}
+    parameters = {names[name]: Estimate(0.6, 1e-3, note) for name, note in held.items()}
+    known = SimpleNamespace(parameters=parameters, extended=bed_system(case), verdict=verdict)
+    found = identified_case(case, known).case.rig.parameters
+    before = case.rig.parameters["inertias.motor.J"].value
+    assert found["inertias.motor.J"].value == (0.6 if verdict == "explained" else before)
+    assert found["inertias.rotor.J"].value == 0.6
+
+
+def test_free_play_that_was_found_is_in_both_models_and_kept_closed_by_the_proof(case):
+    """A mean torque that is larger than what moves in the shaft, by a quarter of the mean at least."""
+    play = Effect("backlash", "shafts.side", (("gap", Quantity(0.003)),))
+    known = SimpleNamespace(parameters={}, extended=bed_system(case).with_effects(play), verdict="explained")
+    made = identified_case(case, known)
+    assert made.case.rig.free_plays
+    assert made.case.vehicle.free_plays
+    assert any("kept closed" in note or "keeps it closed" in note for note in made.notes)
+    wanted = plan_proof(replace(made.case, limits={**made.case.limits, "dynamometer_speed": 120.0}), 30.0)
+    assert any("stays closed" in note for note in wanted.notes)
+    motor = wanted.torques[:, wanted.inputs.index("motor_torque")]
+    assert motor[0] == motor[-1] != 0  # the wave fades, the mean stays
+    assert abs(motor.mean() - motor[0]) < 0.02 * abs(motor[0])
 
 
 def test_an_identified_case_is_read_again_as_it_was_written(case, tmp_path):

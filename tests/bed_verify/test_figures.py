@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+from axis_units import check
 
 from matching.bed.verify import COVERAGE_FACTOR, FunctionCurves
 from matching.report.bed import LARGEST_BAND, responses
@@ -13,7 +14,9 @@ def test_the_band_is_the_uncertainty_and_no_wider_than_is_drawn():
     f, uncertainty = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, 0.1, np.nan, 50.0])
     ones = np.ones(4, complex)
     curve = FunctionCurves("motor", "speed", "rad/s", f, 2 * ones, uncertainty, ones, ones)
-    axes = responses(SimpleNamespace(curves=(curve,))).axes[0]
+    drawn = responses(SimpleNamespace(curves=(curve,)))
+    assert check(drawn, hertz=(1, 4)) == 1  # as the axis says
+    axes = drawn.axes[0]
     corners = np.concatenate([path.vertices for band in axes.collections for path in band.get_paths()])
     assert 3.0 not in corners[:, 0]
     for frequency, half in ((1.0, COVERAGE_FACTOR * 0.1), (2.0, COVERAGE_FACTOR * 0.1)):

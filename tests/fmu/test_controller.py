@@ -18,6 +18,7 @@ from matching.match.loop import linear_bed
 from matching.match.verify import matched_motion
 from modelling.bed.controllers import STRUCTURES
 from modelling.controller.c_source import c_sources, memory_bytes
+from modelling.controller.law import FAULTS
 from modelling.fmu.export import controller_fmu
 from modelling.linear.state_space import state_space
 from modelling.modal.modes import modes
@@ -25,7 +26,7 @@ from modelling.simulation.compiled import compiler
 
 pytestmark = compiles
 
-ZERO, HOLD, EMULATION = 0, 1, 2
+ZERO, HOLD, EMULATION, CHECK = 0, 1, 2, 3
 
 
 def with_structure(case, name):
@@ -53,12 +54,14 @@ def path(controller, tmp_path_factory):
 
 def names(controller):
     law = controller.law
-    inputs = [*law.sensors, *law.known, *(f"{name}.hold_speed" for name in law.dynamometers)]
+    per = [f"{name}.{what}" for what in ("hold_speed", "added_torque") for name in law.dynamometers]
+    inputs = [*law.sensors, *law.known, *per]
     return inputs, [*(f"{name}.command" for name in law.dynamometers), "active_mode", "fault"]
 
 
 def test_c_equals_python_through_all_modes_and_faults(controller, path):
-    """Random readings through hold, emulation, limits, a loss of torque and readings that are no numbers."""
+    """Random readings through hold, emulation, limits, a loss of torque, the check of the channels, an overspeed in it,
+    and readings that are no numbers."""
     rng = np.random.default_rng(3)
     own, law = controller.running(), controller.law
     y, w, k = len(law.sensors), len(law.known), len(law.dynamometers)
@@ -68,21 +71,26 @@ def test_c_equals_python_through_all_modes_and_faults(controller, path):
     seen = set()
     with slave(path) as one:
         one.begin()
-        for n in range(400):
-            mode = ZERO if n < 5 or 300 <= n < 305 else HOLD if n < 60 or 305 <= n < 350 else EMULATION
+        for n in range(500):
+            mode = ZERO if n < 5 or 300 <= n < 305 or n >= 450 else HOLD if n < 60 or 305 <= n < 350 else EMULATION
+            mode = CHECK if n >= 455 else mode
             readings, known = sizes * rng.normal(size=y), 50 * rng.normal(size=w)
             readings[list(controller.speed_readings)] += 30
             if n == 250:
                 readings[1] = np.nan
-            hold = np.full(k, 30.0)
-            answer = own.step(readings, known, mode, hold)
-            one.set(dict(zip(inputs, np.concatenate([readings, known, hold]), strict=True)) | {"mode": float(mode)})
+            if n >= 450:
+                readings[list(controller.speed_readings)] += 50.0 * (n == 490) - 30  # the limit is 12.6
+            hold, added = np.full(k, 30.0), 40 * rng.normal(size=k)
+            answer = own.step(readings, known, mode, hold, added=added)
+            given = np.concatenate([readings, known, hold, added])
+            one.set(dict(zip(inputs, given, strict=True)) | {"mode": float(mode)})
             one.step(law.sample_time)
             got = np.array(one.get(outputs))
             np.testing.assert_allclose(got[:k], answer.commands, rtol=1e-9, atol=1e-9 * 1500)
             assert (got[k], got[k + 1]) == (answer.mode, answer.fault)
             seen.add((answer.mode, answer.fault))
-    assert {(ZERO, 0), (HOLD, 0), (EMULATION, 0), (ZERO, 1)} <= seen
+    overspeed = FAULTS.index("overspeed")
+    assert {(ZERO, 0), (HOLD, 0), (EMULATION, 0), (ZERO, 1), (CHECK, 0), (ZERO, overspeed)} <= seen
 
 
 def closed(case, law, torques):

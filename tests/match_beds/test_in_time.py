@@ -26,6 +26,8 @@ from matching.match.in_time import (
     lash_runs,
     lashes,
     open_lash,
+    perturbed_system,
+    required_parameters,
     simulate_deviations,
     standstill,
     vehicle_motions,
@@ -34,6 +36,7 @@ from matching.match.loop import control_law, linear_bed
 from matching.match.match import match
 from matching.match.requirements import DEFAULT_LIMITS
 from modelling.bed.nonlinear import _refine_friction
+from modelling.effects import EFFECTS
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
 from modelling.simulation.stepping import STABLE_STEP
@@ -138,6 +141,22 @@ def test_imperfections_draw_from_the_box_of_the_case(small_case):
     assert last.friction == 2.0
     assert last.poor_sensors
     assert [len(row.values) for row in alone[:3]] == [0, 1, 1]
+
+
+@pytest.mark.parametrize("own", ["backlash", "coulomb_friction", "hardening", "quadratic_drag"])
+def test_only_play_and_friction_of_its_own_replace_those_that_are_added(small_case, own):
+    """A shaft at the cut with play keeps it; with any other effect there, play and friction are added as well."""
+    shafts = {part.name: part for part in small_case.vehicle.shafts}
+    cuts = {cut.shaft: cut.vehicle_end for cut in small_case.residual_vehicle.interfaces}
+    near = {next(end for end in shafts[shaft].between if end != vehicle) for shaft, vehicle in cuts.items()}
+    on_shaft = own in ("backlash", "hardening")
+    places = [f"shafts.{name}" for name in cuts] if on_shaft else [f"inertias.{name}" for name in near]
+    values = tuple((name, Quantity(0.5)) for name in required_parameters(EFFECTS[own]))
+    rig = small_case.rig.with_effects(*(Effect(own, place, values) for place in places))
+    got = perturbed_system(rig, Imperfection("", gap=0.02, friction=3.0), small_case).effects
+    added = sorted((effect.law.free_play != "", effect.law.sticks) for effect in got[len(rig.effects) :])
+    play, friction = [(True, False)] * len(cuts), [(False, True)] * len(near)
+    assert added == sorted(play * (own != "backlash") + friction * (own != "coulomb_friction"))
 
 
 def test_an_encoder_counts_and_loses_nothing():

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from axis_units import check
 from result_schema import check_schema
 from scipy.integrate import solve_ivp
 
@@ -235,6 +236,13 @@ def test_figures_hold_the_residuals_of_the_diagnosis(folder: Path, run: tuple[st
             assert np.nansum(np.abs(y)) == pytest.approx(np.nansum(np.abs(ratio)))
             assert line.get_xdata()[0] == times[0]
             assert np.nanmax(line.get_xdata()) <= times[-1] + 1e-9
+
+
+def test_axes_of_the_figures_are_in_the_units_they_name(run: tuple[str, list]) -> None:
+    """Ten seconds at 200 samples a second."""
+    drawn = run[1][1]
+    times = [check(drawn[name], seconds=10.0, hertz=(0.01, 100)) for name in ("time", "unseen", "spectrum")]
+    assert all(times)
 
 
 def test_files_of_a_diagnosis_are_the_model_the_channels_and_every_logger(folder: Path) -> None:

@@ -26,6 +26,15 @@ BODIES = {"plain": {}, "light": {"motor": 0.05}, "stiff": {"stiffness": 30.0}}  
 PLACES = EFFECTS | {
     "quadratic_damping": ("shafts.link", {"coefficient": 0.05}),
     "relaxation": ("shafts.link", {"stiffness": 100.0, "time_constant": 0.02}),
+    "double_relaxation": (
+        "shafts.link", {"stiffness": 100.0, "time_constant": 0.02, "stiffness_2": 60.0, "time_constant_2": 0.3}
+    ),
+    "directional_stiffness": ("shafts.link", {"factor": 0.6}),
+    "warming_friction": ("inertias.load", {"torque": 1.0, "change": 0.5, "time_constant": 0.05}),
+    "saturation": ("inputs.motor_torque", {"limit": 5.0}),
+    "rate_limit": ("inputs.motor_torque", {"rate": 300.0}),
+    "falling_torque_constant": ("inputs.motor_torque", {"torque": 8.0}),
+    "hum": ("sensors.motor_speed", {"amplitude": 0.2, "frequency": 50.0, "phase": 0.3}),
     "gear_loss": ("shafts.link", {"efficiency": 0.3}),  # three times that is below 1
     "table": ("shafts.link", {"twist_1": -0.02, "torque_1": -1.0, "twist_2": 0.02, "torque_2": 1.0}),
 }

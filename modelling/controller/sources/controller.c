@@ -99,7 +99,9 @@ static bool is_too_fast(const controller *c, const controller_input *in)
 {
     bool fast = false;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-        if (fabs((double)in->reading[SPEED_READING[j]]) > (double)c->settings.speed_limit[j]) {
+        const controller_real limit =
+            (c->mode == CONTROLLER_CHANNEL_CHECK) ? c->settings.check_speed[j] : c->settings.speed_limit[j];
+        if (fabs((double)in->reading[SPEED_READING[j]]) > (double)limit) {
             fast = true;
         }
     }
@@ -207,7 +209,8 @@ static int32_t check(controller *c, const controller_input *in)
 {
     int32_t fault = CONTROLLER_NO_FAULT;
     const bool lifeless = is_lifeless(c, in);
-    if (!all_finite(in->reading, READINGS) || !all_finite(in->known, KNOWN) || !all_finite(in->hold_speed, DYNAMOMETERS)) {
+    if (!all_finite(in->reading, READINGS) || !all_finite(in->known, KNOWN) || !all_finite(in->hold_speed, DYNAMOMETERS) ||
+        !all_finite(in->added_torque, DYNAMOMETERS)) {
         fault = CONTROLLER_NOT_FINITE;
     } else if (lifeless) {
         fault = CONTROLLER_MISSING;
@@ -336,11 +339,20 @@ static void hold(controller *c, const controller_input *in)
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
         const controller_real error = wanted_speed(c, in, j) - in->reading[SPEED_READING[j]];
-        const controller_real asked = (c->settings.hold_proportional[j] * error) + c->integral[j];
+        const controller_real asked = (c->settings.hold_proportional[j] * error) + c->integral[j] + in->added_torque[j];
         c->sent[j] = within(asked, -limit, limit);
         if (c->sent[j] == asked) {
             c->integral[j] += c->settings.hold_integral[j] * (controller_real)CONTROLLER_SAMPLE_TIME * error;
         }
+    }
+}
+
+/* small torques as they are asked for, whatever the readings say */
+static void check_channels(controller *c, const controller_input *in)
+{
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real limit = within(torque_limit(c, in, j), (controller_real)0.0, c->settings.check_torque[j]);
+        c->sent[j] = within(in->added_torque[j], -limit, limit);
     }
 }
 
@@ -349,7 +361,7 @@ static void answer_fault(controller *c, const controller_input *in, int32_t faul
     if ((fault != CONTROLLER_NO_FAULT) && (c->fault == CONTROLLER_NO_FAULT) && (c->mode != CONTROLLER_ZERO_TORQUE)) {
         c->fault = fault;
         c->fallback = CONTROLLER_ZERO_TORQUE;
-        if (is_holdable(fault)) {
+        if (is_holdable(fault) && (c->mode != CONTROLLER_CHANNEL_CHECK)) { /* the speeds are not known before it */
             c->fallback = CONTROLLER_SPEED_HOLD;
             for (int32_t j = 0; j < DYNAMOMETERS; j++) {
                 const controller_real below = (controller_real)CONTROLLER_HELD_BELOW_LIMIT * c->settings.speed_limit[j];
@@ -376,6 +388,8 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
         emulate(c, in);
     } else if (c->mode == CONTROLLER_SPEED_HOLD) {
         hold(c, in);
+    } else if (c->mode == CONTROLLER_CHANNEL_CHECK) {
+        check_channels(c, in);
     } else {
         (void)memset(c->sent, 0, sizeof c->sent);
     }

@@ -18,7 +18,7 @@ enum {
 };
 
 /* where things stand among the inputs */
-enum { IN_KNOWN = CONTROLLER_READINGS, IN_HOLD = IN_KNOWN + CONTROLLER_KNOWN, IN_MODE = IN_HOLD + CONTROLLER_DYNAMOMETERS, IN_LIFE };
+enum { IN_KNOWN = CONTROLLER_READINGS, IN_HOLD = IN_KNOWN + CONTROLLER_KNOWN, IN_MODE = IN_HOLD + CONTROLLER_DYNAMOMETERS, IN_LIFE, IN_ADDED };
 
 #define MOST_SAMPLES 1e7 /* in one communication step */
 #define NEAR 1e-6        /* of a sample: how far a communication step may be from a whole number of them */
@@ -74,6 +74,8 @@ static void take_settings(Motion *m) {
         own->lost_torque[j] = *p++;
         own->torque_gain[j] = *p++;
         own->power_limit[j] = *p++;
+        own->check_torque[j] = *p++;
+        own->check_speed[j] = *p++;
     }
     for (int i = 0; i < CONTROLLER_READINGS; i++) own->unexpected[i] = *p++;
     for (int i = 0; i < CONTROLLER_SHAFTS; i++) own->opened_torque[i] = *p++;
@@ -93,7 +95,8 @@ static int advance(Motion *m, double span) {
     for (int i = 0; i < CONTROLLER_READINGS; i++) in.reading[i] = u[i];
     for (int i = 0; i < CONTROLLER_KNOWN; i++) in.known[i] = u[IN_KNOWN + i];
     for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) in.hold_speed[j] = u[IN_HOLD + j];
-    in.mode = u[IN_MODE] >= 1.5 ? 2 : u[IN_MODE] >= 0.5 ? 1 : 0;
+    for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) in.added_torque[j] = u[IN_ADDED + j];
+    in.mode = u[IN_MODE] >= 2.5 ? 3 : u[IN_MODE] >= 1.5 ? 2 : u[IN_MODE] >= 0.5 ? 1 : 0;
     in.life = isfinite(u[IN_LIFE]) ? (uint32_t)(int64_t)fmod(u[IN_LIFE], 4294967296.0) : 0;
     take_settings(m);
     for (double k = 0; k < samples; k++) {

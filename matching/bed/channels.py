@@ -1,0 +1,789 @@
+"""The channels of a bed, before anything is fed back: small torques one after another, and what every channel reads.
+
+A sign, a unit, a pair of exchanged channels, one that is stuck or reads something at rest: each of them makes a speed
+hold or an emulation dangerous. So no reading is fed back here. Each torque acts alone, in pulses that bring the rotors
+back to rest; commands stay below a tenth of the torque limit, and no rotor passes a tenth of its speed limit. The
+recording is compared with the model's answer to the recorded commands. A bed that is off by tenths, rubs or has free
+play still answers like its model to a factor of two; a wrong channel does not.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from matching.bed.excite import torques_csv
+from matching.bed.simulated_bed import FmuBed, FmuController, bed_system, held_as_linear, run_csv
+from matching.match.case import Case
+from modelling.bed.bed import ControlLaw
+from modelling.controller.law import (
+    CHANNEL_CHECK,
+    CHECK_SPEED_SHARE,
+    CHECK_TORQUE_SHARE,
+    FAULTS,
+    NO_LIMIT,
+    ZERO_TORQUE,
+    SupervisedController,
+)
+from modelling.display import Displayed
+from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError, listed
+from modelling.modal.modes import damped_modes
+from modelling.recordings.recording import Recording
+from modelling.simulation.simulate import simulate
+from modelling.system import System
+
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """How channels are checked; the reason of a number stands beside it."""
+
+    lead: float = 0.5  # s at rest: noise and zero of every channel to a fifteenth of the noise of one sample
+    pulse: float = 0.15  # s of the first of four pulses +, −, −, +: two periods of a mode of 15 Hz
+    rests: tuple[float, float] = (0.45, 2.0)  # s after them, at least and at most, so that the bed has come to rest
+    decayed: float = 0.05  # of an answer, that may ring on into the next
+    before: int = 10  # samples before an answer, whose mean it begins from
+    compared: float = 0.3  # s of an answer that are compared: five periods of 15 Hz, known to 5 %, are in step so long
+    averaged: float = 0.06  # s of a running mean over all pulses: a period of 15 Hz, and what crosses free play
+    early: float = 0.04  # s of an answer that say gain and delay: what follows depends on the modes of the bed
+    still: float = 0.35  # of the answer that is expected: what rings on from the pulses before is no answer
+    use_of_speed: float = 0.4  # of the speed limit of the check, on the bed as modelled: it may be off by a factor 2
+    motor_share: float = (
+        0.4  # of the manoeuvre's largest torque, for inputs that no dynamometer gives; see use_of_speed
+    )
+    least_weight: float = 0.1  # of a channel's largest answer: a torque that moves it less says nothing of it
+    over_noise: float = 8.0  # times the noise of a sample, that an answer (root of the sum of squares) is larger
+    free_ratio: float = 2.0  # by which the size of an answer may be off without a wrong channel
+    largest: float = 3.0  # misfit of a channel that answers like something else altogether; 0 is as modelled
+    wrong: float = 0.5  # misfit from which on an answer is not the model's: friction and play stay below 0.3
+    better: float = 0.5  # of the misfit before: what a wrong channel leaves when it is taken into account, and
+    mended: float = 0.2  # the same, where it is still not like the model: a bed that sticks answers like nothing
+    most: int = 4  # wrong channels that are looked for
+    offset_ratio: float = 5.0  # of a sensor's stated uncertainty, from which on its zero is wrong
+    offset_share: float = 0.005  # of the torque limit or a channel's own range: the same where none is stated
+    late: float = 5.0  # standard uncertainties of a delay, and
+    late_samples: float = 1.5  # samples, from which on a channel is late
+    gain_share: float = 0.1  # from which on a gain is said to be off: the model itself is known to some per cent
+
+
+CHANNELS = ChannelSettings()
+TURN, REVOLUTIONS = 2 * np.pi, 60 / (2 * np.pi)
+FACTORS = {  # reading over truth, by quantity: what is wrong, what the channel file would say
+    "speed": (
+        (REVOLUTIONS, "is in 1/min, not in rad/s", 'unit = "1/min"'),
+        (1 / REVOLUTIONS, "is divided by 9.549, as if it had been in 1/min", "factor = 9.5493"),
+        (180 / np.pi, "is in deg/s, not in rad/s", 'unit = "deg/s"'),
+        (np.pi / 180, "is divided by 57.3, as if it had been in deg/s", "factor = 57.29578"),
+        (1 / TURN, "is in 1/s, not in rad/s", 'unit = "1/s"'),
+        (1e3, "is a thousand times too large", "factor = 0.001"),
+        (1e-3, "is a thousand times too small", "factor = 1000"),
+    ),
+    "angle": (
+        (180 / np.pi, "is in degrees, not in rad", 'unit = "deg"'),
+        (np.pi / 180, "is divided by 57.3, as if it had been in degrees", "factor = 57.29578"),
+        (1 / TURN, "is in turns, not in rad", 'unit = "turn"'),
+        (1e3, "is a thousand times too large", "factor = 0.001"),
+        (1e-3, "is a thousand times too small", "factor = 1000"),
+    ),
+    "torque": (
+        (1e-3, "is in kN·m, not in N·m", 'unit = "kN*m"'),
+        (1e3, "is in mN·m, not in N·m", 'unit = "mN*m"'),
+        (10.0, "is ten times too large", "factor = 0.1"),
+        (0.1, "is ten times too small", "factor = 10"),
+    ),
+}
+NAMED = 0.35  # of a factor's natural logarithm: friction makes an answer smaller by up to a third
+
+
+# --- The plan: pulses of every torque alone, then of all at once.
+
+
+@dataclass(frozen=True)
+class ChannelPlan(Displayed):
+    """What moves a bed while its channels are checked.
+
+    Attributes
+    ----------
+    inputs : tuple of str (u)
+        Inputs of the rig: the dynamometers', then the others.
+    torques : ndarray (t, u)
+        N·m, at steps of ``step`` (s): commands of the dynamometers, and demands of the others.
+    step : float
+        s.
+    largest_speed : float
+        rad/s, of any dynamometer's rotor, as modelled.
+    """
+
+    inputs: tuple[str, ...]
+    torques: np.ndarray = field(repr=False)
+    step: float
+    largest_speed: float
+
+    @property
+    def duration(self) -> float:
+        """Of the recording, s."""
+        return len(self.torques) * self.step
+
+    def csv(self) -> str:
+        """Time and torques as a CSV file."""
+        return torques_csv(np.arange(len(self.torques)) * self.step, self.inputs, self.torques)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``channels_plan.json`` holds it."""
+        largest = np.abs(self.torques).max(axis=0)
+        return {
+            "inputs": list(self.inputs), "duration": self.duration, "largest_speed": self.largest_speed,
+            "largest_torques": dict(zip(self.inputs, largest.tolist(), strict=True)),
+        }  # fmt: skip
+
+
+def plan_channels(case: Case, settings: ChannelSettings = CHANNELS) -> ChannelPlan:
+    """Plan the pulses that check the channels of a case's bed.
+
+    Raises
+    ------
+    InputError
+        If an input's torque is not known from limits or manoeuvre.
+    """
+    step, system = case.loop["sample_time"], bed_system(case)
+    driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
+    inputs = (*driven, *(part.name for part in system.inputs if part.name not in driven))
+    alone = _pulses(case, settings, step)
+    lead, count = round(settings.lead / step), len(alone)
+    sizes = np.array([_largest(case, name, name in driven, settings) for name in inputs])
+    parts = [np.zeros((lead, len(inputs)))]
+    for j in range(len(inputs)):
+        part = np.zeros((count, len(inputs)))
+        part[:, j] = alone
+        parts.append(part)
+    torques = np.vstack(parts) * sizes
+    speeds = np.abs(_answers(system, torques, inputs, step, case)).max(axis=1).reshape(-1)
+    allowed = settings.use_of_speed * CHECK_SPEED_SHARE * case.limits.get("dynamometer_speed", NO_LIMIT)
+    fastest = np.array([speeds[lead + j * count : lead + (j + 1) * count].max() for j in range(len(inputs))])
+    scale = np.minimum(1.0, allowed / np.maximum(fastest, 1e-12))
+    together = np.outer(alone, scale * sizes) / len(inputs)
+    return ChannelPlan(inputs, np.vstack([torques * scale, together]), step, float((fastest * scale).max()))
+
+
+def _pulses(case: Case, settings: ChannelSettings, step: float) -> np.ndarray:
+    """Signs (t,) of +, −, −, + and rest: speed and angle come back to where they began, and modes die out."""
+    rates = [2 * np.pi * mode.frequency * mode.damping_ratio for mode in damped_modes(case.rig) if mode.frequency > 0]
+    slowest = -np.log(settings.decayed) / max(min(rates, default=np.inf), 1e-9)
+    one, rest = round(settings.pulse / step), round(float(np.clip(slowest, *settings.rests)) / step)
+    return np.concatenate([np.ones(one), -np.ones(2 * one), np.ones(one), np.zeros(rest)])
+
+
+def _largest(case: Case, name: str, driven: bool, settings: ChannelSettings) -> float:
+    limit, torques = case.limits.get("dynamometer_torque"), case.manoeuvre
+    if driven and limit:
+        return CHECK_TORQUE_SHARE * limit
+    sizes = {
+        source: float(np.abs(drive.torque(np.linspace(0, drive.duration, 2001))).max())
+        for source, drive in torques.items()
+    }
+    if not sizes and not limit:
+        raise InputError(
+            f"{case.path or 'case'}: limits.dynamometer_torque", "is missing",
+            "state it: the check of the channels stays below a tenth of it",
+        )  # fmt: skip
+    return settings.motor_share * (sizes.get(name) or max(sizes.values(), default=limit or 0.0))
+
+
+def _answers(system: System, torques: np.ndarray, inputs: Sequence[str], step: float, case: Case) -> np.ndarray:
+    """Speeds (t, k) of the dynamometers' rotors under torques (t, u), as modelled."""
+    time = np.arange(len(torques)) * step
+    read = [dynamometer.speed_sensor for dynamometer in case.loop.dynamometers]
+    done = simulate(compiled(system), time, dict(zip(inputs, torques.T, strict=True)), sensors=read)
+    return np.stack([done[name] for name in read], axis=1)
+
+
+# --- The run.
+
+COAST_SECONDS = 0.3  # that are recorded after the controller has given up: what it left shows which channel it was
+
+
+def channel_recording(
+    bed: FmuBed, case: Case, law: ControlLaw, controller: FmuController | SupervisedController, plan: ChannelPlan
+) -> tuple[str, str]:
+    """Text of the CSV recording of the check of the channels, from rest; what ended it early, empty where nothing did.
+
+    No reading is fed back: the controller's mode for it commands the planned torques, within its limits.
+    """
+    k, at = len(law.dynamometers), [bed.sensors.index(name) for name in law.sensors]
+    readings, sent = np.zeros((len(plan.torques), len(bed.sensors))), np.zeros_like(plan.torques)
+    bed.begin(0.0)
+    tripped, last = "", len(plan.torques)
+    for i, torque in enumerate(plan.torques):
+        readings[i] = bed.readings()
+        known = np.zeros(len(law.known))
+        mode = ZERO_TORQUE if tripped else CHANNEL_CHECK
+        answer = controller.step(readings[i, at], known, mode, np.zeros(k), i, torque[:k])
+        if answer.fault and not tripped:
+            fault = FAULTS[answer.fault]
+            tripped = f"{fault}, {i * plan.step:.3f} s after the start{_fastest(bed, case, readings[i])}"
+            last = i + round(COAST_SECONDS / plan.step)
+        sent[i, :k] = answer.commands
+        sent[i, k:] = 0.0 if tripped else torque[k:]
+        bed.step(sent[i], plan.step)
+        if i >= last:
+            break
+    count = min(last + 1, len(plan.torques))
+    return run_csv(case, bed, plan.step, held_as_linear(sent[:count]), readings[:count], plan.inputs), tripped
+
+
+def _fastest(bed: FmuBed, case: Case, readings: np.ndarray) -> str:
+    """The fastest of the dynamometers' speeds as read, in words."""
+    names = [dynamometer.speed_sensor for dynamometer in case.loop.dynamometers]
+    values = [abs(readings[bed.sensors.index(name)]) for name in names]
+    return f" ({names[int(np.argmax(values))]} reads {max(values):.3g} rad/s)"
+
+
+# --- What channels may be: exchanged, multiplied by a factor, stuck. One hypothesis changes one channel, or a pair.
+
+
+@dataclass(frozen=True)
+class _Wiring:
+    """Which truth every output (y) and input (u) is connected to, and by what factor."""
+
+    outputs: tuple[int, ...]
+    factors: tuple[float, ...]
+    inputs: tuple[int, ...]
+    gains: tuple[float, ...]
+
+    def exchanged(self, kind: str, i: int, k: int) -> _Wiring:
+        """Two outputs, or two inputs, exchanged."""
+        order = list(getattr(self, kind))
+        order[i], order[k] = order[k], order[i]
+        return replace(self, **{kind: tuple(order)})
+
+    def scaled(self, kind: str, i: int, factor: float) -> _Wiring:
+        """An output, or an input, with a factor."""
+        values = list(getattr(self, kind))
+        values[i] *= factor
+        return replace(self, **{kind: tuple(values)})
+
+
+@dataclass(frozen=True)
+class WrongChannel:
+    """A channel that is not what it is called, in words, and the line that a channel file would need.
+
+    Attributes
+    ----------
+    channel : str
+        Name in the rig's model.
+    words : str
+        What is wrong.
+    line : str
+        For ``[channels]`` of a channel file, which mends recordings; the controller reads the bed itself.
+    certain : bool
+        Whether nothing else explains it; what else may explain it keeps no emulation from beginning.
+    """
+
+    channel: str
+    words: str
+    line: str = ""
+    certain: bool = True
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        return f"{self.channel} {self.words}"
+
+
+class _Blocks:
+    """Answers of every output (y) while each input (u) alone, and then all, move the bed; n samples a window.
+
+    Rows of the comparison are the outputs, then the differences of every two outputs of one quantity: where two
+    channels answer nearly alike, their difference says which is which.
+    """
+
+    def __init__(
+        self, measured: np.ndarray, modelled: np.ndarray, together: np.ndarray, shares: np.ndarray, noise: np.ndarray,
+        start: np.ndarray, pairs: Sequence[tuple[int, int]], settings: ChannelSettings,
+        averaged: _Blocks | None = None,
+    ):  # fmt: skip
+        # noise (y,) of a sample, and start (y,): that of the value which an answer begins from
+        self._averaged = averaged  # the same answers as running means: what free play leaves of them
+        self.measured, self.modelled, self.together = measured, modelled, together  # (u, y, n), (u, y, n), (y, n)
+        self.shares, self.pairs, self.settings = shares, list(pairs), settings  # amplitudes (u,) alone and together
+        first, second = (np.array([pair[side] for pair in self.pairs], int) for side in (0, 1))
+        self._first, self._second = first, second
+        self.noise, start = (np.concatenate([own, np.hypot(own[first], own[second])]) for own in (noise, start))
+        count = measured.shape[2]
+        self._silent = settings.over_noise * self.noise + 3 * np.sqrt(count) * start  # k = 3
+        seen = self._rows(measured, together)
+        sizes = np.linalg.norm(self._rows(*self._parts(self.right())), axis=2)
+        self._seen = seen
+        self._energy = np.maximum((seen**2).sum(axis=2) - count * (self.noise**2 + start**2), 0.0)
+        alone = sizes[:, : measured.shape[1]]
+        common = np.concatenate([alone, np.maximum(alone[:, first], alone[:, second])], axis=1)
+        largest = common.max(axis=0)
+        self.strong = (
+            (sizes > settings.over_noise * self.noise) & (sizes > settings.least_weight * largest) & (sizes > 0)
+        )
+
+    def right(self) -> _Wiring:
+        """Every channel is what it is called."""
+        u, y = self.modelled.shape[:2]
+        return _Wiring(tuple(range(y)), (1.0,) * y, tuple(range(u)), (1.0,) * u)
+
+    def _rows(self, alone: np.ndarray, together: np.ndarray) -> np.ndarray:
+        """Outputs and differences (u + 1, y + pairs, n)."""
+        every = np.concatenate([alone, together[None]])
+        return np.concatenate([every, every[:, self._first] - every[:, self._second]], axis=1)
+
+    def _parts(self, wiring: _Wiring) -> tuple[np.ndarray, np.ndarray]:
+        own, other = self.shares, self.shares[list(wiring.inputs)]
+        parts = self.modelled[list(wiring.inputs)] * (np.array(wiring.gains) * own[:, 0] / other[:, 0])[:, None, None]
+        parts = parts[:, list(wiring.outputs)] * np.array(wiring.factors)[:, None]
+        return parts, (parts * (own[:, 1] / own[:, 0])[:, None, None]).sum(axis=0)
+
+    def alike(self) -> list[tuple[int, int]]:
+        """Pairs of outputs whose difference says nothing of any input."""
+        told = self.strong[:, self.measured.shape[1] :].any(axis=0)
+        return [pair for pair, known in zip(self.pairs, told, strict=True) if not known]
+
+    def misfits(self, wiring: _Wiring) -> np.ndarray:
+        """Misfit (u + 1, rows) of every answer, 0 where the row says nothing of the input.
+
+        Of an answer and its running mean, the one that is more like the model counts: free play tears the first apart,
+        and what rings on bends the second; a wrong channel is wrong in both.
+        """
+        expected = self._rows(*self._parts(wiring))
+        settings, size = self.settings, np.linalg.norm(expected, axis=2)
+        root = np.sqrt(self._energy)
+        usual = settings.still * np.linalg.norm(self._rows(*self._parts(self.right())), axis=2)
+        stuck = np.zeros(len(self.noise), bool)
+        stuck[: len(wiring.factors)] = np.array(wiring.factors) == 0  # it shows its noise, and nothing else
+        silent = root < np.where(stuck, self._silent, usual)
+        still = np.where(silent | (root == 0), 0.0, settings.largest)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            alike = np.clip((self._seen * expected).sum(axis=2) / (root * size), -1.0, 1.0)
+            off = np.maximum(np.abs(np.log(root / size)) - np.log(settings.free_ratio), 0.0)
+            found = np.minimum(1 - alike + off**2, settings.largest)
+        found = np.where(size == 0, still, np.where(root == 0, settings.largest, found))
+        if self._averaged is not None:
+            mean = self._averaged.misfits(wiring)
+            found = np.where(self._averaged.strong, np.minimum(found, mean), found)
+        return np.where(self.strong, found, 0.0)
+
+    def changed(self, before: _Wiring, after: _Wiring) -> np.ndarray:
+        """Answers (u + 1, rows), as bool, of the channels in which two wirings differ."""
+        outputs = [i for i, pair in enumerate(zip(before.outputs, after.outputs, strict=True)) if pair[0] != pair[1]]
+        outputs += [i for i, pair in enumerate(zip(before.factors, after.factors, strict=True)) if pair[0] != pair[1]]
+        inputs = [j for j, pair in enumerate(zip(before.inputs, after.inputs, strict=True)) if pair[0] != pair[1]]
+        inputs += [j for j, pair in enumerate(zip(before.gains, after.gains, strict=True)) if pair[0] != pair[1]]
+        own = np.zeros(self.strong.shape, bool)
+        own[:, outputs] = True
+        own[inputs] = True
+        for row, (i, k) in enumerate(self.pairs, start=self.measured.shape[1]):
+            own[:, row] |= {i, k} == set(outputs)
+        return own
+
+    def factors(self, wiring: _Wiring) -> tuple[np.ndarray, np.ndarray]:
+        """Factor on every output (y,) and every input (u,) by the sizes and signs of its answers; NaN: none is told."""
+        expected = self._rows(*self._parts(wiring))
+        u, y = self.modelled.shape[:2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.sqrt(self._energy) / np.linalg.norm(expected, axis=2)
+            ratio = ratio * np.sign((self._seen * expected).sum(axis=2))
+        ratio = np.where(self.strong & (ratio != 0) & np.isfinite(ratio), ratio, np.nan)[:u, :y]
+        return tuple(_typical(rows) for rows in (ratio.T, ratio))  # type: ignore[return-value]
+
+    def gains(self, wiring: _Wiring, count: int) -> np.ndarray:
+        """Gain, its standard uncertainty, delay in samples and its own (u, y, 4) over the first samples of an answer.
+
+        NaN where nothing is said. The gain is that of measured to expected.
+        """
+        expected = self._parts(wiring)[0][:, :, :count]
+        found = np.full((*expected.shape[:2], 4), np.nan)
+        for j, i in np.argwhere(self.strong[: len(expected), : expected.shape[1]]):
+            answer, seen = expected[j, i], self.measured[j, i, :count]
+            if np.linalg.norm(answer) < self.settings.over_noise * self.noise[i]:
+                continue
+            A = np.stack([answer, -np.gradient(answer)], axis=1)
+            (gain, moved), *_ = np.linalg.lstsq(A, seen)
+            variance = max(
+                float(np.mean((seen - A @ [gain, moved]) ** 2)) * count / max(count - 2, 1), self.noise[i] ** 2
+            )
+            spread = np.sqrt(np.diag(np.linalg.pinv(A.T @ A)) * variance)
+            found[j, i] = gain, spread[0], moved / gain, spread[1] / abs(gain)
+        return found
+
+
+def _typical(ratios: np.ndarray) -> np.ndarray:
+    """Geometric mean (r,) of the sizes of ratios (r, n), with the sign that most of them have; NaN of none."""
+    found = np.full(len(ratios), np.nan)
+    for r, row in enumerate(ratios):
+        told = row[np.isfinite(row)]
+        if len(told):
+            found[r] = np.exp(np.mean(np.log(np.abs(told)))) * (1.0 if np.sum(np.sign(told)) >= 0 else -1.0)
+    return found
+
+
+def _hypotheses(
+    blocks: _Blocks, wiring: _Wiring, quantities: Sequence[str], outputs: Sequence[str], inputs: Sequence[str],
+    driven: int,
+) -> Iterator[tuple[_Wiring, tuple[WrongChannel, ...]]]:  # fmt: skip
+    """Each wiring that differs by one channel, or by one exchanged pair, and what it would mean."""
+    of_outputs, of_inputs = blocks.factors(wiring)
+    for i, (name, quantity) in enumerate(zip(outputs, quantities, strict=True)):
+        yield wiring.scaled("factors", i, -1.0), (WrongChannel(name, "has the wrong sign", _line(name, "sign = -1")),)
+        yield wiring.scaled("factors", i, 0.0), (WrongChannel(name, "does not move: it is stuck or not connected"),)
+        if np.isfinite(of_outputs[i]) and abs(np.log(abs(of_outputs[i]))) > np.log(blocks.settings.free_ratio):
+            words, line = _named(of_outputs[i], quantity)
+            factor = of_outputs[i]
+            yield wiring.scaled("factors", i, factor), (WrongChannel(name, words, _line(name, line)),)
+    for i, k in itertools.combinations(range(len(outputs)), 2):
+        pair = tuple(
+            WrongChannel(one, f"is exchanged with {other}", f'{one} = "{other}"')
+            for one, other in ((outputs[i], outputs[k]), (outputs[k], outputs[i]))
+        )
+        yield wiring.exchanged("outputs", i, k), pair
+    for j, name in enumerate(inputs):
+        giver = "its dynamometer" if j < driven else "what gives it"
+        reverse = WrongChannel(name, f"acts with the wrong sign: mend the command of {giver}")
+        yield wiring.scaled("gains", j, -1.0), (reverse,)
+        silent = f"is not followed: {giver} gives no torque"
+        if j >= driven:
+            silent = f"moves nothing: friction holds the bed, or {giver} gives no torque"
+        yield wiring.scaled("gains", j, 0.0), (WrongChannel(name, silent, certain=j < driven),)
+        factor = of_inputs[j]
+        if np.isfinite(factor) and abs(np.log(abs(factor))) > np.log(blocks.settings.free_ratio):
+            sign = " with the wrong sign and" if factor < 0 else ""
+            words = f"acts{sign} {_times(factor)}: mend the command of {giver}"
+            yield wiring.scaled("gains", j, factor), (WrongChannel(name, words),)
+    for j, k in itertools.combinations(range(driven), 2):
+        pair = tuple(
+            WrongChannel(one, f"drives the dynamometer of {other}: the commands are exchanged")
+            for one, other in ((inputs[j], inputs[k]), (inputs[k], inputs[j]))
+        )
+        yield wiring.exchanged("inputs", j, k), pair
+
+
+def _named(factor: float, quantity: str) -> tuple[str, str]:
+    """A factor in words, by a usual one that is near, and what a channel file would say of it."""
+    usual = sorted((abs(np.log(abs(factor) / one)), words, line) for one, words, line in FACTORS.get(quantity, ()))
+    near = usual and usual[0][0] < NAMED
+    words, line = usual[0][1:] if near else (f"reads {_times(factor)}", f"factor = {1 / abs(factor):.3g}")
+    return (f"{words}, and has the wrong sign", f"{line}, sign = -1") if factor < 0 else (words, line)
+
+
+def _times(factor: float) -> str:
+    size = abs(factor)
+    return f"about {size:.3g} times as large" if size >= 1 else f"only {size:.2g} times as large"
+
+
+def _line(name: str, what: str) -> str:
+    return f'{name} = {{ channel = "{name}", {what} }}'
+
+
+# --- The judgement of a recording.
+
+
+@dataclass(frozen=True)
+class CheckedChannel:
+    """What the check says of a channel.
+
+    Attributes
+    ----------
+    name, quantity, unit : str
+        Unit in SI.
+    gain, gain_uncertainty : float or None
+        Of a sensor: reading over what the model expects; of an input: torque over command; k = 1. None: not told.
+    delay, delay_uncertainty : float or None
+        s, beyond what the case states.
+    zero, zero_uncertainty, noise : float or None
+        Reading at rest, its uncertainty, and the standard deviation of a sample; None of inputs.
+    words : str
+        What is wrong, empty where nothing is.
+    """
+
+    name: str
+    quantity: str
+    unit: str
+    gain: float | None
+    gain_uncertainty: float | None
+    delay: float | None
+    delay_uncertainty: float | None
+    zero: float | None = None
+    zero_uncertainty: float | None = None
+    noise: float | None = None
+    words: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``channels.json`` holds it."""
+        return {key: getattr(self, key) for key in self.__dataclass_fields__} | {"words": self.words or None}
+
+
+@dataclass(frozen=True)
+class ChannelCheck(Displayed):
+    """What the check of the channels found.
+
+    Attributes
+    ----------
+    channels : tuple of CheckedChannel
+        Sensors of the rig that were recorded, then its inputs.
+    wrong : tuple of WrongChannel
+        In the order in which they were found.
+    unlike : tuple of str
+        Channels that answer otherwise than the model, whatever one channel's fault is assumed.
+    alike : tuple of tuple of str
+        Pairs of channels that answer so much alike that nothing tells whether they are exchanged.
+    open : tuple of WrongChannel
+        What may be wrong, or otherwise explained.
+    fastest : float
+        rad/s: largest reading of a dynamometer's speed, as the model's units have it.
+    tripped : str
+        What ended the check early; empty where nothing did.
+    """
+
+    channels: tuple[CheckedChannel, ...]
+    wrong: tuple[WrongChannel, ...]
+    unlike: tuple[str, ...] = ()
+    alike: tuple[tuple[str, str], ...] = ()
+    open: tuple[WrongChannel, ...] = ()
+    fastest: float = 0.0
+    tripped: str = ""
+
+    @property
+    def right(self) -> bool:
+        """Whether an emulation may follow."""
+        return not self.wrong and not self.tripped
+
+    def sentence(self) -> str:
+        """What was found, in a sentence."""
+        if self.wrong:
+            return "; ".join(one.sentence for one in self.wrong)
+        if self.tripped:
+            return f"the check of the channels ended early: {self.tripped}, and no single channel explains it"
+        rest = [one.sentence for one in self.open]
+        if self.unlike:
+            rest.append(f"{listed(list(self.unlike))} answer{'s' * (len(self.unlike) == 1)} otherwise than the model")
+        if rest:
+            return "; ".join(["no channel is wrong", *rest])
+        return "every channel has the sign, unit and place that the model expects"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``channels.json`` holds it."""
+        return {
+            "right": self.right, "sentence": self.sentence(),
+            "wrong": [{"channel": one.channel, "words": one.words, "line": one.line or None} for one in self.wrong],
+            "unlike": list(self.unlike), "open": [one.sentence for one in self.open],
+            "alike": [list(pair) for pair in self.alike], "tripped": self.tripped or None, "fastest": self.fastest,
+            "channels": [one.to_dict() for one in self.channels],
+        }  # fmt: skip
+
+
+def judge_channels(
+    case: Case, recording: Recording, tripped: str = "", settings: ChannelSettings = CHANNELS,
+    tell: Callable[[str], None] = lambda _: None,
+) -> ChannelCheck:  # fmt: skip
+    """Judge the channels by a recording of planned pulses, from rest.
+
+    Parameters
+    ----------
+    recording : Recording
+        Torque commands of all inputs and any sensors of the rig; it begins at rest before the first pulse.
+    tripped : str
+        What ended the recording early.
+
+    Raises
+    ------
+    InputError
+        If an input is missing, or no pulse is in the recording.
+    """
+    tell("check the channels")
+    system, step = bed_system(case), case.loop["sample_time"]
+    driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
+    inputs = [*driven, *(part.name for part in system.inputs if part.name not in driven)]
+    missing = [name for name in inputs if name not in recording.channels]
+    if missing:
+        raise InputError(f"{recording.source}", f"does not hold {listed(missing)}", "record every torque command")
+    sensors = [sensor for sensor in case.rig.sensors if sensor.name in recording.channels]
+    time = np.arange(recording.time[0], recording.time[-1] + step / 2, step)
+    sent = np.stack([np.interp(time, recording.time, recording[name]) for name in inputs], axis=1)
+    read = np.stack([_at(time, recording, sensor.name) for sensor in sensors], axis=1)
+    quantities = [sensor.measures for sensor in sensors]
+    windows, together, lead = _windows(sent, settings, step, recording.source)
+    done = simulate(
+        compiled(system), time - time[0], dict(zip(inputs, sent.T, strict=True)), sensors=[s.name for s in sensors]
+    )
+    model = np.stack([done[sensor.name] for sensor in sensors], axis=1)
+    rest = read[:lead]
+    zero, noise = np.nanmean(rest, axis=0), np.maximum(np.nanstd(rest, axis=0), _resolution(read) / np.sqrt(12))
+    acted = [j for j, window in enumerate(windows) if window is not None]
+    used = [window for window in (*windows, together) if window is not None]
+    whole = min(window.stop - window.start for window in used)
+
+    def part(values: np.ndarray, window: slice | None, count: int) -> np.ndarray:
+        if window is None:
+            return np.zeros((values.shape[1], count))
+        before = values[max(window.start + 1 - settings.before, 0) : window.start + 1]
+        return np.nan_to_num(values[window.start : window.start + count] - before.mean(axis=0)).T
+
+    sizes = np.array([np.abs(sent[windows[j], j]).max() for j in acted])
+    shares = np.array([np.abs(sent[together, j]).max() if together else 0.0 for j in acted])
+    pairs = [
+        (i, k) for i, k in itertools.combinations(range(len(sensors)), 2) if quantities[i] == quantities[k]
+    ]  # fmt: skip
+    averaged: _Blocks | None = None
+    for seconds, over in ((4 * settings.pulse, settings.averaged), (settings.compared, 0.0)):
+        count, width = min(round(seconds / step), whole), max(round(over / step), 1)
+        measured, modelled = (
+            uniform_filter1d(np.stack([part(values, windows[j], count) for j in acted]), width)
+            for values in (read, model)
+        )
+        blocks = averaged = _Blocks(
+            measured, modelled, uniform_filter1d(part(read, together, count), width), np.stack([sizes, shares], axis=1),
+            noise / np.sqrt(width), noise / np.sqrt(settings.before), pairs, settings, averaged,
+        )  # fmt: skip
+    names = [sensor.name for sensor in sensors]
+    moved = [inputs[j] for j in acted]
+    wiring, wrong, unlike = _found(blocks, quantities, names, moved, sum(name in driven for name in moved), settings)
+    open_ = [one for one in wrong if not one.certain]
+    wrong = [one for one in wrong if one.certain]
+    units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
+    uncertain = noise / np.sqrt(max(lead, 1))
+    rows = _rows(blocks, wiring, names, moved, step)
+    channels = []
+    for i, sensor in enumerate(sensors):
+        limit = _zero_limit(case, sensor.uncertainty, sensor.measures, model[:, i], settings)
+        value = zero[i] / (wiring.factors[i] or 1.0)
+        if sensor.measures != "angle" and abs(value) - 3 * uncertain[i] > limit and np.isfinite(limit):
+            words = f"reads {value:.3g} {units[sensor.name]} at rest: set its zero"
+            wrong.append(WrongChannel(sensor.name, words))
+        told = "; ".join(one.words for one in wrong if one.channel == sensor.name)
+        channels.append(
+            CheckedChannel(
+                sensor.name, sensor.measures, units[sensor.name], *rows[sensor.name], float(zero[i]),
+                float(uncertain[i]), float(noise[i]), told,
+            )
+        )  # fmt: skip
+    for name in inputs:
+        told = "; ".join(one.words for one in (*wrong, *open_) if one.channel == name)
+        channels.append(CheckedChannel(name, "torque", "N*m", *rows.get(name, (None,) * 4), words=told))
+    speeds = [names.index(one.speed_sensor) for one in case.loop.dynamometers if one.speed_sensor in names]
+    fastest = float(np.nanmax(np.abs(read[:, speeds]), initial=0.0))
+    alike = tuple((names[i], names[k]) for i, k in blocks.alike())
+    return ChannelCheck(tuple(channels), tuple(wrong), tuple(unlike), alike, tuple(open_), fastest, tripped)
+
+
+def _at(time: np.ndarray, recording: Recording, name: str) -> np.ndarray:
+    """A channel (t,) at other times."""
+    values = recording[name]
+    there = np.isfinite(values)
+    if not there.any():
+        raise InputError(f"{recording.source}: {name}", "has no value", "connect the sensor, or leave the channel out")
+    return np.interp(time, recording.time[there], values[there])
+
+
+def _resolution(read: np.ndarray) -> np.ndarray:
+    """Smallest step (y,) of every channel; 0 of one that never moves."""
+    steps = np.abs(np.diff(read, axis=0))
+    return np.where((steps > 0).any(axis=0), np.where(steps > 0, steps, np.inf).min(axis=0), 0.0)
+
+
+def _windows(
+    sent: np.ndarray, settings: ChannelSettings, step: float, source: str
+) -> tuple[list[slice | None], slice | None, int]:
+    """Samples in which every input (u) acts alone, those in which all act, and how many are at rest before."""
+    moving = np.abs(sent) > 0.05 * np.maximum(np.abs(sent).max(axis=0), 1e-12)
+    if not moving.any():
+        raise InputError(source, "holds no torque", "add the torques of the plan, and record the commands")
+    lead, tail = int(np.argmax(moving.any(axis=1))), round(settings.rests[0] / step)
+    alone = moving & (moving.sum(axis=1) == 1)[:, None]
+    several = np.flatnonzero(moving.sum(axis=1) > 1)
+    windows: list[slice | None] = []
+    for j in range(sent.shape[1]):
+        at = np.flatnonzero(alone[:, j])
+        first = int(at[0]) if len(at) else 0
+        windows.append(slice(max(first - 1, 0), min(int(at[-1]) + tail, len(sent))) if len(at) > 3 else None)
+    together = slice(max(int(several[0]) - 1, 0), min(int(several[-1]) + tail, len(sent))) if len(several) > 3 else None
+    if lead < 10 or not any(windows):
+        raise InputError(
+            source,
+            "does not begin at rest, or no torque acts alone",
+            "record the torques of the plan from before they begin",
+        )
+    return windows, together, lead
+
+
+def _found(
+    blocks: _Blocks, quantities: Sequence[str], outputs: Sequence[str], inputs: Sequence[str], driven: int,
+    settings: ChannelSettings,
+) -> tuple[_Wiring, list[WrongChannel], list[str]]:  # fmt: skip
+    """One wrong channel after another, the one that explains most first, until the answers are those of the model."""
+    wiring, wrong = blocks.right(), list[WrongChannel]()
+    for _ in range(settings.most):
+        left = blocks.misfits(wiring)
+        if left.max(initial=0.0) <= settings.wrong:
+            break
+        tried = []
+        for n, (other, words) in enumerate(_hypotheses(blocks, wiring, quantities, outputs, inputs, driven)):
+            after, own = blocks.misfits(other), blocks.changed(wiring, other)
+            worst = float(np.where(own, left, 0.0).max(initial=0.0))
+            mended = float(np.where(own, after, 0.0).max(initial=0.0)) <= settings.wrong
+            share = settings.better if mended else settings.mended
+            if worst > settings.wrong and (after * own).sum() <= share * (left * own).sum():
+                tried.append((float(after.sum()), n, other, words))
+        if not tried or min(tried)[0] >= left.sum():
+            break
+        _, _, other, words = min(tried)
+        wiring = other
+        wrong += words
+    left = blocks.misfits(wiring)[:, : len(outputs)].max(axis=0, initial=0.0)
+    return wiring, wrong, [name for name, far in zip(outputs, left > settings.wrong, strict=True) if far]
+
+
+def _rows(
+    blocks: _Blocks, wiring: _Wiring, outputs: Sequence[str], inputs: Sequence[str], step: float
+) -> dict[str, tuple[float | None, float | None, float | None, float | None]]:
+    """Gain, its uncertainty, delay (s), its uncertainty of every channel, from all answers in which it has a part.
+
+    Answers are shared out in two ways, outputs and inputs, by least squares; the outputs' gains have the mean 1, since
+    a factor of all sensors and one of all torques look alike.
+    """
+    found = blocks.gains(wiring, max(round(blocks.settings.early / step), 8))
+    y, u = len(outputs), len(inputs)
+    told = np.argwhere(np.nan_to_num(found[:, :, 0]) > 0)
+    rows: dict[str, tuple[float | None, float | None, float | None, float | None]]
+    rows = dict.fromkeys((*outputs, *inputs), (None, None, None, None))
+    if not len(told):
+        return rows
+    A = np.zeros((len(told) + 1, y + u))
+    for n, (j, i) in enumerate(told):
+        A[n, i] = A[n, y + j] = 1.0
+    A[-1, :y] = 1.0
+    gain, of_gain, late, of_late = found[tuple(told.T)].T
+    parts = []
+    for values, spread in ((np.log(gain), of_gain / gain), (late * step, of_late * step)):
+        weight = np.append(1 / spread, 1 / spread.min())
+        b = np.append(values, 0.0)
+        x, *_ = np.linalg.lstsq(A * weight[:, None], b * weight)
+        free = max(len(b) - int(np.linalg.matrix_rank(A)), 1)
+        beyond = max(1.0, float(np.sqrt(np.sum(((A @ x - b) * weight) ** 2) / free)))  # the model is not exact
+        covariance = np.linalg.pinv((A * weight[:, None]).T @ (A * weight[:, None]))
+        parts.append((x, beyond * np.sqrt(np.clip(np.diag(covariance), 0.0, None))))
+    (gains, of_gains), (delays, of_delays) = parts
+    seen = np.abs(A[:-1]).sum(axis=0) > 0
+    for n, name in enumerate((*outputs, *inputs)):
+        if seen[n]:
+            factor = float(np.exp(gains[n]))
+            rows[name] = (factor, factor * float(of_gains[n]), float(delays[n]), float(of_delays[n]))
+    return rows
+
+
+def _zero_limit(
+    case: Case, uncertainty: float | None, quantity: str, model: np.ndarray, settings: ChannelSettings
+) -> float:
+    """Largest reading at rest, SI, that counts as none."""
+    if uncertainty:
+        return settings.offset_ratio * uncertainty
+    limit = case.limits.get("dynamometer_torque" if quantity == "torque" else "dynamometer_speed")
+    return settings.offset_share * (limit if limit else float(np.ptp(model)))
