@@ -213,7 +213,8 @@ def _refitted(fit: Fit, number: Sequence[np.ndarray], block: int) -> np.ndarray:
             if own[0] == block for c in columns]  # fmt: skip
     try:
         others = replace(problem, data=replace(problem.data, segments=segments))
-        return solve(others, fit.v, None, FitOptions(ITERATIONS, exact=False, held=tuple(held))).v
+        with np.errstate(over="ignore", invalid="ignore"):  # where a step makes the simulation diverge
+            return solve(others, fit.v, None, FitOptions(ITERATIONS, exact=False, held=tuple(held))).v
     except FitError:
         return fit.v
 
