@@ -453,8 +453,7 @@ def _followed(arguments: Arguments, case: Case, channels: Any) -> dict[str, Any]
 def run_commission(arguments: Arguments) -> dict[str, Any]:
     """Go round; a person at the bed is told every step in a line of its own."""
     more = {} if arguments.follow is None else {"progress": say}
-    again = shlex.join(["rigmatch", "commission", arguments.case, "--bed", arguments.bed, "--out", arguments.out])
-    return written(called_with_pool(arguments, **more), arguments, {"command": again, "out": arguments.out})
+    return written(called_with_pool(arguments, **more), arguments)
 
 
 def say(what: str) -> None:

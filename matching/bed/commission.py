@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -107,6 +108,8 @@ class Commissioning(Displayed):
         Of the last round that was verified, with its curves.
     channels : mapping, optional
         The content of ``channels.json``: what the check of the channels found before the first emulation.
+    command, out : str
+        What is typed to go on, and the folder of the steps.
     """
 
     rounds: tuple[Round, ...]
@@ -115,6 +118,8 @@ class Commissioning(Displayed):
     vehicle: Mapping[str, Any] | None = None
     last: BedVerification | None = None
     channels: Mapping[str, Any] | None = None
+    command: str = ""
+    out: str = ""
 
     @property
     def status(self) -> str | None:
@@ -137,7 +142,8 @@ class Commissioning(Displayed):
             "status": self.status, "waiting_for": self.waiting_for, "end": self.end, "best_round": self.best_round,
             "vehicle": None if self.vehicle is None else dict(self.vehicle),
             "channels": None if self.channels is None else dict(self.channels),
-            "rounds": [entry.to_dict() for entry in self.rounds],
+            "rounds": [entry.to_dict() for entry in self.rounds], "command": self.command or None,
+            "out": self.out or None,
         }  # fmt: skip
 
 
@@ -326,6 +332,7 @@ class Circle:
         """
         plan_speed(_case_at(path), self._order)  # an error now, not after a match
         self._rounds = []
+        again = shlex.join(["rigmatch", "commission", str(path), "--bed", str(self._bed), "--out", str(self._folder)])
         waiting = end = vehicle = None
         if self._order.vehicle:
             vehicle = self._vehicle_known(path)
@@ -335,7 +342,7 @@ class Circle:
                 self._rounds.append(Round(number))
                 matched = self._round(path, number)
                 if matched is None:
-                    end = f"no emulation was begun: {self._channels['sentence']}" if self._channels else None
+                    end = "no emulation was begun"
                     break
                 path, end = matched, end_of(self._rounds)
                 if end:
@@ -343,7 +350,9 @@ class Circle:
         except Waiting as reason:
             waiting = reason.what
         self._on_one_scale()
-        return Commissioning(tuple(self._rounds), end, waiting, vehicle, self._last(), self._channels)
+        return Commissioning(
+            tuple(self._rounds), end, waiting, vehicle, self._last(), self._channels, again, str(self._folder)
+        )
 
     def _found(self, **of_step: Any) -> None:
         """Add what a step found to the present round; a step that waits for a recording keeps those before it."""

@@ -353,7 +353,7 @@ def _noise(system: System, segments: Sequence[Segment]) -> tuple[np.ndarray, lis
 # process e[t] = memory·e[t − 1] + scale·w[t] with white w. The slow drift of an encoder angle then does not hide that
 # the same encoder follows a vibration to a microradian, and no sensor outvotes the others because it is precise.
 
-LARGEST_MEMORY = 0.9999  # of one sample; a drift over ten thousand samples is a random walk
+FEWEST_INDEPENDENT = 3.0  # readings that a sensor counts as at least; with 50 the filter of the bench is lost
 SMALLEST_MEMORY = 0.0
 SMALLEST_SCALE = 1e-6  # times the noise; less is rounding
 
@@ -399,8 +399,10 @@ class Weighting:
 def weighting_of(errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> Weighting:
     """Memory and scale of what a model leaves of the sensors.
 
-    The memory is the correlation of neighbours, which maximises the likelihood but for the first samples. Both are what
-    the errors show, whatever uncertainty is stated: that of an encoder may be one of its mounting, not of its steps.
+    The memory is the correlation of neighbours, which maximises the likelihood but for the first samples. It is
+    bounded, so that no sensor is switched off: n readings of memory a count as n·(1 − a)/(1 + a) independent ones. Both
+    are what the errors show, whatever uncertainty is stated: that of an encoder may be one of its mounting, not of its
+    steps.
 
     Parameters
     ----------
@@ -414,6 +416,7 @@ def weighting_of(errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -
     count = np.maximum(np.concatenate(pairs).sum(axis=0), 1)
     square = np.sum(before**2, axis=0)
     memory = np.sum(before * after, axis=0) / np.where(square > 0, square, 1.0)
-    memory = np.clip(memory, SMALLEST_MEMORY, LARGEST_MEMORY)
+    largest = np.maximum((count - FEWEST_INDEPENDENT) / (count + FEWEST_INDEPENDENT), SMALLEST_MEMORY)
+    memory = np.clip(memory, SMALLEST_MEMORY, largest)
     scale = np.sqrt(np.sum((after - memory * before) ** 2, axis=0) / count)
     return Weighting(memory, np.maximum(scale, SMALLEST_SCALE))

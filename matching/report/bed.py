@@ -163,10 +163,13 @@ def answer(result: Mapping[str, Any]) -> str:
 
 
 def with_uncertainty(value: float | None, standard: float | None, digits: int = 3) -> str:
-    """A value with its expanded uncertainty, k = 2."""
+    """A value with its expanded uncertainty, k = 2, to the second digit of that; ``digits`` where it is 0."""
     if value is None or standard is None:
         return "not determined"
-    return f"{number(value, digits)} ± {number(2 * standard, 2)}"
+    if not standard > 0 or not np.isfinite(standard):
+        return f"{number(value, digits)} ± {number(2 * standard, 2)}"
+    place = int(np.floor(np.log10(2 * standard))) - 1
+    return f"{number(round(value, -place), 12)} ± {number(2 * standard, 2)}"
 
 
 def _known(row: Mapping[str, Any], key: str = "R_XiL") -> str:
@@ -260,7 +263,6 @@ END_MEANING = {
     "undetermined": "The recordings do not decide whether the bed answers as predicted.",
     "waiting": "Waiting for your recording.",
     "unlike_model": "The bed answers otherwise than its model, so nothing could be judged.",
-    "wrong_channel": "A channel of the bed is not what it is called.",
 }
 ROUNDS = "Measured response error of each round, against the last round's vehicle."
 BESIDE = Markup(
@@ -277,22 +279,26 @@ def commissioning_report(
     """What a commissioning says."""
     told = [("Vehicle on the road", identification_lines(content["vehicle"]), content["vehicle"]["values"])] \
         if content.get("vehicle") else []  # fmt: skip
-    if content.get("channels"):
+    if content.get("channels") and content["status"] != "wrong_channel":
         told.append(("Channels before the first emulation", [content["channels"]["sentence"]], ()))
     told += [
         (f"Round {entry['round']}", round_lines(entry), entry.get("identification", {}).get("values", ()))
         for entry in content["rounds"]
     ]
+    checked = content.get("channels")
+    wrong = content["status"] == "wrong_channel"
+    meaning = _sentence(checked["sentence"]) if checked and wrong else END_MEANING[content["status"]]
     return Report(
         title="Commissioning",
         status=spaced(content["status"]),
-        answer=" ".join(filter(None, [END_MEANING[content["status"]], ending(content), gain(content)])),
+        answer=" ".join(filter(None, [meaning, ending(content), gain(content)])),
         good=content["status"] == "as_predicted",
         lists={"What to do now": next_steps(content, made.case if made else "CASE", folder)},
+        table=channel_table(checked) if checked and wrong else Table(()),
         folds=[
             *(Fold(name, [lines, *([Table([_value(own) for own in values])] if values else [])], told=True)
               for name, lines, values in told),
-            *([Fold("Every channel", [channel_table(content["channels"])])] if content.get("channels") else []),
+            *([Fold("Every channel", [channel_table(checked)])] if checked and not wrong else []),
             Fold("Files beside this page", [BESIDE]),
         ],
     )  # fmt: skip
@@ -311,15 +317,21 @@ def channel_table(checked: Mapping[str, Any]) -> Table:
             "noise of a sample": "" if own["noise"] is None else f"{number(own['noise'], 2)} {per}",
         })  # fmt: skip
     return Table(
-        rows, "± is a standard uncertainty (k = 1). A gain is that of the reading over the model's, of a torque that "
+        rows, "± is an expanded uncertainty (k = 2). A gain is that of the reading over the model's, of a torque that "
         "of torque over command; the sensors' gains have the mean 1. The model itself is known to some per cent.",
     )  # fmt: skip
+
+
+def _sentence(words: str) -> str:
+    """With a full stop, and a capital unless a name begins it."""
+    first = words.partition(" ")[0]
+    return f"{words if '_' in first else words[:1].upper() + words[1:]}."
 
 
 def _with(value: float | None, uncertainty: float | None, factor: float = 1.0) -> str:
     if value is None or uncertainty is None:
         return "not told"
-    return with_uncertainty(factor * value, factor * uncertainty)
+    return with_uncertainty(factor * value, factor * uncertainty).replace("-", "−")
 
 
 def _value(own: Mapping[str, Any]) -> dict[str, str]:
@@ -329,6 +341,8 @@ def _value(own: Mapping[str, Any]) -> dict[str, str]:
 
 def ending(result: Mapping[str, Any]) -> str:
     """Why the circle ended, a sentence."""
+    if result["status"] == "wrong_channel":
+        return "No emulation was begun."
     if result["end"]:
         return f"It ended with round {result['rounds'][-1]['round']}: {result['end']}."
     if result["status"] in VERDICT_MEANING:
@@ -338,7 +352,7 @@ def ending(result: Mapping[str, Any]) -> str:
 
 def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[Step]:
     """What to do after a commissioning, with its command."""
-    folder = result.get("out", folder)
+    folder = result.get("out") or folder
     again = result.get("command") or f"rigmatch commission {case} --bed BED --out {folder}"
     if result["waiting_for"]:
         return [Step(f"Record: {result['waiting_for']}"), Step("Go on", command=again)]
@@ -378,7 +392,7 @@ def identification_lines(identification: Mapping[str, Any]) -> list[str]:
     moved = sorted(known, key=lambda value: -abs(value["after"] - value["before"]) / value["half_width"])
     pairs = [
         f"{component(value['name'])} {number(value['before'], 4)} → "
-        f"{with_uncertainty(value['after'], value['half_width'])}"
+        f"{with_uncertainty(value['after'], value['half_width'] / 2)}"
         for value in moved[:MOVED] if abs(value["after"] - value["before"]) > value["half_width"]
     ]  # fmt: skip
     open_ = [component(value["name"]) for value in identification["values"] if not value.get("found", True)]
@@ -664,7 +678,7 @@ def channel_check_report(content: Mapping[str, Any], folder: str = "OUT", *_: An
     return Report(
         title="Channels",
         status="right" if content["right"] else "wrong channel" if content["wrong"] else "ended early",
-        answer=f"{content['sentence'][:1].upper()}{content['sentence'][1:]}.",
+        answer=_sentence(content["sentence"]),
         good=content["right"],
         lists={} if content["right"] else {"What to do now": steps},
         table=channel_table(content),

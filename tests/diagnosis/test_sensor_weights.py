@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from matching.diagnosis import hypotheses
-from matching.diagnosis.data import LARGEST_MEMORY, FitData, Segment
+from matching.diagnosis.data import FEWEST_INDEPENDENT, FitData, Segment, weighting_of
 from matching.diagnosis.descent import balanced_fit, innovation_power, iteratively_reweighted, solve
 from matching.diagnosis.problem import base_problem
 from modelling.model_file import from_dict
@@ -40,7 +40,13 @@ def test_balanced_weights_do_not_depend_on_how_precise_an_encoder_is_said_to_be(
     assert innovation_power(fit) <= innovation_power(iteratively_reweighted(by_noise)) + 1e-9
     assert fit.values["inertias.rotor.J"] == pytest.approx(J, rel=0.02)
     assert speed.std() > filtered.std()
-    assert (fit.problem.weighting.memory <= LARGEST_MEMORY).all()
+
+
+def test_no_sensor_is_switched_off() -> None:
+    """An error that never changes would have the memory 1 and cost nothing: its readings count as a few at least."""
+    errors, count = np.full((400, 1), 7.0), 399
+    memory = float(weighting_of([errors], [np.ones_like(errors, dtype=bool)]).memory[0])
+    assert count * (1 - memory) / (1 + memory) == pytest.approx(FEWEST_INDEPENDENT)
 
 
 def test_the_pooled_error_is_that_of_readings_over_their_ranges() -> None:
