@@ -272,6 +272,10 @@ class UnseenData:
             self._known[id(fit)] = fit, self._simulated(fit)
         return self._known[id(fit)][1]
 
+    def knows(self, hypothesis: Hypothesis) -> bool:
+        """Whether the errors of a hypothesis have been worked out."""
+        return id(hypothesis.fit) in self._known
+
     def pooled(self, hypothesis: Hypothesis) -> float:
         """Root mean square over the sensors of the error over the sensor's range; infinite where it does not
         simulate."""
