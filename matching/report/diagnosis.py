@@ -916,7 +916,7 @@ def _cause(cause: Mapping[str, Any], curves: Sequence[Mapping[str, Any]]) -> dic
     values = [f"{spaced(key)} {measured(estimate)}" for key, estimate in cause["parameters"].items()]
     known, where = cause.get("in_model", True), [cause["at"]] if isinstance(cause["at"], str) else cause["at"]
     shapes = [curve for curve in curves if any(at.startswith(curve["at"]) for at in where)]
-    looks = [f"torque over the {curve['over']}, {number(100 * curve['share'], 2)} % of the rest" for curve in shapes[:1]]
+    looks = [f"torque over the {one['over']}, {number(100 * one['share'], 2)} % of the rest" for one in shapes[:1]]
     return {
         "cause": spaced(cause["kind"]) if known else f"something, as {spaced(cause['kind'])} would be",
         "at": place(cause["at"]), "values, standard uncertainty": ", ".join(values),
