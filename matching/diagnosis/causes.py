@@ -18,7 +18,7 @@ from modelling.effects import EFFECTS
 from modelling.effects.effect import FittedMotion, RecordedRange
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import derive
-from modelling.errors import FitError, InputError
+from modelling.errors import ExcludedEffects, FitError, InputError
 from modelling.system import Effect, Input, Quantity, Shaft, System
 from modelling.topology import joints, speed_ratios
 
@@ -368,7 +368,7 @@ def compilable(models: Sequence[ExtendedModel]) -> list[ExtendedModel]:
     for model in models:
         try:
             compiled(model.system())
-        except (RuntimeError, InputError):  # e.g. a lag behind a drift of the same sensor
+        except ExcludedEffects:  # e.g. a further slip of a tyre that slips
             continue
         possible.append(model)
     compile_models(model.system() for model in possible)
