@@ -48,6 +48,10 @@ class InputError(Exception):
         return type(self), (self.where, self.wrong, self.right)
 
 
+class ExcludedEffects(InputError):
+    """Effects of a model that exclude each other, or one that has no law where it sits: no such system exists."""
+
+
 class FitError(Exception):
     """A fit to measured data does not exist: the model does not simulate, or no value of its parameters is found."""
 

@@ -10,16 +10,17 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import expm
 
-from matching.diagnosis.data import FitData, stationary_smoother
+from matching.diagnosis.data import FitData, Segment, stationary_smoother
 from matching.diagnosis.descent import Fit
-from matching.diagnosis.problem import FitProblem, jacobian
+from matching.diagnosis.problem import FitProblem, angles_without_reading, jacobian
 from matching.diagnosis.simulation import compile_models
 from modelling.effects import EFFECTS
 from modelling.effects.effect import FittedMotion, RecordedRange
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import derive
-from modelling.errors import FitError, InputError
+from modelling.errors import ExcludedEffects, FitError, InputError
 from modelling.system import Effect, Input, Quantity, Shaft, System
+from modelling.topology import joints, speed_ratios
 
 # --- The torque balance of a fit: which further torque on which inertia, or in which shaft, the measurement asks for.
 #
@@ -367,7 +368,7 @@ def compilable(models: Sequence[ExtendedModel]) -> list[ExtendedModel]:
     for model in models:
         try:
             compiled(model.system())
-        except (RuntimeError, InputError):  # e.g. a lag behind a drift of the same sensor
+        except ExcludedEffects:  # e.g. a further slip of a tyre that slips
             continue
         possible.append(model)
     compile_models(model.system() for model in possible)
@@ -403,7 +404,7 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
     model, segments = problem.model, problem.data.segments
     x = np.concatenate(problem.states(fit.v))
     if balance is not None:
-        x = balance.added_to(model.states, x)
+        x = _begun_as_held(system, model, segments, x, balance.added_to(model.states, x))
     p, _ = problem.unpack(fit.v)
     value = dict(zip(model.parameters, (float(v) for v in p), strict=True))
     shares = inertia_shares(system, model.coordinates, value)
@@ -433,6 +434,23 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
             for on in {part.on for part in system.inputs if part.name not in system.imposed_by}
         },
     )  # fmt: skip
+
+
+def _begun_as_held(
+    system: System, model: Model, segments: Sequence[Segment], simulated: np.ndarray, measured: np.ndarray
+) -> np.ndarray:
+    """Measured states (t, x) in which parts of the drivetrain without an angle sensor stand, where a segment begins, as
+    a simulation has them: else the phase of what repeats over the angle would be another."""
+    out, begin = measured.copy(), 0
+    for segment in segments:
+        part = slice(begin, begin + len(segment.time))
+        for held in angles_without_reading(system, model):
+            turned = measured[begin, held] - simulated[begin, held]
+            for name, ratio in speed_ratios(model.coordinates[held], joints(system)).items():
+                if name in model.coordinates:
+                    out[part, model.coordinates.index(name)] -= ratio * turned
+        begin = part.stop
+    return out
 
 
 def _gear_torques(fit: Fit, x: np.ndarray, inputs: np.ndarray, p: np.ndarray) -> dict[str, np.ndarray]:

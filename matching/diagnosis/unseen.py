@@ -213,7 +213,8 @@ def _refitted(fit: Fit, number: Sequence[np.ndarray], block: int) -> np.ndarray:
             if own[0] == block for c in columns]  # fmt: skip
     try:
         others = replace(problem, data=replace(problem.data, segments=segments))
-        return solve(others, fit.v, None, FitOptions(ITERATIONS, exact=False, held=tuple(held))).v
+        with np.errstate(over="ignore", invalid="ignore"):  # where a step makes the simulation diverge
+            return solve(others, fit.v, None, FitOptions(ITERATIONS, exact=False, held=tuple(held))).v
     except FitError:
         return fit.v
 
@@ -270,6 +271,10 @@ class UnseenData:
         if id(fit) not in self._known:
             self._known[id(fit)] = fit, self._simulated(fit)
         return self._known[id(fit)][1]
+
+    def knows(self, hypothesis: Hypothesis) -> bool:
+        """Whether the errors of a hypothesis have been worked out."""
+        return id(hypothesis.fit) in self._known
 
     def pooled(self, hypothesis: Hypothesis) -> float:
         """Root mean square over the sensors of the error over the sensor's range; infinite where it does not

@@ -103,11 +103,13 @@ def chi_square_inflation(hypothesis: Hypothesis) -> float:
 
 def fitted_candidates(selected: Selection, unseen: UnseenData) -> list[FittedCandidate]:
     """The candidates that were added to the base model by themselves, best first, and the causes of the best
-    hypothesis among them as taken; then those that have no fit."""
+    hypothesis among them as taken; then those that have no fit. Unseen data are asked about those near the best."""
     before, out = unseen.misfit(selected.base), []
+    near = unseen.settings.near_ratio * selected.best.chi_square
     for hypothesis in selected.with_one_cause:
         (cause,) = hypothesis.causes
-        left = unseen.misfit(hypothesis)
+        asked = hypothesis.chi_square < near or unseen.knows(hypothesis)
+        left = unseen.misfit(hypothesis) if asked else np.nan
         taken = (cause.kind, cause.at) in selected.best.places
         reason = "" if taken else _reason(selected, hypothesis, left, before)
         out.append(FittedCandidate(cause.kind, cause.at, hypothesis.misfit, left, hypothesis.chi_square, reason))

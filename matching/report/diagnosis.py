@@ -849,7 +849,7 @@ def report(
         answer=answer(result),
         good=verdict != "unexplained",
         lists={"What to do next": [Step(step) for step in _to_do(result)]},
-        table=Table([_cause(cause) for cause in causes], ""),
+        table=Table([_cause(cause, result.get("discrepancy", [])) for cause in causes], ""),
         folds=[
             Fold("The channels, before any physics",
                  [*_channels(result.get("channels", []), units), Show("channels")], told=True),
@@ -911,12 +911,17 @@ def _to_do(result: Mapping[str, Any]) -> list[str]:
     return steps or ["Nothing: the model can be used, and no further recording is needed."]
 
 
-def _cause(cause: Mapping[str, Any]) -> dict[str, str]:
+def _cause(cause: Mapping[str, Any], curves: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """A row of the table; of a cause that is not sure of its kind or size: something at its place, and its shape."""
     values = [f"{spaced(key)} {measured(estimate)}" for key, estimate in cause["parameters"].items()]
+    known, where = cause.get("in_model", True), [cause["at"]] if isinstance(cause["at"], str) else cause["at"]
+    shapes = [curve for curve in curves if any(at.startswith(curve["at"]) for at in where)]
+    looks = [f"torque over the {one['over']}, {number(100 * one['share'], 2)} % of the rest" for one in shapes[:1]]
     return {
-        "cause": spaced(cause["kind"]), "at": place(cause["at"]), "values, standard uncertainty": ", ".join(values),
+        "cause": spaced(cause["kind"]) if known else f"something, as {spaced(cause['kind'])} would be",
+        "at": place(cause["at"]), "values, standard uncertainty": ", ".join(values),
         "confidence": f"{cause['confidence']:.2f}", "in the place": f"{cause.get('place_confidence', 1.0):.2f}",
-        "in extended.toml": "yes" if cause.get("in_model", True) else "no",
+        "in extended.toml": "yes" if known else "; ".join(["no", *looks]),
         "χ² without it over χ² with it": number(cause["gain"], 3),
     }  # fmt: skip
 

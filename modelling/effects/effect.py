@@ -13,7 +13,7 @@ import scipy
 import sympy as sm
 from sympy import Abs, Expr, Symbol
 
-from modelling.errors import InputError
+from modelling.errors import ExcludedEffects
 from modelling.units import QUANTITY_UNITS
 
 # --- What an effect guesses its first values from: the motion of a fitted model without it, and the misfit's gradient.
@@ -444,7 +444,9 @@ class ShaftLaw:
             If one is there.
         """
         if self.series is not None:
-            raise InputError(self.place, "slips twice", "leave out slip or tyre_slip, or put it on a shaft of its own")
+            raise ExcludedEffects(
+                self.place, "slips twice", "leave out slip or tyre_slip, or put it on a shaft of its own"
+            )
         self.series, self.series_state = coefficient, state
 
 

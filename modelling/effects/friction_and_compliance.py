@@ -30,7 +30,7 @@ from modelling.effects.effect import (
     if_positive,
     smooth_sign,
 )
-from modelling.errors import InputError
+from modelling.errors import ExcludedEffects
 
 # --- Free play of a shaft.
 
@@ -254,7 +254,9 @@ class LoadFriction(Kind):
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         load = assembly.load(name)
         if load == 0:
-            raise InputError(name, "has load_friction, and no torque input", "put gear_loss on a shaft or gear of it")
+            raise ExcludedEffects(
+                name, "has load_friction, and no torque input", "put gear_loss on a shaft or gear of it"
+            )
         assembly.add_torque(name, -p["coefficient"] * Abs(load) * assembly.sign(motion.speed), motion)
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:

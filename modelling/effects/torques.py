@@ -63,6 +63,8 @@ class ConstantTorque(Kind):
 
 MOST_ORDERS = 4  # that are tried from one spectrum, of its low orders and of its high ones
 FEW_TURNS = 4 * np.pi  # rad; over less a spectrum is too coarse
+GENTLE = 0.3  # share of a ripple with which its fit begins
+CLOSE = 17  # orders that are tried within half a line of the best
 SIDE_LOBES, FINEST_ORDER = 0.4, 0.002  # reach and smallest step of the orders tried near the best: 400 at the most
 LOWEST_ORDER = 0.4  # per turn, that is searched for: a period of several turns is that of another shaft
 HIGHEST_ORDER = 100.0  # the same: above cogging, the least common multiple of slots and poles, 36 to 90
@@ -126,11 +128,13 @@ def _orders(motion: FittedMotion, name: str, over: str) -> Iterator[tuple[float,
 
 
 def _orders_near(angle: np.ndarray, best: float) -> Iterator[float]:
-    """Orders near the best one, half a line apart: a reversing motion gives the true one many side lobes."""
+    """Orders near the best one, half a line apart: a reversing motion gives the true one many side lobes. Next to the
+    best they are closer: a ripple that holds a slow motion back leads a simulation astray where its phase is off."""
     span = float(np.ptp(angle))
     if span > FEW_TURNS:
-        for order in best + np.arange(-SIDE_LOBES, SIDE_LOBES, max(np.pi / span, FINEST_ORDER)):
-            yield float(order)
+        apart = max(np.pi / span, FINEST_ORDER)
+        yield from (best + np.arange(-SIDE_LOBES, SIDE_LOBES, apart)).tolist()
+        yield from (best + np.linspace(-apart, apart, CLOSE)).tolist()
 
 
 def outstanding_orders(
@@ -259,10 +263,11 @@ def _ripple_guess(
 
 
 def _parameters(order: float, harmonics: tuple[int, ...], a: np.ndarray) -> dict[str, float]:
-    """Parameters for the amplitudes a (2·k,) of sine and cosine, harmonic by harmonic."""
+    """Parameters for the amplitudes a (2·k,) of sine and cosine, harmonic by harmonic: a fit begins with a share of
+    them, since a ripple of full size may catch a slow motion in another of its valleys."""
     out = {"order": order}
     for k, pair in zip(harmonics, a.reshape(-1, 2), strict=True):
-        wave = wave_parameters(order, pair)
+        wave = wave_parameters(order, GENTLE * pair)
         out |= {f"amplitude{SUFFIXES[k]}": wave["amplitude"], f"phase{SUFFIXES[k]}": wave["phase"]}
     return out
 

@@ -27,7 +27,7 @@ from modelling.effects.effect import (
 )
 from modelling.equations import shaft_law
 from modelling.equations.shaft_law import CONTACT_TIME, differentiate
-from modelling.errors import InputError
+from modelling.errors import ExcludedEffects, InputError
 from modelling.system import Gear, System
 from modelling.topology import joints, side
 
@@ -213,17 +213,19 @@ def check_loss(system: System, gear: Gear, motions: Mapping[str, Motion], shafts
     train = _rigid_train(system, gear.between[0])
     for part in system.differentials:
         if {part.cage, part.left, part.right} & train:
-            raise InputError(place, f"is in one rigid train with {part.name}", "leave its loss out")
+            raise ExcludedEffects(place, f"is in one rigid train with {part.name}", "leave its loss out")
     lossy = {effect.at for effect in system.effects}
     for other in system.gears:
         if other is not gear and f"gears.{other.name}" in lossy and other.between[0] in train:
-            raise InputError(place, f"and gears.{other.name}, in one rigid train, both have losses", "state one loss")
+            raise ExcludedEffects(
+                place, f"and gears.{other.name}, in one rigid train, both have losses", "state one loss"
+            )
     for shaft in system.shafts:
         branches = shafts[shaft.name].second is not motions[shaft.between[1]]
         if branches and train & set(shaft.between):
-            raise InputError(place, f"has a loss beside a further inertia in {shaft.name}", "make that an inertia")
+            raise ExcludedEffects(place, f"has a loss beside a further inertia in {shaft.name}", "make that an inertia")
     if gear.between[1] in _rigid_train(system, gear.between[0], place):
-        raise InputError(place, "is one of a ring: what it passes on is undetermined", "leave its loss out")
+        raise ExcludedEffects(place, "is one of a ring: what it passes on is undetermined", "leave its loss out")
 
 
 def gear_law(

@@ -8,7 +8,7 @@ from typing import Protocol
 import sympy as sm
 
 from modelling.effects.effect import EquationBuilder, Motion, ShaftLaw, Spring
-from modelling.errors import InputError
+from modelling.errors import ExcludedEffects
 from modelling.system import Shaft
 
 # --- Derivatives of many alike expressions, each shape differentiated once.
@@ -88,7 +88,7 @@ def close(law: ShaftLaw, assembly: LawAssembly) -> None:
     spring = twist.angle
     parallel = sm.Add(*law.parallel)
     if law.quadratic != 0 and law.contact is not None:
-        raise InputError(
+        raise ExcludedEffects(
             law.place,
             "has quadratic damping and slip of a tyre at once",
             "leave one of them out, or put it on a shaft of its own",
@@ -137,7 +137,7 @@ def _close_with_quadratic_damping(law: ShaftLaw, assembly: LawAssembly, elastic:
         With free play as well, where the equation has no closed solution.
     """
     if law.gap is not None:
-        raise InputError(
+        raise ExcludedEffects(
             law.place,
             "has free play, a damper in series and quadratic damping at once",
             "leave one of them out, or put it on a shaft of its own",

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.campaign.score import confidences, confusion
+from tests.campaign.score import confidences, confusion, place_confidences
 
 BLUE, GREY = "#0072B2", "#666666"
 
@@ -17,9 +17,12 @@ def picture(rows: list[dict[str, Any]], path: Path) -> None:
 
     made = [row for row in rows if "found" in row]
     figure = Figure(figsize=(13, 8), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
-    _confusion(left, made)
-    _reliability(right, confidences(made))
+    left, right = figure.subfigures(1, 2, width_ratios=(1.5, 1))
+    _confusion(left.subplots(), made)
+    kind, place = right.subplots(2, 1, sharex=True)
+    _reliability(kind, confidences(made), "kind and place")
+    _reliability(place, place_confidences(made), "place alone")
+    place.set_xlabel("confidence given")
     figure.savefig(path, dpi=100)
 
 
@@ -39,7 +42,7 @@ def _confusion(axes: Any, rows: list[dict[str, Any]]) -> None:
     axes.set_title("Kind named first (one effect, none, or one outside the vocabulary)", fontsize=10)
 
 
-def _reliability(axes: Any, pairs: list[tuple[float, bool]]) -> None:
+def _reliability(axes: Any, pairs: list[tuple[float, bool]], what: str) -> None:
     """How often causes are right, by the confidence they were given with, with 95 % intervals (Wilson 1927)."""
     for low, high in pairwise([0.0, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0001]):
         own = [(p, good) for p, good in pairs if low <= p < high]
@@ -51,8 +54,7 @@ def _reliability(axes: Any, pairs: list[tuple[float, bool]]) -> None:
             axes.plot(p, share, "o", color=BLUE, markersize=5)
             axes.annotate(str(n), (p, share), textcoords="offset points", xytext=(-6, -4), fontsize=8, ha="right")
     axes.plot([0, 1], [0, 1], color=GREY, linewidth=0.8)
-    axes.set_xlabel("confidence given")
     axes.set_ylabel("share that is right")
     axes.set_xlim(-0.05, 1.05)
     axes.set_ylim(-0.05, 1.05)
-    axes.set_title("Reliability of confidences (number of causes beside)", fontsize=10)
+    axes.set_title(f"Confidence in {what} (number of causes beside)", fontsize=10)

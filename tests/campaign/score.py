@@ -49,6 +49,25 @@ def confidences(rows: list[dict[str, Any]]) -> list[tuple[float, bool]]:
     ]
 
 
+def component(place: str) -> set[str]:
+    """The components that a place is of: inertias.body of inertias.body.J, both sensors of a shared cause."""
+    return {".".join(one.split(".")[:2]) for one in place.split("+")}
+
+
+def place_confidences(rows: list[dict[str, Any]]) -> list[tuple[float, bool]]:
+    """Confidence in the place of every named cause, and whether something hidden is there, of whatever kind, or where
+    the recording cannot tell it from there."""
+    out = []
+    for row in rows:
+        there = [component(at) for _, at in row["answer"]["background"]]
+        for one in row["answer"]["causes"]:
+            there += [component(at) for at in (one["at"], *one.get("equivalent", []))]
+            there += [component(same["at"]) for same in one.get("equivalent_causes", [])]
+        for cause in row["found"]["causes"]:
+            out.append((cause["place_confidence"], any(component(where(cause)) & own for own in there)))
+    return out
+
+
 def deviations(rows: list[dict[str, Any]]) -> list[float]:
     """Errors of the parameters of first causes named right, in their standard uncertainties.
 

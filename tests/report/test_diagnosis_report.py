@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from matching.cli import main
 from matching.commands import made_of
 from matching.diagnosis.diagnose import diagnose
-from matching.report.diagnosis import CAPTIONS, answer, measured, pictures, report, to_correct
+from matching.report.diagnosis import CAPTIONS, _cause, answer, measured, pictures, report, to_correct
 from matching.report.page import page
 
 INERTIA, DRAG, AIR, NOISE = 0.2, 0.05, 0.004, 0.02
@@ -279,3 +279,18 @@ def test_a_reversed_sign_and_a_range_that_is_too_narrow_are_corrected_first() ->
     result["errors"]["torque"]["after"] = 0.5  # the factor explains only part of it
     assert to_correct(result) == [widen]
     assert to_correct({"causes": [], "parameters": {"inertias.rotor.J": free}, "errors": {}}) == []
+
+
+def test_a_cause_that_is_not_sure_of_its_kind_is_something_with_a_shape() -> None:
+    weak = {"kind": "hysteresis", "at": "shafts.link", "parameters": {}, "confidence": 0.3, "place_confidence": 0.96,
+            "in_model": False, "gain": 5.0}  # fmt: skip
+    curves = [
+        {"at": "inertias.load", "over": "speed", "share": 0.5},
+        {"at": "shafts.link", "over": "twist", "share": 0.38},
+    ]
+    row = _cause(weak, curves)
+    assert row["cause"] == "something, as hysteresis would be"
+    assert row["in extended.toml"] == "no; torque over the twist, 38 % of the rest"
+    assert (row["confidence"], row["in the place"]) == ("0.30", "0.96")
+    assert _cause(weak | {"in_model": True}, curves)["cause"] == "hysteresis"
+    assert _cause(weak, curves[:1])["in extended.toml"] == "no"
