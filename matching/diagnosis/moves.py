@@ -516,8 +516,8 @@ def _simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedMode
 
 
 def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:
-    """Whether a hypothesis has the candidate, or another dry friction at its place; one that grows with the load may
-    stand beside one that does not."""
+    """Whether a hypothesis, or the model as given, has the candidate, or another dry friction at its place; one that
+    grows with the load may stand beside one that does not."""
 
     def rubs(kind: str) -> bool:
         return EFFECTS[kind].sticks and "torque" in EFFECTS[kind].file_keys
@@ -525,6 +525,9 @@ def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:
     def late(kind: str) -> bool:  # a clock is not also a delay or a lag
         return EFFECTS[kind].only_delays or EFFECTS[kind].is_clock or kind == "lag"
 
+    given = {(effect.kind, place) for effect in hypothesis.model.base.effects for place in effect.places}
+    if any((candidate.kind, place) in given for place in members(candidate.at)):
+        return True
     return any(
         (candidate.at == at and (candidate.kind == kind or (rubs(candidate.kind) and rubs(kind))))
         or (late(candidate.kind) and late(kind) and not set(members(candidate.at)).isdisjoint(members(at)))

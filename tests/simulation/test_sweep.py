@@ -27,7 +27,8 @@ PLACES = EFFECTS | {
     "quadratic_damping": ("shafts.link", {"coefficient": 0.05}),
     "relaxation": ("shafts.link", {"stiffness": 100.0, "time_constant": 0.02}),
     "double_relaxation": (
-        "shafts.link", {"stiffness": 100.0, "time_constant": 0.02, "stiffness_2": 60.0, "time_constant_2": 0.3}
+        "shafts.link",
+        {"stiffness": 100.0, "time_constant": 0.02, "stiffness_2": 60.0, "time_constant_2": 0.3},
     ),
     "directional_stiffness": ("shafts.link", {"factor": 0.6}),
     "warming_friction": ("inertias.load", {"torque": 1.0, "change": 0.5, "time_constant": 0.05}),
