@@ -136,6 +136,9 @@ AT_BOUND_SHARE = 1e-6  # of the width of the range
 SMALLEST_SINGULAR = 1e-10  # of the largest singular value; less is rounding
 
 
+AT_BOUND = "at the bound of its range"
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A fitted parameter, SI; ``note`` says if the data do not identify it, or a bound holds it."""
@@ -182,7 +185,7 @@ def estimates(
         uncertainty, notes = max(float(sigma[i]), (least or {}).get(name, 0.0)), []
         uniform = float(width[i]) / np.sqrt(12)
         if at_bound[i]:
-            notes.append("at the bound of its range")
+            notes.append(AT_BOUND)
         if uncertainty > NOT_IDENTIFIABLE * uniform:
             uncertainty = min(uncertainty, uniform)
             notes.append("not identifiable: the data do not narrow its range")

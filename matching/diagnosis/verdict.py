@@ -26,7 +26,7 @@ from matching.diagnosis.result import (
 )
 from matching.diagnosis.screening import Screening
 from matching.diagnosis.simulation import simulate_readings
-from matching.diagnosis.statistics import Estimate, estimates, residual_inflation
+from matching.diagnosis.statistics import AT_BOUND, Estimate, estimates, residual_inflation
 from matching.diagnosis.unseen import UnseenData, UnseenError
 from modelling.effects import EFFECTS
 from modelling.effects.effect import SHARED, place_in_words
@@ -315,7 +315,8 @@ def named_causes(
         share, place = rating.share, 1.0
         if unseen is not None and screening is not None:
             place = _place(judgement, rating, unseen)
-            if not judgement.mostly and _free_force_is_left(final, screening, cause.at):
+            unfound = any(estimates[name].note.startswith(AT_BOUND) for name in cause.names().values())
+            if not judgement.mostly and (unfound or _free_force_is_left(final, screening, cause.at)):
                 share = min(share, NOT_THE_KIND)
         certain = share * judgement.explained * acts(parameters) / (1 + len(same))
         # of what no recording, or not this one, tells apart, any may stand
@@ -339,7 +340,8 @@ def named_causes(
 
 # --- Confidence where more than noise is left. A place counts as often as a hypothesis with any cause there predicts
 # unseen blocks best, each by a fit to the others, when the blocks are drawn again and again. The kind counts no more
-# than ``NOT_THE_KIND`` where a free force there predicts much of what it leaves (:mod:`matching.diagnosis.latent`).
+# than ``NOT_THE_KIND`` where a free force there predicts much of what it leaves (:mod:`matching.diagnosis.latent`), or
+# where one of its parameters ended at the bound of its range: a value that was not found speaks for no kind.
 
 LEAST_CONFIDENCE = 0.5  # of a kind, from which a cause stands in the answer and in the extended model
 NOT_THE_KIND = 0.4  # most that is said of a kind that leaves a force at its own place
