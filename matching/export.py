@@ -16,7 +16,7 @@ from matching.match.box import of_system
 from matching.match.case import Case, apply
 from matching.match.case_file import load_case
 from matching.match.in_time import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
-from matching.match.loop import LinearBed, assembled_bed, control_law, linear_bed, shaft_torque
+from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque
 from modelling.bed.bed import ControlLaw, delayed_bed
 from modelling.bed.observer import NOISE
 from modelling.bed.vehicle import Interface, ResidualVehicle, cut
@@ -246,8 +246,7 @@ def _wrong_readings(case: Case, bed: WatchedBed) -> BedEvents:
 def _torque_steps(case: Case, bed: WatchedBed, scale: float) -> BedEvents:
     """Every torque at once: those of the rig not measured, and measured but late and large; those of the road."""
     law = bed.law
-    driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
-    on_rig = [part.name for part in case.rig.inputs if part.name not in driven]
+    on_rig = disturbing(case)
     sizes = torque_sizes(case, bed, scale)
     steps = [(name, False) for name in on_rig] + [(name, True) for name in law.known]
     events, at = no_events(bed, FOLLOWED_SAMPLES, len(steps)), WATCHED_SAMPLES - 1

@@ -10,14 +10,14 @@ play still answers like its model to a factor of two; a wrong channel does not.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from matching.bed.excite import torques_csv
+from matching.bed.excite import bed_inputs, torques_csv
 from matching.bed.simulated_bed import FmuBed, FmuController, bed_system, held_as_linear, run_csv
 from matching.match.case import Case
 from modelling.bed.bed import ControlLaw
@@ -53,9 +53,7 @@ class ChannelSettings:
     early: float = 0.04  # s of an answer that say gain and delay: what follows depends on the modes of the bed
     still: float = 0.35  # of the answer that is expected: what rings on from the pulses before is no answer
     use_of_speed: float = 0.4  # of the speed limit of the check, on the bed as modelled: it may be off by a factor 2
-    motor_share: float = (
-        0.4  # of the manoeuvre's largest torque, for inputs that no dynamometer gives; see use_of_speed
-    )
+    motor_share: float = 0.4  # of the manoeuvre's largest torque, for other inputs; use_of_speed bounds it as well
     least_weight: float = 0.1  # of a channel's largest answer: a torque that moves it less says nothing of it
     over_noise: float = 8.0  # times the noise of a sample, that an answer (root of the sum of squares) is larger
     free_ratio: float = 2.0  # by which the size of an answer may be off without a wrong channel
@@ -66,9 +64,6 @@ class ChannelSettings:
     most: int = 4  # wrong channels that are looked for
     offset_ratio: float = 5.0  # of a sensor's stated uncertainty, from which on its zero is wrong
     offset_share: float = 0.005  # of the torque limit or a channel's own range: the same where none is stated
-    late: float = 5.0  # standard uncertainties of a delay, and
-    late_samples: float = 1.5  # samples, from which on a channel is late
-    gain_share: float = 0.1  # from which on a gain is said to be off: the model itself is known to some per cent
 
 
 CHANNELS = ChannelSettings()
@@ -151,11 +146,10 @@ def plan_channels(case: Case, settings: ChannelSettings = CHANNELS) -> ChannelPl
         If an input's torque is not known from limits or manoeuvre.
     """
     step, system = case.loop["sample_time"], bed_system(case)
-    driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
-    inputs = (*driven, *(part.name for part in system.inputs if part.name not in driven))
+    inputs, driven = bed_inputs(case), len(case.loop.dynamometers)
     alone = _pulses(case, settings, step)
     lead, count = round(settings.lead / step), len(alone)
-    sizes = np.array([_largest(case, name, name in driven, settings) for name in inputs])
+    sizes = np.array([_largest(case, name, j < driven, settings) for j, name in enumerate(inputs)])
     parts = [np.zeros((lead, len(inputs)))]
     for j in range(len(inputs)):
         part = np.zeros((count, len(inputs)))
@@ -320,6 +314,7 @@ class _Blocks:
         sizes = np.linalg.norm(self._rows(*self._parts(self.right())), axis=2)
         self._seen = seen
         self._energy = np.maximum((seen**2).sum(axis=2) - count * (self.noise**2 + start**2), 0.0)
+        self._usual = settings.still * sizes
         alone = sizes[:, : measured.shape[1]]
         common = np.concatenate([alone, np.maximum(alone[:, first], alone[:, second])], axis=1)
         largest = common.max(axis=0)
@@ -357,10 +352,9 @@ class _Blocks:
         expected = self._rows(*self._parts(wiring))
         settings, size = self.settings, np.linalg.norm(expected, axis=2)
         root = np.sqrt(self._energy)
-        usual = settings.still * np.linalg.norm(self._rows(*self._parts(self.right())), axis=2)
         stuck = np.zeros(len(self.noise), bool)
         stuck[: len(wiring.factors)] = np.array(wiring.factors) == 0  # it shows its noise, and nothing else
-        silent = root < np.where(stuck, self._silent, usual)
+        silent = root < np.where(stuck, self._silent, self._usual)
         still = np.where(silent | (root == 0), 0.0, settings.largest)
         with np.errstate(divide="ignore", invalid="ignore"):
             alike = np.clip((self._seen * expected).sum(axis=2) / (root * size), -1.0, 1.0)
@@ -557,7 +551,7 @@ class ChannelCheck(Displayed):
         return not self.wrong and not self.tripped
 
     def sentence(self) -> str:
-        """What was found, in a sentence."""
+        """Which channels are wrong or open, in a sentence."""
         if self.wrong:
             return "; ".join(one.sentence for one in self.wrong)
         if self.tripped:
@@ -582,7 +576,6 @@ class ChannelCheck(Displayed):
 
 def judge_channels(
     case: Case, recording: Recording, tripped: str = "", settings: ChannelSettings = CHANNELS,
-    tell: Callable[[str], None] = lambda _: None,
 ) -> ChannelCheck:  # fmt: skip
     """Judge the channels by a recording of planned pulses, from rest.
 
@@ -598,10 +591,8 @@ def judge_channels(
     InputError
         If an input is missing, or no pulse is in the recording.
     """
-    tell("check the channels")
     system, step = bed_system(case), case.loop["sample_time"]
-    driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
-    inputs = [*driven, *(part.name for part in system.inputs if part.name not in driven)]
+    inputs, driven = bed_inputs(case), len(case.loop.dynamometers)
     missing = [name for name in inputs if name not in recording.channels]
     if missing:
         raise InputError(f"{recording.source}", f"does not hold {listed(missing)}", "record every torque command")
@@ -645,7 +636,7 @@ def judge_channels(
         )  # fmt: skip
     names = [sensor.name for sensor in sensors]
     moved = [inputs[j] for j in acted]
-    wiring, wrong, unlike = _found(blocks, quantities, names, moved, sum(name in driven for name in moved), settings)
+    wiring, wrong, unlike = _found(blocks, quantities, names, moved, sum(j < driven for j in acted), settings)
     open_ = [one for one in wrong if not one.certain]
     wrong = [one for one in wrong if one.certain]
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors}

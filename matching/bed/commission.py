@@ -15,6 +15,7 @@ from matching.bed.channels import channel_recording, judge_channels, plan_channe
 from matching.bed.excite import (
     ExcitationOrder,
     ExcitationPlan,
+    bed_inputs,
     excitation_csv,
     plan_excitation,
     steady_speed,
@@ -573,9 +574,7 @@ class Circle:
         return checksum(f"{plan} {self._order.excitation!r} {bed}")
 
     def _fmu(self, case: Case) -> FmuBed:
-        driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
-        others = [part.name for part in case.rig.inputs if part.name not in driven]
-        return FmuBed(self._bed, [*driven, *others], [sensor.name for sensor in case.rig.sensors])
+        return FmuBed(self._bed, bed_inputs(case), [sensor.name for sensor in case.rig.sensors])
 
 
 def plan_speed(case: Case, order: CommissionOrder) -> float:

@@ -106,6 +106,11 @@ class RecordedBed:
         return H
 
 
+def bed_inputs(case: Case) -> tuple[str, ...]:
+    """Inputs (u) of a case's rig: the dynamometers', then the others."""
+    return (*(dynamometer.torque_input for dynamometer in case.loop.dynamometers), *disturbing(case))
+
+
 def _speed_of(inertia: str) -> str:
     """Name of the added sensor of an inertia's speed."""
     return f"excited_speed_{inertia}"
@@ -128,7 +133,7 @@ def recorded_bed(case: Case) -> RecordedBed:
     noise = [UNKNOWN_NOISE if sensor.uncertainty is None else sensor.uncertainty for sensor in rig.sensors]
     return RecordedBed(
         replace(case, rig=watched, compared=compared),
-        (*(dynamometer.torque_input for dynamometer in loop.dynamometers), *disturbing(case)),
+        bed_inputs(case),
         tuple(sensor.name for sensor in rig.sensors), np.array(noise), shafts,
     )  # fmt: skip
 

@@ -231,6 +231,12 @@ def _check(case: Case, bed: RecordedBed, names: tuple[str, ...], demanded: np.nd
             raise InputError("limits.dynamometer_torque", "is missing", f"it says how large {name} may be in the proof")
 
 
+def _free_play_rows(bed: RecordedBed) -> list[int]:
+    """Outputs that are the torques of shafts with free play."""
+    shafts = [place.removeprefix("shafts.") for place in bed.case.rig.free_plays if place.startswith("shafts.")]
+    return [len(bed.sensors) + bed.shafts.index(shaft) for shaft in shafts]
+
+
 def _loaded(
     case: Case, bed: RecordedBed, beds: ExcitedBeds, speed: float, names: tuple[str, ...], most: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
@@ -240,8 +246,7 @@ def _loaded(
     """
     none = np.zeros(len(most))
     steady = beds.steady(speed)
-    rows = [len(bed.sensors) + bed.shafts.index(place.split(".")[1]) for place in case.rig.free_plays
-            if place.startswith("shafts.")]  # fmt: skip
+    rows = _free_play_rows(bed)
     able = [d for d, name in enumerate(bed.inputs[len(case.loop.dynamometers) :]) if name in names and most[d] > 0]
     if not rows or not able:
         return none, steady
@@ -368,8 +373,7 @@ class _Shaping:
 
     def closed(self, spectra: np.ndarray, names: tuple[str, ...]) -> float:
         """Factor, 1 at most, below which no free play opens: the torque there keeps a share of its mean."""
-        rows = [len(self.bed.sensors) + self.bed.shafts.index(place.split(".")[1])
-                for place in self.case.rig.free_plays if place.startswith("shafts.")]  # fmt: skip
+        rows = _free_play_rows(self.bed)
         mean = np.abs(self.steady[1][:, rows])
         if not rows or not mean.all():
             return 1.0

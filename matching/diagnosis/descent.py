@@ -259,8 +259,8 @@ class _Descent:
         return True
 
     def _renew_parameters(self) -> None:
-        """The columns of the parameters at this point; those of the start states stay: what is left of a start fades,
-        or turns with the drivetrain as a whole, and hardly depends on the parameters."""
+        """The parameters' columns of the Jacobian at this point. Those of the start states stay: the effect of a start
+        state fades, or turns the whole drivetrain, and hardly depends on the parameters."""
         self._use(with_new_parameters(self.problem, self.v, self.residual, self.jacobian))
 
     def _refine_differences(self) -> None:

@@ -89,7 +89,7 @@ def asked_damping(
     fast : ndarray (b,)
         Least damping ratio of these where the loop has to have rolled off: no control helps there.
     reserve : float
-        Factor on what is asked for; little of it counts for a bed's own modes, which no control helps.
+        Factor on the required damping; of modes that control does not change only a small part of it is required.
     """
     least, s, kept = reserve * required.damping_ratio, rates(z, step), KEPT_DAMPING * (1 + OWN_RESERVE * (reserve - 1))
     size, upper = np.abs(s), np.where(s.imag < 0, s.conj(), s)

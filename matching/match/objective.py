@@ -227,7 +227,7 @@ class Search:
         self.forget()
 
     def pool_margins(self, x: np.ndarray) -> np.ndarray:
-        """What is left (b,) of the damping that every bed of the pool has to keep, over what drawn beds need."""
+        """Damping margin (b,) of every bed of the pool, relative to the requirement on drawn beds."""
         numbers = range(len(self.positions))
         ways = [self.opened.get(number, CLOSED) for number in numbers]
         margins = self.damping_margins_at(x, self.positions, ways)

@@ -22,7 +22,7 @@ STAYS_OPEN_S = 60.0  # no play stays open for so long: what grows slower than in
 
 @dataclass(frozen=True)
 class Opened:
-    """What is left of the cut shafts' stiffness and damping; ``alone`` names the one shaft that has less, else all."""
+    """Share of the cut shafts' stiffness and damping that remains; ``alone`` names the one reduced shaft, else all."""
 
     share: float = 1.0
     alone: str | None = None

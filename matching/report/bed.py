@@ -28,6 +28,7 @@ from matching.report.common import (
     decimated,
     figure,
     number,
+    plus_minus,
     spaced,
     styled,
     unit,
@@ -163,7 +164,8 @@ def answer(result: Mapping[str, Any]) -> str:
 
 
 def with_uncertainty(value: float | None, standard: float | None, digits: int = 3) -> str:
-    """A value with its expanded uncertainty, k = 2, to the second digit of that; ``digits`` where it is 0."""
+    """A value with its expanded uncertainty, k = 2, to the second digit of that, without trailing zeros; ``digits``
+    where it is 0. Where zeros shall stand, see :func:`matching.report.common.plus_minus`."""
     if value is None or standard is None:
         return "not determined"
     if not standard > 0 or not np.isfinite(standard):
@@ -331,7 +333,7 @@ def _sentence(words: str) -> str:
 def _with(value: float | None, uncertainty: float | None, factor: float = 1.0) -> str:
     if value is None or uncertainty is None:
         return "not told"
-    return with_uncertainty(factor * value, factor * uncertainty).replace("-", "−")
+    return plus_minus(factor * value, 2 * factor * uncertainty).replace("-", "−")
 
 
 def _value(own: Mapping[str, Any]) -> dict[str, str]:
@@ -392,7 +394,7 @@ def identification_lines(identification: Mapping[str, Any]) -> list[str]:
     moved = sorted(known, key=lambda value: -abs(value["after"] - value["before"]) / value["half_width"])
     pairs = [
         f"{component(value['name'])} {number(value['before'], 4)} → "
-        f"{with_uncertainty(value['after'], value['half_width'] / 2)}"
+        f"{plus_minus(value['after'], value['half_width'])}"
         for value in moved[:MOVED] if abs(value["after"] - value["before"]) > value["half_width"]
     ]  # fmt: skip
     open_ = [component(value["name"]) for value in identification["values"] if not value.get("found", True)]
@@ -592,8 +594,8 @@ def excitation_report(content: Mapping[str, Any], *_: Any) -> Report:
         title="Excitation",
         status="planned",
         answer=f"{number(content['duration'], 3)} s about a rotor speed of {number(content['speed'], 3)} rad/s. "
-        f"The response error from what is not known "
-        f"is {number(error['before'], 2)} now, and {number(error['after'], 2)} expected with what the recording tells.",
+        f"The uncertain quantities cause a response error "
+        f"of {number(error['before'], 2)} now, and {number(error['after'], 2)} is expected after the recording.",
         lists={"What to do now": [
             Step("Run excitation.csv on the bed without emulation, and record the sensors of the rig"),
             Step(f"Hold the speed slowly beside it: {hold}"),

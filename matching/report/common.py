@@ -99,6 +99,24 @@ def number(value: float | None, digits: int = 4) -> str:
     return f"{float(text):.0f}"  # the format g writes small numbers of these powers without exponent
 
 
+UNCERTAIN_PLAIN_POWERS = range(-4, 6)  # powers of ten of a value that is written without exponent
+MOST_DECIMALS = 8
+
+
+def plus_minus(value: float, uncertainty: float | None) -> str:
+    """A value ± its uncertainty, both to two digits of that (JCGM 100, 7.2.6); the value alone where there is none."""
+    if not uncertainty or not math.isfinite(uncertainty):
+        return number(value)
+    u = float(f"{uncertainty:.1e}")  # 0.0996 is 0.10
+    decimals = 1 - math.floor(math.log10(u))
+    power = math.floor(math.log10(max(abs(value), u)))
+    if power in UNCERTAIN_PLAIN_POWERS and decimals <= MOST_DECIMALS:
+        places = max(decimals, 0)
+        return f"{round(value, decimals):.{places}f} ± {round(u, decimals):.{places}f}"
+    places = max(decimals + power, 0)
+    return f"{value / 10.0**power:.{places}f}e{power} ± {u / 10.0**power:.{places}f}e{power}"
+
+
 def enough_digits(values: Sequence[float | None], least: int = 3, most: int = 6) -> int:
     """Significant digits with which numbers that lie close together differ in two digits, as far as ``most`` allows."""
     known = [value for value in values if value is not None and math.isfinite(value)]

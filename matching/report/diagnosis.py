@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from string import Formatter
@@ -28,6 +27,7 @@ from matching.report.common import (
     figure,
     number,
     percent,
+    plus_minus,
     spaced,
     styled,
     unit,
@@ -600,8 +600,6 @@ PLACES = {
     "inputs": "the input", "sensors": "the sensor",
 }  # fmt: skip
 LEAST_RIVAL_CONFIDENCE = 0.1  # from which the answer names a rival
-PLAIN_POWERS = range(-4, 6)  # powers of ten that are written without exponent
-MOST_DECIMALS = 8
 LEAST_SHOWN = 2.5e-5  # of a fidelity's standard uncertainty: twice that is 0.00 % where it is less
 
 
@@ -698,20 +696,8 @@ def _rivals(cause: Mapping[str, Any]) -> str:
 
 def measured(estimate: Mapping[str, Any]) -> str:
     """A value with its standard uncertainty, to two digits of that (JCGM 100, 7.2.6), and its unit."""
-    value, u = estimate["value"], estimate["standard_uncertainty"]
-    printed_unit = unit(estimate["unit"])
-    if not u or not math.isfinite(u):
-        return f"{number(value)} {printed_unit}".rstrip()
-    u = float(f"{u:.1e}")  # 0.0996 is 0.10
-    decimals = 1 - math.floor(math.log10(u))
-    power = math.floor(math.log10(max(abs(value), u)))
-    if power in PLAIN_POWERS and decimals <= MOST_DECIMALS:
-        places = max(decimals, 0)
-        text = f"{round(value, decimals):.{places}f} ± {round(u, decimals):.{places}f}"
-    else:
-        places = max(decimals + power, 0)
-        text = f"{value / 10.0**power:.{places}f}e{power} ± {u / 10.0**power:.{places}f}e{power}"
-    return f"{text} {printed_unit}".rstrip()
+    text = plus_minus(estimate["value"], estimate["standard_uncertainty"])
+    return f"{text} {unit(estimate['unit'])}".rstrip()
 
 
 def _in_noise(error: Mapping[str, float | None], key: str) -> float | None:

@@ -133,7 +133,7 @@ def test_limits_hold_on_the_nominal_and_on_the_worst_drawn_bed(limited_case, pla
 
 
 def test_a_recording_tells_what_matters(limited_case, plan):
-    """What is not known costs a quarter of the allowed error before it, and less than a tenth of that part after it."""
+    """Unknown values cost a quarter of the allowed error before the recording, and a twenty-fifth of it after."""
     assert plan.error_before > 0.2 * limited_case.tolerance
     assert plan.error_after < 0.04 * limited_case.tolerance
     assert all(one.after <= one.before * (1 + 1e-9) for one in plan.expected)
