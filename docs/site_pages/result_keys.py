@@ -113,7 +113,7 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "standard_uncertainty_before": "before the recording, SI", "standard_uncertainty_after": "after it, SI",
         "response_error_before": "response error from not knowing this quantity alone",
         "response_error_after": "the same after the recording",
-        "fitted_until": "time up to which the recording is fitted, s; the rest judges the result",
+        "fitted_until": "time up to which the recording is fitted, s: all of it, in blocks that are left out in turn",
         "limits_used": "largest share of each limit that the excitation takes",
         "slowest rotor": "share of the least speed",
         "speed_hold": "gains of the speed hold, by dynamometer",

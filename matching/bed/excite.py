@@ -550,7 +550,7 @@ class ExcitationPlan(Displayed):
         Demanded torques beside the speed hold's, N·m.
     parts : tuple of Part
     fitted_until : float
-        s: the recording up to here is for the fit, the rest for judging it.
+        s: the recording up to here is fitted, which is all of it: a diagnosis judges by blocks, left out in turn.
     expected : tuple of Expected
         What matters most for the match first.
     error_before, error_after : float
@@ -727,7 +727,6 @@ def _beds(limits: ExcitationLimits, box: Box, hold: SpeedHold, positions: np.nda
 
 # --- Plans an identification recording: what matters for the match, within the bed's limits.
 
-FITTED = 0.7  # of the recording: the rest is what a diagnosis holds out
 SHARES = (("multisine", 0.42), ("chirp", 0.16), ("steps", 0.12), ("multisine", 0.30))  # of the duration
 LINES = 90  # of the multisine, over the frequencies excited
 HIGHEST_TIMES_BAND, HIGHEST_TIMES_SAMPLING = 2.0, 0.06  # highest frequency, the lower of the two: a sample is short
@@ -736,7 +735,7 @@ REST = 0.5  # s without excitation at the beginning
 SPEED_SHARE = 0.25  # of the largest speed: where the bed turns unless the case or the caller says otherwise
 SHORTEST_PLAN = 6.0  # s
 SHAPING_BEDS = 4  # of those simulated, that each part is made as large as possible on
-SECOND_SEED = 1  # of the multisine that is held out
+SECOND_SEED = 1  # of the last multisine: another wave than the first
 
 
 @dataclass(frozen=True)
@@ -780,14 +779,13 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
     used = limits.used(steady, motion, torques)
     step = case.loop["sample_time"]
     recorded = np.hstack([motion.commands[:, 0], torques[:, motion.commands.shape[2] :]])
-    until = round(FITTED * len(torques))
-    total = information(bed, box, recorded[:until], step, _lowest(case, order))
+    total = information(bed, box, recorded, step, _lowest(case, order))
     names = [dynamometer.name for dynamometer in case.loop.dynamometers]
     covariance = np.linalg.inv(total + PRIOR * np.eye(len(total)))
     return ExcitationPlan(
         case.title, speed,
         {name: (float(p), float(i)) for name, p, i in zip(names, hold.proportional, hold.integral, strict=True)},
-        bed.inputs, np.arange(len(torques)) * step, torques, parts, until * step,
+        bed.inputs, np.arange(len(torques)) * step, torques, parts, len(torques) * step,
         _expected(case, weights, covariance), float(np.sqrt(np.trace(weights) / PRIOR)),
         float(np.sqrt(np.trace(weights @ covariance))), used, order.margin, order.beds + 1, _notes(bed, limits, within),
     )  # fmt: skip

@@ -159,6 +159,9 @@ class FitOptions:
         Variables that stay where they are; their columns of the Jacobian are 0.
     timed : bool
         Whether it ends where it is when the time of the caller's limit is over.
+    worth : float
+        Share of the misfit beyond noise that ``PATIENCE`` iterations have to gain for another one; 0: any gain. What a
+        wrong model gains along a valley takes most of the time of a search, and decides nothing in it.
     """
 
     iterations: int = 20
@@ -167,6 +170,11 @@ class FitOptions:
     noise_cost: float = 0.0
     held: Sequence[int] = ()
     timed: bool = True
+    worth: float = 0.0
+
+
+WORTH = 0.01  # of the misfit beyond noise, for five further iterations of a fit that is only compared (trial)
+SEARCH = FitOptions(exact=False, worth=WORTH)
 
 
 def solve(
@@ -283,6 +291,8 @@ class _Descent:
         slow = before - reached < HOPELESS_PROGRESS * before
         if iteration >= PATIENCE and rival and reached > HOPELESS_RATIO * rival and slow:
             return True
+        if iteration >= PATIENCE and before - reached < self.options.worth * self.problem.beyond_noise(reached):
+            return True
         if self.fresh and noise:
             before, cost = self._paced
             pace = (cost - reached) / max(iteration - before, 1)
@@ -325,7 +335,7 @@ def chi_square(residual: np.ndarray) -> float:
 SEARCH_STEPS, FINAL_STEPS, MOST_STEPS_A_SAMPLE = 8, 16, 256  # integration steps a sample at most
 ALMOST = 0.75  # of the most steps: halving once more would exceed them
 DECREASE, DECREASE_SHARE = 3.0, 1e-4  # of χ² that is worth another halving: absolute, and of χ² itself
-EXCESS_SHARE = 0.05  # the same beyond ``FINAL_STEPS``, of the misfit beyond noise
+EXCESS_SHARE = 0.05  # the same of the misfit beyond noise: less decides nothing between two wrong models
 ITERATIONS = 12
 
 
@@ -336,16 +346,14 @@ def with_sharper_friction(fit: Fit, most_steps: int = SEARCH_STEPS) -> Fit:
     while np.isfinite(fit.problem.stick_speed) and fit.problem.steps_per_second < ALMOST * most_steps * sampling:
         if time_is_over():
             break
-        worthwhile = max(DECREASE, DECREASE_SHARE * fit.cost)
-        if fit.problem.steps_per_second > ALMOST * FINAL_STEPS * sampling:
-            worthwhile = max(worthwhile, EXCESS_SHARE * (fit.cost - data.readings_count))
+        worthwhile = max(DECREASE, DECREASE_SHARE * fit.cost, EXCESS_SHARE * fit.problem.beyond_noise(fit.cost))
         sharper = replace(
             fit.problem, steps_per_second=2 * fit.problem.steps_per_second, stick_speed=fit.problem.stick_speed / 2
         )
         if fit.cost - expected_cost(fit, sharper.residuals(fit.v[None])[0]) < worthwhile:
             break
         try:
-            again = solve(sharper, fit.v, fit.jacobian, FitOptions(ITERATIONS, exact=False))
+            again = solve(sharper, fit.v, fit.jacobian, replace(SEARCH, iterations=ITERATIONS))
         except FitError:
             break
         if again.cost > fit.cost - worthwhile:
@@ -415,7 +423,6 @@ def difference_steps(fit: Fit) -> np.ndarray:
 
 ROUNDS = 6
 SETTLED_RATIO = 1.1  # of the scales between two rounds
-OPTIONS = FitOptions(exact=False)
 
 
 def iteratively_reweighted(fit: Fit) -> Fit:
@@ -430,7 +437,7 @@ def iteratively_reweighted(fit: Fit) -> Fit:
         if before is not None and _settled(before, weighting):
             break
         problem = replace(plain, weighting=weighting)
-        fit = solve(problem, fit.v, _weighted_jacobian(problem, of_noise), OPTIONS)
+        fit = solve(problem, fit.v, _weighted_jacobian(problem, of_noise), SEARCH)
     return fit
 
 
@@ -460,7 +467,7 @@ def balanced_fit(fit: Fit, v: np.ndarray) -> Fit:
     ends = [iteratively_reweighted(fit)]
     with contextlib.suppress(FitError):  # nothing simulates from there
         problem = replace(fit.problem, weighting=discrepancy_at(fit.problem, v))
-        ends.append(iteratively_reweighted(solve(problem, v, None, OPTIONS)))
+        ends.append(iteratively_reweighted(solve(problem, v, None, SEARCH)))
     return min(ends, key=innovation_power)
 
 

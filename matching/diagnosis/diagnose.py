@@ -35,7 +35,7 @@ from matching.diagnosis.hypotheses import (
     scatters_only,
 )
 from matching.diagnosis.loggers import with_clocks
-from matching.diagnosis.moves import Progress, Selection, Suspected, search_window, select_causes, without
+from matching.diagnosis.moves import Progress, Search, Selection, Suspected, search_window, without
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.result import (
     Candidate,
@@ -94,31 +94,47 @@ def identify_causes(
 ) -> IdentifiedCauses:
     """The causes that a base fit lacks, and for each its rivals, itself included.
 
-    Weights by noise are right for a model that can be perfect. Where the best one is far from the noise, causes are
-    selected again with each sensor weighted by what the base model leaves of it, and taken if they meet unseen data
-    better.
+    Weights by noise are right for a model that can be perfect. Where a model is far from that, most of its error is
+    what some torque has done long before, and only weights by what the model leaves show which torque that is: they
+    come first then, else where the best answer is far from the noise. Of two answers that is finished which meets
+    unseen data better.
     """
     settings = unseen.settings
-    identified = _identify(system, base, unseen, progress, suspected)
-    best = identified.selected.best
-    if scatters_only(best) or largest_error(best.fit) < settings.left_by_model or time_is_over(settings.search_share):
-        return identified
-    progress("sensors weighted by what the model leaves")
-    if largest_error(base) < settings.far_from_noise:
-        unseen = UnseenData(unseen.blocks, replace(settings, far_from_noise=settings.left_by_model))
-    balanced = _identify(
-        system, balanced_fit(base, base_problem(system, base.problem.data)[1]), unseen, progress, suspected
-    )
-    return balanced if unseen.prefers(balanced.selected.best, best) else identified
+    far = largest_error(base) > settings.far_from_noise
+    found: _Found | None = None
+    for by_noise in (not far, far):
+        if found and (scatters_only(found.best) or largest_error(found.best.fit) < settings.left_by_model):
+            break
+        if found and time_is_over(settings.search_share):
+            break
+        begin, judge = base, unseen
+        if not by_noise:
+            progress("sensors weighted by what the model leaves")
+            begin = balanced_fit(base, base_problem(system, base.problem.data)[1])
+            if not far:
+                judge = UnseenData(unseen.blocks, replace(settings, far_from_noise=settings.left_by_model))
+        other = _searched(system, begin, judge, progress, suspected)
+        found = other if found is None or unseen.prefers(other.best, found.best) else found
+    assert found is not None
+    return _finished(found, progress)
 
 
-def _identify(
+@dataclass(frozen=True)
+class _Found:
+    """A search, and the best of what it found, fitted to all data; of long data the search is of a time window."""
+
+    search: Search
+    best: Hypothesis
+    base: Fit  # to all data
+
+
+def _searched(
     system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected]
-) -> IdentifiedCauses:
-    """Causes with their rivals, sensors weighted as in the base fit.
+) -> _Found:
+    """Causes, sensors weighted as in the base fit.
 
-    Of long data, causes are selected in the time window where the base model is worst, then fitted to all data. If
-    the residual of all data is not noise though that of the window is, they are selected in all data.
+    Of long data, they are searched for in the time window where the base model is worst, then fitted to all data. If
+    the residual of all data is not noise though that of the window is, they are searched for in all data.
     """
     settings = unseen.settings
     window = search_window(base, settings.window)
@@ -126,26 +142,29 @@ def _identify(
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
         problem, v = base_problem(system, window)
         part = solve(replace(problem, weighting=base.problem.weighting), v)
-        identified = _selected_and_rated(
-            system, part, UnseenData(blocks_for(part, settings), settings), progress, suspected
-        )
-        selected = identified.selected
+        search = Search(system, part, UnseenData(blocks_for(part, settings), settings), progress, suspected)
+        search.run()
         progress("all data")
-        best = final_fit_on(selected.best, base)
-        if at_noise(best) or not at_noise(selected.best) or time_is_over(settings.search_share):
-            selected.best, selected.base, selected.screening = best, replace(selected.base, fit=base), Screening(base)
-            selected.screened = []
-            return identified
-    return _selected_and_rated(system, base, unseen, progress, suspected)
+        best = final_fit_on(search.state.best, base)
+        if at_noise(best) or not at_noise(search.state.best) or time_is_over(settings.search_share):
+            return _Found(search, best, base)
+    search = Search(system, base, unseen, progress, suspected)
+    search.run()
+    return _Found(search, search.state.best, base)
 
 
-def _selected_and_rated(
-    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected]
-) -> IdentifiedCauses:
-    selected = select_causes(system, base, unseen, progress, suspected)
-    progress("rivals")
+def _finished(found: _Found, progress: Progress) -> IdentifiedCauses:
+    """What a search found with its rivals, all on all data."""
+    selected, unseen = found.search.finish(), found.search.unseen
     rated = [rate_rivals(selected, index, unseen) for index in range(len(selected.best.causes))]
-    return IdentifiedCauses(selected, rated, fitted_candidates(selected, unseen))
+    identified = IdentifiedCauses(selected, rated, fitted_candidates(selected, unseen))
+    if selected.base.fit.problem.data is not found.base.problem.data:  # of a time window
+        progress("all data")
+        same = selected.best.places == found.best.places
+        selected.best = found.best if same else final_fit_on(selected.best, found.base)
+        selected.base, selected.screened = replace(selected.base, fit=found.base), []
+        selected.screening = Screening(found.base)
+    return identified
 
 
 # --- Diagnosis

@@ -16,7 +16,7 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause, ExtendedModel, compilable, recorded_range
 from matching.diagnosis.data import FEWEST_SAMPLES, FitData
-from matching.diagnosis.descent import Fit, FitOptions, discrepancy, reweighted, solve, with_sharper_friction
+from matching.diagnosis.descent import SEARCH, Fit, FitOptions, discrepancy, reweighted, solve, with_sharper_friction
 from matching.diagnosis.hypotheses import (
     Hypothesis,
     at_noise,
@@ -86,14 +86,8 @@ def best_by_candidate(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCan
     return list(out.values())
 
 
-def select_causes(
-    system: System,
-    base_fit: Fit,
-    unseen: UnseenData,
-    progress: Progress,
-    suspected: Sequence[Suspected] = (),
-) -> Selection:
-    """The causes that a base fit lacks, as far as the vocabulary has them.
+class Search:
+    """The moves from a base fit; screenings are made once for each set of causes.
 
     Parameters
     ----------
@@ -103,12 +97,11 @@ def select_causes(
         Decides what is accepted.
     suspected : sequence of (kind, place, parameters)
         Causes that are fitted in the first round whatever the screening says: what the audit of the channels suspects.
+
+    Attributes
+    ----------
+    state : Selection
     """
-    return _Moves(system, base_fit, unseen, progress, suspected).run()
-
-
-class _Moves:
-    """The moves of one selection; screenings are made once for each set of causes."""
 
     def __init__(
         self,
@@ -133,19 +126,23 @@ class _Moves:
         self.known: dict[tuple[Cause, ...], tuple[Screening, list[ScreenedCandidate]]] = {(): (screening, candidates)}
         self.state = Selection(base, base, screening, candidates, draws.threshold())
 
-    def run(self) -> Selection:
-        """Add while that helps, then share, drop and exchange; add again where that has changed the causes; then move
-        with finer steps."""
+    def run(self) -> None:
+        """Add while that helps, then share, drop and exchange; add again where that has changed the causes."""
         state = self.state
         for _ in range(self.settings.rounds):
             self._grow()
             before = state.best.places
             self._settle(lambda hypothesis: hypothesis)
             if state.best.places == before:
-                break
+                return
+
+    def finish(self) -> Selection:
+        """Move on with finer steps, and keep what competes with each cause: of a search whose answer is given."""
+        state = self.state
         self.progress("final fit")
         state.best = final_fit(state.best)
         self._settle(final_fit)
+        self.progress("rivals")
         state.rivals = [self._rivals(index) for index in range(len(state.best.causes))]
         if not state.best.causes:
             state.base = state.best
@@ -169,7 +166,7 @@ class _Moves:
         for _ in range(self.settings.moves):
             changed = self._shared(state.best)
             if changed is state.best:
-                changed = self._once(simplified, state.best)
+                changed = self._once(simplified, state.best, self._as_good)
             if changed is state.best:
                 changed = self._dropped() or self._exchanged() or state.best
             if changed is state.best:
@@ -192,8 +189,10 @@ class _Moves:
 
     def promising(self, hypothesis: Hypothesis) -> list[ScreenedCandidate]:
         """The candidates of a round: the most promising, and of further kinds the most promising place. To first order,
-        where sensors are weighted with a memory, what lets an angle drift away promises little."""
-        _, candidates = self.screened(hypothesis)
+        where sensors are weighted with a memory, what lets an angle drift away promises little; what promises too
+        little there to be accepted is not fitted."""
+        least = self._least_promise(hypothesis)
+        candidates = [each for each in self.screened(hypothesis)[1] if each.reduction > least]
         best = candidates[: self.settings.candidates]
         seen = {candidate.kind for candidate in best}
         further: dict[str, ScreenedCandidate] = {}
@@ -205,6 +204,11 @@ class _Moves:
         suspected = [ScreenedCandidate(*one, promised) for one in self.suspected if one[:2] not in known]
         best = [*(one for one in suspected if not _taken(hypothesis, one)), *best]
         return [*best, *list(further.values())[: self.settings.kinds]]
+
+    def _least_promise(self, hypothesis: Hypothesis) -> float:
+        """What the screening has to promise of further causes for these to be worth a fit."""
+        settings, weighted = self.settings, hypothesis.fit.problem.weighting is not None
+        return settings.least_share / settings.beyond_promise * hypothesis.fit.cost if weighted else 0.0
 
     def screened(self, hypothesis: Hypothesis) -> tuple[Screening, list[ScreenedCandidate]]:
         """The screening of a hypothesis, and its candidates beyond what noise would promise, best first."""
@@ -278,7 +282,7 @@ class _Moves:
         rival = min((hypothesis.fit.cost for hypothesis in others), default=0.0)
         noise = min((hypothesis.fit.cost for hypothesis in others if at_noise(hypothesis)), default=0.0)
         try:
-            fit = fit_extended(model, parent.fit, FitOptions(exact=False, rival_cost=rival, noise_cost=noise))
+            fit = fit_extended(model, parent.fit, replace(SEARCH, rival_cost=rival, noise_cost=noise))
         except FitError as reason:
             self.state.failed.setdefault(candidate.kind_and_place, str(reason))
             return None
@@ -308,7 +312,7 @@ class _Moves:
         """A fit that goes on where its iterations ended before it did."""
         if not fit.unfinished:
             return fit
-        return solve(fit.problem, fit.v, fit.jacobian, FitOptions(self.settings.iterations, exact=False))
+        return solve(fit.problem, fit.v, fit.jacobian, replace(SEARCH, iterations=self.settings.iterations))
 
     # --- Add
 
@@ -346,10 +350,10 @@ class _Moves:
         out: list[Hypothesis] = []
         for pair in screened_pairs(screening, candidates, self.settings)[: self.settings.pairs]:
             model = self._with(best, pair.first, pair.second)
-            if not compilable([model]) or not self._take():
+            if pair.reduction < self._least_promise(best) or not compilable([model]) or not self._take():
                 continue
             try:
-                fit = fit_extended(model, best.fit, FitOptions(exact=False))
+                fit = fit_extended(model, best.fit)
             except FitError as reason:
                 for one in (pair.first, pair.second):
                     self.state.failed.setdefault(one.kind_and_place, f"as one of a pair: {reason}")
@@ -482,10 +486,12 @@ def _in_place(hypothesis: Hypothesis, index: int) -> Hypothesis:
     return replace(hypothesis, model=replace(hypothesis.model, causes=causes))
 
 
-def simplified(hypothesis: Hypothesis) -> Hypothesis:
+def simplified(
+    hypothesis: Hypothesis, as_good: Callable[[Hypothesis, Hypothesis], bool] = lambda simpler, other: False
+) -> Hypothesis:
     """A hypothesis with simpler kinds that behave alike at its values in the place of causes, where these are as likely
-    for fewer parameters, or the values are impossible: a further cause has taken what the simpler one left when it was
-    searched for."""
+    for fewer parameters, or as good on unseen data where more than noise is left, or the values are impossible: a
+    further cause has taken what the simpler one left when it was searched for."""
     for cause in hypothesis.causes:
         index = hypothesis.causes.index(cause)
         price = float(np.log(hypothesis.fit.problem.data.readings_count)) * hypothesis.chi_square_per_reading
@@ -496,8 +502,9 @@ def simplified(hypothesis: Hypothesis) -> Hypothesis:
                 continue
             saved = len(hypothesis.fit.v) - len(simpler.fit.v)
             meant = EFFECTS[cause.kind].possible({k: hypothesis.fit.values[name] for k, name in cause.names().items()})
-            if saved > 0 and (not meant or simpler.chi_square < hypothesis.chi_square + saved * price):
-                return simplified(with_sharpest_friction(simpler))
+            likely = simpler.chi_square < hypothesis.chi_square + saved * price
+            if saved > 0 and (not meant or likely or (not at_noise(hypothesis) and as_good(simpler, hypothesis))):
+                return simplified(with_sharpest_friction(simpler), as_good)
     return hypothesis
 
 
@@ -695,7 +702,7 @@ def screened_pairs(
         return []
     least = settings.pair_gain * rest
     for i, j in combinations(range(len(best)), 2):
-        if best[i].at == best[j].at and best[i].kind == best[j].kind:
+        if best[i].kind == best[j].kind and not set(members(best[i].at)).isdisjoint(members(best[j].at)):
             continue
         pair = _pair(screening, best[i], best[j], (rows[i], rows[j]))
         if pair is not None and pair.reduction - best[0].reduction > least:

@@ -255,6 +255,10 @@ class FitProblem:
         signature = self._weighted(np.where(measured, 1.0, 0.0)[None], i)[0, :, j]
         return weighted @ signature / max(float(signature @ signature), 1e-300), signature
 
+    def beyond_noise(self, chi_square: float) -> float:
+        """The misfit beyond noise in a χ²; all of it where what the model leaves is the weight."""
+        return chi_square - (self.data.readings_count if self.weighting is None else 0)
+
     def by_sensor(self, residual: np.ndarray) -> list[np.ndarray]:
         """A weighted residual (r,) as (t, y) of every segment."""
         ends = np.cumsum([segment.readings.size for segment in self.data.segments])

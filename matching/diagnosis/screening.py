@@ -21,7 +21,7 @@ from matching.diagnosis.causes import (
     torque_balance,
 )
 from matching.diagnosis.data import Segment
-from matching.diagnosis.descent import Fit, FitOptions, solve
+from matching.diagnosis.descent import SEARCH, Fit, FitOptions, solve
 from matching.diagnosis.problem import BATCH, STEPS_PER_RADIAN, FitProblem, with_enough_steps
 from matching.diagnosis.simulation import simulate_readings, steps_and_stick_speed
 from matching.diagnosis.statistics import Estimate
@@ -159,7 +159,6 @@ def best_of(count: float, decrease: np.ndarray, c: int) -> np.ndarray:
 ABRUPT_STEPS = 8  # integration steps a sample where a torque jumps: with fewer, χ² is too rough to descend
 STICK_STEPS = 2  # the same with dry friction, which is as sharp as the steps are short
 MOST_START_STATES = 4  # at which the fastest rate is looked at, besides rest
-SEARCH = FitOptions(exact=False)
 
 
 def fit_extended(model: ExtendedModel, parent: Fit, options: FitOptions = SEARCH, finer: float = 1.0) -> Fit:

@@ -43,6 +43,9 @@ class DiagnosisSettings:
     least_share : float
         Of the misfit beyond noise that a cause has to explain. A kind that explains a tenth of it usually imitates a
         cause that the vocabulary lacks. Trial.
+    beyond_promise : float
+        Times what the screening promises that a refit gains at most, where sensors are weighted by what the model
+        leaves. By noise there is no such bound: a drift hides what began it. Trial.
     judged : int
         Hypotheses of a round that are compared on unseen data, best first, before the search gives up.
     explains_almost_all, promising : float
@@ -104,6 +107,7 @@ class DiagnosisSettings:
     pair_gain: float = 0.2
     wider_gaps: tuple[float, ...] = (1.6, 4.0)
     least_share: float = 0.15
+    beyond_promise: float = 3.0
     judged: int = 6
     explains_almost_all: float = 0.9
     promising: float = 0.4

@@ -16,9 +16,9 @@ import numpy as np
 
 from matching.diagnosis.causes import ExtendedModel, start_states
 from matching.diagnosis.data import Segment
-from matching.diagnosis.descent import Fit, FitOptions, chi_square, solve
+from matching.diagnosis.descent import SEARCH, Fit, FitOptions, chi_square, solve
 from matching.diagnosis.problem import FitProblem, flank_shifts, jacobian
-from matching.diagnosis.screening import SEARCH, extended_problem, fit_extended
+from matching.diagnosis.screening import extended_problem, fit_extended
 from matching.diagnosis.statistics import covariance, discretisation_shift, inflation
 from modelling.resources import time_is_over
 

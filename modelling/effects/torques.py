@@ -66,6 +66,7 @@ FEW_TURNS = 4 * np.pi  # rad; over less a spectrum is too coarse
 GENTLE = 0.3  # share of a ripple with which its fit begins
 CLOSE = 17  # orders that are tried within half a line of the best
 SIDE_LOBES, FINEST_ORDER = 0.4, 0.002  # reach and smallest step of the orders tried near the best: 400 at the most
+MOST_NEAR = 8  # of these are screened: the true one's neighbours promise nearly as much, its side lobes clearly less
 LOWEST_ORDER = 0.4  # per turn, that is searched for: a period of several turns is that of another shaft
 HIGHEST_ORDER = 100.0  # the same: above cogging, the least common multiple of slots and poles, 36 to 90
 HIGHEST_FOLLOWED = 24.0  # over another shaft's angle, and where all orders are tried: above joints, teeth and pulses
@@ -92,7 +93,7 @@ class TorqueRipple(Kind):
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
         angle = motion.angle[at.split(".")[1]]
-        for order in _orders_near(angle, best["order"]):
+        for order in _orders_near(angle, best["order"], motion.torque_gradient[at.split(".")[1]]):
             yield _ripple_guess(at, angle, order, (1,))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
@@ -127,14 +128,17 @@ def _orders(motion: FittedMotion, name: str, over: str) -> Iterator[tuple[float,
         yield from outstanding_orders(angle, motion.torque_lacking[name], highest)
 
 
-def _orders_near(angle: np.ndarray, best: float) -> Iterator[float]:
-    """Orders near the best one, half a line apart: a reversing motion gives the true one many side lobes. Next to the
-    best they are closer: a ripple that holds a slow motion back leads a simulation astray where its phase is off."""
+def _orders_near(angle: np.ndarray, best: float, gradient: np.ndarray) -> list[float]:
+    """Of the orders near the best one, half a line apart, those that promise most by the gradient (t,) of χ²: a
+    reversing motion gives the true one many side lobes. Next to the best they are closer: a ripple that holds a slow
+    motion back leads a simulation astray where its phase is off."""
     span = float(np.ptp(angle))
-    if span > FEW_TURNS:
-        apart = max(np.pi / span, FINEST_ORDER)
-        yield from (best + np.arange(-SIDE_LOBES, SIDE_LOBES, apart)).tolist()
-        yield from (best + np.linspace(-apart, apart, CLOSE)).tolist()
+    if span <= FEW_TURNS:
+        return []
+    apart = max(np.pi / span, FINEST_ORDER)
+    near = np.concatenate([best + np.arange(-SIDE_LOBES, SIDE_LOBES, apart), best + np.linspace(-apart, apart, CLOSE)])
+    promised = [abs(np.exp(1j * order * angle) @ gradient) for order in near]
+    return near[np.argsort(promised)[: -MOST_NEAR - 1 : -1]].tolist()
 
 
 def outstanding_orders(
@@ -226,7 +230,7 @@ class GearedRipple(Kind):
         first, second = members(at)
         angle = motion.angle[second.split(".")[1]]
         yield _ripple_guess(first, angle, best["order"], tuple(SUFFIXES))
-        for order in _orders_near(angle, best["order"]):
+        for order in _orders_near(angle, best["order"], motion.torque_gradient[first.split(".")[1]]):
             yield _ripple_guess(first, angle, order, (1,))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
