@@ -291,7 +291,8 @@ class _Descent:
         slow = before - reached < HOPELESS_PROGRESS * before
         if iteration >= PATIENCE and rival and reached > HOPELESS_RATIO * rival and slow:
             return True
-        if iteration >= PATIENCE and before - reached < self.options.worth * self.problem.beyond_noise(reached):
+        worth = self.options.worth
+        if iteration >= PATIENCE and worth and before - reached < worth * self.problem.beyond_noise(reached):
             return True
         if self.fresh and noise:
             before, cost = self._paced

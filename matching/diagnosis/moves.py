@@ -166,7 +166,7 @@ class Search:
         for _ in range(self.settings.moves):
             changed = self._shared(state.best)
             if changed is state.best:
-                changed = self._once(simplified, state.best, self._as_good)
+                changed = self._once(simplified, state.best)
             if changed is state.best:
                 changed = self._dropped() or self._exchanged() or state.best
             if changed is state.best:
@@ -486,12 +486,10 @@ def _in_place(hypothesis: Hypothesis, index: int) -> Hypothesis:
     return replace(hypothesis, model=replace(hypothesis.model, causes=causes))
 
 
-def simplified(
-    hypothesis: Hypothesis, as_good: Callable[[Hypothesis, Hypothesis], bool] = lambda simpler, other: False
-) -> Hypothesis:
+def simplified(hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis with simpler kinds that behave alike at its values in the place of causes, where these are as likely
-    for fewer parameters, or as good on unseen data where more than noise is left, or the values are impossible: a
-    further cause has taken what the simpler one left when it was searched for."""
+    for fewer parameters, or the values are impossible: a further cause has taken what the simpler one left when it was
+    searched for."""
     for cause in hypothesis.causes:
         index = hypothesis.causes.index(cause)
         price = float(np.log(hypothesis.fit.problem.data.readings_count)) * hypothesis.chi_square_per_reading
@@ -502,9 +500,8 @@ def simplified(
                 continue
             saved = len(hypothesis.fit.v) - len(simpler.fit.v)
             meant = EFFECTS[cause.kind].possible({k: hypothesis.fit.values[name] for k, name in cause.names().items()})
-            likely = simpler.chi_square < hypothesis.chi_square + saved * price
-            if saved > 0 and (not meant or likely or (not at_noise(hypothesis) and as_good(simpler, hypothesis))):
-                return simplified(with_sharpest_friction(simpler), as_good)
+            if saved > 0 and (not meant or simpler.chi_square < hypothesis.chi_square + saved * price):
+                return simplified(with_sharpest_friction(simpler))
     return hypothesis
 
 
