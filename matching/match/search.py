@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from matching.match.damping import stable_loops
+from matching.match.loop import bed_of, closed_poles, side_by_side
 from matching.match.objective import Search
 from matching.match.opened import OPENED
 from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds, within_errors
@@ -122,9 +123,10 @@ def _restarted(search: Search, best: SearchEnd) -> tuple[SearchEnd, SearchEnd | 
 
 def is_stable(search: Search, x: np.ndarray) -> bool:
     """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
-    _, poles = search.pool_poles(x)  # of the bed as planned first
+    _, poles = search.pool_poles(x)
     closed = [number for number in range(len(search.positions)) if number not in search.opened]
-    return bool(stable_loops(poles[closed], search.neutral).all())
+    planned = closed_poles(side_by_side([bed_of(search.hardware(x).case, {})]), search.controller(x))
+    return all(stable_loops(z, search.neutral).all() for z in (planned, poles[closed]))
 
 
 def _calmer(search: Search, x: np.ndarray) -> np.ndarray | None:
