@@ -25,8 +25,8 @@ HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
 __all__ = [
     "BackOut", "DiagnosisSettings", "DriveAway", "InputError", "SimulationError", "Step", "Sweep", "TipIn",
     "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "load_result",
-    "map", "match", "modes", "new", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty",
-    "verify",
+    "map", "match", "modes", "new", "read_recording", "response", "show", "simulate", "to_ss", "tolerance",
+    "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         response,
         show,
         simulate,
+        to_ss,
         tolerance,
         uncertainty,
         verify,

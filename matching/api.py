@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from matching.dry_run import case_words, computing, model_words, was_read
 from matching.progress import OF_A_COUNT, OF_A_MATCH, shown
 from modelling.display import counted
-from modelling.errors import InputError
+from modelling.errors import InputError, unknown
 from modelling.resources import cores
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from matching.saved import SavedResult
     from matching.uncertainty.result import Uncertainty
     from modelling.bed.manoeuvres import Manoeuvre
-    from modelling.linear.state_space import Response
+    from modelling.linear.state_space import Response, StateSpace
     from modelling.modal.result import Modes
     from modelling.recordings.read import Channel
     from modelling.recordings.recording import Recording
@@ -360,6 +360,61 @@ def response(model: System | File, frequencies: Sequence[float | str] | np.ndarr
 
     hertz = [in_si(each, "Hz", "frequencies") if isinstance(each, str) else each for each in frequencies]
     return of(system_of(model), np.asarray(hertz, dtype=float))
+
+
+def to_ss(of: System | Case | MatchResult | File, part: str = "") -> StateSpace:
+    """Linear state space, for example for python-control or SciPy.
+
+    Parameters
+    ----------
+    of : System, Case, MatchResult or path
+        A drivetrain, or a case: of a match its tuned one, of a path ``out/case.toml``.
+    part : {"vehicle", "rig", "bed", "controller"}
+        Of a case. ``bed`` and ``controller`` are of the controller's sample time, with the dead time as states, and are
+        closed by their names.
+
+    Returns
+    -------
+    StateSpace
+        ``A`` (x, x), ``B`` (x, u), ``C`` (y, x), ``D`` (y, u) in SI, ``inputs`` and ``outputs`` by name, and
+        ``sample_time``, s, 0 in continuous time. Angles that nothing depends on are left out.
+
+    Raises
+    ------
+    InputError
+        If the part is unknown, or a model has a dead time of its own.
+
+    Examples
+    --------
+    >>> rig = rm.to_ss("examples/road_to_rig/rig.toml")
+    >>> rig.A.shape, rig.inputs
+    ((13, 13), ('motor_torque', 'dyno_left', 'dyno_right'))
+    >>> control.ss(rig.A, rig.B, rig.C, rig.D, inputs=rig.inputs, outputs=rig.outputs)  # doctest: +SKIP
+    """
+    from matching.match.case import Case
+    from matching.match.case_file import is_case
+    from matching.match.loop import bed_space, controller_space
+    from matching.match.result import MatchResult
+    from modelling.linear.state_space import state_space
+    from modelling.system import System
+    from modelling.toml import read_toml
+
+    if isinstance(of, MatchResult):
+        of = of.tuned
+    if not isinstance(of, System | Case):
+        of = load_case(of) if is_case(read_toml(of)) else load(of)
+    if isinstance(of, System):
+        if part:
+            raise InputError("part", f"{part!r} of a model", "leave it out, or give a case")
+        return state_space(of)
+    case = of
+    parts = {
+        "vehicle": lambda: state_space(case.vehicle), "rig": lambda: state_space(case.rig),
+        "bed": lambda: bed_space(case), "controller": lambda: controller_space(case),
+    }  # fmt: skip
+    if part not in parts:
+        raise unknown(part, list(parts), "part")
+    return parts[part]()
 
 
 def simulate(

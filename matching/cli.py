@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from matching.arguments import add_arguments, described
-from matching.commands import COMMANDS, Command, calls
+from matching.commands import COMMANDS, REQUIRED, Command, calls
 from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, FitError, InputError, NoDesign, of_the_machine
 from modelling.escape import terminal
 from modelling.resources import end_early, ended_early_by, tell_ends_early
@@ -130,9 +130,8 @@ def build_parser(words: Sequence[str]) -> Parser:
         )  # fmt: skip
         add_arguments(command, known.function, known.required, known.hidden)
         if known.out is not None:
-            here = {"required": True} if not known.out else {"default": known.out}
-            at = " (default: here)" if known.out == "." else ""
-            command.add_argument("--out", metavar="DIR", help=f"directory to write to{at}", **here)
+            at = "" if known.out == REQUIRED else "; without it nothing is written"
+            command.add_argument("--out", metavar="DIR", help=f"directory to write to{at}", required=not at)
         if known.further:
             known.further(command)
         command.add_argument("--json", action="store_true", help="print the result object and nothing else")

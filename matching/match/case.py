@@ -94,6 +94,10 @@ class Case:
         """The vehicle that the controller emulates: with the user's residual vehicle where the case has one."""
         return self.vehicle if self.simple_vehicle is None else self.simple_vehicle
 
+    def __repr__(self) -> str:
+        name = self.title or self.path
+        return f"Case({name!r}, {self.loop.structure.name}, {len(self.moves)} quantities may move)"
+
     def _repr_html_(self) -> str:
         return display.html(self)
 

@@ -237,7 +237,10 @@ ROUNDING = 1e-9  # of a sensor's largest coefficient: what it reads of a free an
 
 @dataclass(frozen=True)
 class StateSpace:
-    """ẋ = A·x + B·u, y = C·x + D·u with named inputs and outputs; A (x, x), B (x, u), C (y, x), D (y, u), SI."""
+    """ẋ = A·x + B·u, y = C·x + D·u with named inputs and outputs; A (x, x), B (x, u), C (y, x), D (y, u), SI.
+
+    With a ``sample_time`` (s) above 0 the left side is x one sample later.
+    """
 
     A: np.ndarray
     B: np.ndarray
@@ -245,6 +248,11 @@ class StateSpace:
     D: np.ndarray
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    sample_time: float = 0.0
+
+    def __repr__(self) -> str:
+        every = f" every {1e3 * self.sample_time:g} ms" if self.sample_time else ""
+        return f"StateSpace({len(self.A)} states{every}; {', '.join(self.inputs)} → {', '.join(self.outputs)})"
 
     def input(self, name: str) -> np.ndarray:
         """Column of B, (x,)."""
