@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matching.match.map import Axis, Map
     from matching.match.result import MatchResult
     from matching.match.tolerance import Tolerance
-    from matching.saved import SavedResult
+    from matching.saved import SavedCurves, SavedResult
     from matching.uncertainty.result import Uncertainty
     from modelling.bed.manoeuvres import Manoeuvre
     from modelling.linear.state_space import Response, StateSpace
@@ -205,20 +205,20 @@ def read_recording(path: File, model: System | File, channels: File | None = Non
     return recording
 
 
-def load_result(path: File) -> SavedResult:
+def load_result(path: File) -> SavedResult | SavedCurves:
     """Read a result that a command or ``save`` wrote.
 
     Parameters
     ----------
     path : path
-        Its folder, or the result's file (JSON) in it.
+        Its folder, or the result's file in it (JSON; CSV of a simulation or a frequency response).
 
     Returns
     -------
-    SavedResult
-        Every entry of the file as an attribute, as the result itself has them, with ``to_dict()``, ``to_dataframe()``
-        and ``save()``; printed as the command prints it. The tuned case of a match is ``rm.load_case(folder /
-        "case.toml")``.
+    SavedResult or SavedCurves
+        Every entry of the file as an attribute, as the result itself has them, with ``to_dict()``, ``to_dataframe()``,
+        ``plot()`` and ``save()``; printed as the command prints it. Of a simulation or a frequency response every curve
+        by its name. The tuned case of a match is ``rm.load_case(folder / "case.toml")``.
 
     Raises
     ------
@@ -402,7 +402,7 @@ def to_ss(of: System | Case | MatchResult | File, part: str = "") -> StateSpace:
     if isinstance(of, MatchResult):
         of = of.tuned
     if not isinstance(of, System | Case):
-        of = load_case(of) if is_case(read_toml(of)) else load(of)
+        of = load_case(of) if is_case(read_toml(Path(of))) else load(of)
     if isinstance(of, System):
         if part:
             raise InputError("part", f"{part!r} of a model", "leave it out, or give a case")

@@ -1,4 +1,4 @@
-"""Models, beds and controllers as state spaces, against other ways to the same: responses, and a loop stepped by hand."""
+"""Models, beds and controllers as state spaces, against responses and a loop stepped by hand."""
 
 from pathlib import Path
 
@@ -15,7 +15,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 def test_a_model_answers_as_its_responses():
     path = EXAMPLES / "road_to_rig" / "rig.toml"
     space, f = rm.to_ss(path), np.array([0.7, 8.0, 60.0])
-    answer = space.C @ np.linalg.solve(2j * np.pi * f[:, None, None] * np.eye(len(space.A)) - space.A, space.B) + space.D
+    answer = (
+        space.C @ np.linalg.solve(2j * np.pi * f[:, None, None] * np.eye(len(space.A)) - space.A, space.B) + space.D
+    )
     response = rm.response(path, f)
     assert (space.inputs, space.outputs, space.sample_time) == (response.inputs, response.sensors, 0.0)
     np.testing.assert_allclose(answer, response.values, rtol=1e-8, atol=1e-12)
