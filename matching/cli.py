@@ -334,7 +334,7 @@ def supervised(command: Callable[[], int]) -> int:
     and its worker processes, which are one session, half a second later. A command that can answer with what it has is
     given the time to write it; a second signal kills it at once.
     """
-    if "_ARGCOMPLETE" in os.environ or not hasattr(os, "fork"):
+    if "_ARGCOMPLETE" in os.environ or sys.platform == "win32":  # where Ctrl-C reaches every process of a console
         return command()
     parent = os.getpid()
     can_end_early = mmap.mmap(-1, 1)  # shared with the child
@@ -396,5 +396,6 @@ def _ended_by(number: int) -> str:
 
 
 def _kill_session(leader: int) -> None:
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(leader, signal.SIGKILL)
+    if sys.platform != "win32":
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(leader, signal.SIGKILL)

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
@@ -87,6 +88,8 @@ def _remove_left(directory: Path) -> None:
 
 
 def _runs(process: int) -> bool:
+    if sys.platform == "win32":  # there, to ask a process ends it
+        return True
     try:
         os.kill(process, 0)
     except ProcessLookupError:
