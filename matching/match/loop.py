@@ -787,8 +787,8 @@ def errors(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) -> 
 
 
 def command_names(case: Case) -> tuple[str, ...]:
-    """Names of the commands (k), as the exported controller has them."""
-    return tuple(f"{dynamometer.name}.command" for dynamometer in case.loop.dynamometers)
+    """Names of the commands (k); without the point that the exported controller's have, which python-control refuses."""
+    return tuple(f"{dynamometer.name}_command" for dynamometer in case.loop.dynamometers)
 
 
 def bed_space(case: Case) -> StateSpace:
