@@ -289,6 +289,13 @@ def _check_seed(seed: int) -> None:
         raise InputError("seed", f"{seed} is negative", "give 0 or more")
 
 
+def same_file(one: Recording | File, other: Recording | File) -> bool:
+    """Whether two arguments are the same recording."""
+    if isinstance(one, str | PathLike) and isinstance(other, str | PathLike):
+        return Path(one).exists() and Path(other).exists() and Path(one).samefile(other)
+    return one is other
+
+
 def recording_of(recording: Recording | File, system: System, channels: File | None = None) -> Recording:
     """A recording, read where a path stands for it; raises as :func:`read_recording` does."""
     return read_recording(recording, system, channels) if isinstance(recording, str | PathLike) else recording
@@ -537,6 +544,7 @@ def diagnose(
     >>> for cause in found.causes:  # doctest: +SKIP
     ...     print(cause.kind, cause.at, cause.evidence)
     """
+    from matching.diagnosis.data import segments_between_gaps
     from matching.diagnosis.diagnose import diagnose as run
     from modelling.recordings.plausible import check_motion
     from modelling.recordings.recording import Recording
@@ -545,9 +553,14 @@ def diagnose(
     fitted, judging = (
         [what] if isinstance(what, str | PathLike | Recording) else list(what or ()) for what in (recordings, holdout)
     )
+    for each in judging:
+        if any(same_file(each, other) for other in fitted):
+            raise InputError(f"holdout {each}", "is fitted as well", "name a recording that the fit does not see")
     read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
     for each in read:
-        check_motion(each.channels, system, each.source or "recording")
+        source = each.source or "recording"
+        check_motion(each.channels, system, source)
+        segments_between_gaps(each.time, source)  # so that --check says what is too short
     if time_limit is not None and not time_limit > 0:
         raise InputError("time_limit", f"{time_limit:g} s is out of range", "give a positive number of seconds")
     computing()

@@ -48,7 +48,9 @@ class HelpFormatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Argument parser that says what is wrong in one line."""
+    """Argument parser that says what is wrong in one line; ``words`` are those on the command line."""
+
+    words: Sequence[str] = ()
 
     def error(self, message: str) -> NoReturn:
         """Print one line on standard error and exit with 2."""
@@ -60,9 +62,16 @@ class Parser(argparse.ArgumentParser):
         if wrong := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
             known = list(COMMANDS)
         elif wrong := re.match(r"unrecognized arguments: (--[\w-]+)", message):
-            known = [flag for action in self._all_actions() for flag in action.option_strings]
+            known = self._flags()
+        elif "are required" in message:  # perhaps because the option was misspelt
+            known, given = self._flags(), " ".join(word.partition("=")[0] for word in self.words)
+            wrong = next((found for found in re.finditer(r"(--[\w-]+)", given) if found[1] not in known), None)
         near = get_close_matches(wrong[1], known, 1, 0.6) if wrong else []
-        return f"did you mean {near[0]!r}? " if near else ""
+        whose = f" instead of {wrong[1]!r}" if wrong and "are required" in message else ""
+        return f"did you mean {near[0]!r}{whose}? " if near else ""
+
+    def _flags(self) -> list[str]:
+        return [flag for action in self._all_actions() for flag in action.option_strings]
 
     def _all_actions(self) -> list[argparse.Action]:
         """Those of the parser and of its commands."""
@@ -128,6 +137,7 @@ def build_parser(words: Sequence[str]) -> Parser:
             name, allow_abbrev=False, formatter_class=HelpFormatter, epilog=_examples(calls(name)),
             description=described(known.function).text,
         )  # fmt: skip
+        command.words = words
         add_arguments(command, known.function, known.required, known.hidden)
         if known.out is not None:
             at = "" if known.out == REQUIRED else "; without it nothing is written"

@@ -68,6 +68,11 @@ class Case:
     """A match as asked for; see ``examples/road_to_rig/case.toml`` for every key with a comment.
 
     Vehicle, rig and the parts of the residual vehicle carry the operating point, if the case states one.
+
+    Raises
+    ------
+    InputError
+        If the band reaches half the sampling frequency: from there on the sampled controller has no response.
     """
 
     vehicle: System
@@ -88,6 +93,15 @@ class Case:
     torque_curve: TorqueCurve | None = None
     simple_vehicle: System | None = None  # the vehicle with a residual vehicle of the user's own, if the case has one
     notes: tuple[str, ...] = ()  # what was changed of the model files, as sentences
+
+    def __post_init__(self) -> None:
+        highest = 0.5 / self.loop["sample_time"]
+        if self.band[1] >= highest:
+            raise InputError(
+                f"{self.path}: response.band".lstrip(": "),
+                f"{self.band[0]:g} … {self.band[1]:g} Hz reaches half the sampling frequency, {highest:g} Hz",
+                f"end it below, or sample faster (loop.sample_time = {self.loop['sample_time']:g} s)",
+            )
 
     @property
     def emulated_vehicle(self) -> System:

@@ -787,7 +787,7 @@ def errors(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) -> 
 
 
 def command_names(case: Case) -> tuple[str, ...]:
-    """Names of the commands (k); without the point that the exported controller's have, which python-control refuses."""
+    """Names of the commands (k), without a point, which python-control refuses."""
     return tuple(f"{dynamometer.name}_command" for dynamometer in case.loop.dynamometers)
 
 
