@@ -54,7 +54,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     except IsADirectoryError:
         inside = [name for name in ("case.toml", "result.json") if os.path.isfile(os.path.join(path, name))]
         right = f"name a file in it, {os.path.join(path, inside[0])}" if inside else "name a file"
-        raise InputError(str(path), "is a folder", right) from None
+        raise InputError(str(path), "is a directory", right) from None
     except OSError as fault:
         raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
     except UnicodeDecodeError as fault:

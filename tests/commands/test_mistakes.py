@@ -127,7 +127,7 @@ def test_recordings_that_no_diagnosis_can_use(tmp_path, monkeypatch, capsys, mor
 
 def test_a_folder_in_place_of_a_file(folder, capsys):
     assert main(["match", ".", "--out", "out"]) == 2
-    assert "is a folder; name a file in it" in capsys.readouterr().err
+    assert "is a directory; name a file in it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("closing", ["[shafts.ac]\nstiffness = 50", "[gears.ac]"])
