@@ -64,6 +64,31 @@ class Move:
 
 
 @dataclass(frozen=True)
+class ErrorScales:
+    """Scales by which the two response errors become one figure, in the search, in an order and in a map.
+
+    They do not follow the tolerances of a case: these are limits, and a limit that is raised must not weigh the errors
+    in another way.
+
+    Attributes
+    ----------
+    measured, unmeasured : float
+        Errors to measured and to unmeasured torques that count alike: the usual tolerances, so that a part of the
+        tolerance used is worth the same for both.
+    """
+
+    measured: float = 0.1
+    unmeasured: float = 0.3
+
+    def both(self, measured: Any, unmeasured: Any) -> Any:
+        """Root mean square of both errors over their scales, numbers or arrays alike."""
+        return np.sqrt(((measured / self.measured) ** 2 + (unmeasured / self.unmeasured) ** 2) / 2)
+
+
+ERROR_SCALES = ErrorScales()
+
+
+@dataclass(frozen=True)
 class Case:
     """A match as asked for; see ``examples/road_to_rig/case.toml`` for every key with a comment.
 
@@ -88,8 +113,8 @@ class Case:
     title: str = ""
     path: str = field(default="", compare=False)
     uncertainty: Box = field(default_factory=Box)
-    tolerance: float = 0.1  # largest response error to measured torques that is still called matched
-    unmeasured_tolerance: float = 0.3  # the same to unmeasured torques
+    tolerance: float = ERROR_SCALES.measured  # largest response error to measured torques that is still called matched
+    unmeasured_tolerance: float = ERROR_SCALES.unmeasured  # the same to unmeasured torques
     torque_curve: TorqueCurve | None = None
     simple_vehicle: System | None = None  # the vehicle with a residual vehicle of the user's own, if the case has one
     notes: tuple[str, ...] = ()  # what was changed of the model files, as sentences

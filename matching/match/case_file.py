@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from matching.match.box import read_uncertainty, uncertainty_table
-from matching.match.case import Case, Compared, Move, Target, table_of, text_of
+from matching.match.case import ERROR_SCALES, Case, Compared, Move, Target, table_of, text_of
 from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
 from modelling.bed.bed import HARDWARE, Dynamometer, Loop
 from modelling.bed.controllers import DEFAULT, STRUCTURES
@@ -484,7 +484,8 @@ def _with_road_load(vehicle: System, bodies: list[str], load: Any, radius: float
 
 # --- Reading case files; every complaint is one line that names file and key.
 
-TOLERANCES = {"tolerance": 0.1, "unmeasured_tolerance": 0.3}  # response errors that are still called matched
+# Response errors that are still called matched, unless the case says otherwise.
+TOLERANCES = {"tolerance": ERROR_SCALES.measured, "unmeasured_tolerance": ERROR_SCALES.unmeasured}
 UNLIKE = 10.0  # ratio of a shared quantity's values from which it can hardly be the same hardware
 TOP = {
     "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",

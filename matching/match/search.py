@@ -16,7 +16,7 @@ from matching.match.loop import (
 )
 from matching.match.objective import Search
 from matching.match.opened import OPENED
-from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds
+from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds, within_errors
 from matching.match.variables import CONTROLLER
 from matching.match.worst import add_scenarios
 
@@ -153,16 +153,22 @@ def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int
 
 def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEnd], SearchEnd | None]:
     """Where the starts ended, the best one first, and the best end of a feedback law's gains alone."""
-    settings, starts, ends = search.settings, given or _starts(search), []
+    settings, starts = search.settings, given or _starts(search)
+    ends: list[SearchEnd] = []
     of_observer = search.case.loop.tunes_observer
     most_rounds, most_steps, gains = settings.rounds, settings.most_steps // 4, None
     if not of_observer:
         (starts, gains), most_rounds = _with_gains(search, starts), settings.joint_rounds
     begins = _ranked([_anew(search, start) for start in starts]) if of_observer else [_anew(search, x) for x in starts]
+    begins = begins[: min(settings.starts, OPENED.starts) if search.opened else settings.starts]
+
+    def is_good(end: SearchEnd) -> bool:
+        return of_observer and keeps_all(search, end) and within_errors(search, end) and end.judged.cost <= 1
+
     search.active = (0,)
-    for begin in begins[: min(settings.starts, OPENED.starts) if search.opened else settings.starts]:
+    for begin in begins:
         ends.append(rounds(search, end_at(search, begin.x), most_rounds, most_steps))
-        if of_observer and keeps_all(search, ends[-1]) and ends[-1].judged.cost <= 1:
+        if is_good(ends[-1]):
             break
     if settings.blind and not search.opened and all(misses(search, end) for end in ends):
         ends.append(rounds(search, end_at(search, _spread(search, 1)[0]), most_rounds, most_steps))
