@@ -6,7 +6,7 @@ raises ``InputError``: one line with file and key, what is wrong, and what would
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from os import PathLike
 from pathlib import Path
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from matching.uncertainty.result import Uncertainty
     from modelling.bed.manoeuvres import Manoeuvre
     from modelling.linear.state_space import Response, StateSpace
+    from modelling.modal.orders import Campbell, OrderResponse
     from modelling.modal.result import Modes
     from modelling.recordings.read import Channel
     from modelling.recordings.recording import Recording
@@ -367,6 +368,127 @@ def response(model: System | File, frequencies: Sequence[float | str] | np.ndarr
 
     hertz = [in_si(each, "Hz", "frequencies") if isinstance(each, str) else each for each in frequencies]
     return of(system_of(model), np.asarray(hertz, dtype=float))
+
+
+def campbell(
+    model: System | File, speed: str | np.ndarray, *, of: str | None = None, orders: str | Iterable[float] = "0.5,1,2,4"
+) -> Campbell:
+    """Campbell diagram: modes over speed, and where orders of a turning part meet them.
+
+    Modes of a model that is not linear (tyre slip, say) are those of steady motion at each speed, followed by their
+    shapes. The command writes campbell.json, a figure and report.html.
+
+    Parameters
+    ----------
+    model : System or path
+        A model file.
+    speed : str or ndarray
+        LOWEST:HIGHEST, or LOWEST:HIGHEST:POINTS, with a unit, e.g. "600:6000 1/min"; in Python also rad/s as an array.
+    of : str, optional
+        The inertia that has these speeds and whose turns orders count (default: that of the first input).
+    orders : str or iterable of float
+        Cycles a turn.
+
+    Returns
+    -------
+    Campbell
+        ``crossings`` with order, mode, speed (rad/s) and frequency (Hz); ``speeds`` and ``frequencies``.
+
+    Examples
+    --------
+    >>> found = rm.campbell("examples/engine/engine.toml", "600:6000 1/min", orders=[2, 4])
+    >>> print(f"{found.crossings[0].speed:.1f} rad/s")
+    88.5 rad/s
+    """
+    from modelling.modal.orders import campbell as find
+
+    system = system_of(model)
+    speeds, of = _speeds(speed), of or _first_driven(system)
+    given = [in_si(one, "1", "orders") for one in (orders.split(",") if isinstance(orders, str) else orders)]
+    computing()
+    return find(system, speeds, of, given)
+
+
+def order_response(
+    model: System | File, speed: str | np.ndarray, torques: Mapping[str, float | str], *, of: str | None = None,
+    phases: Mapping[str, float | str] | None = None,
+) -> OrderResponse:  # fmt: skip
+    """Forced response to orders: torque of every shaft and angle of every inertia over speed; critical speeds.
+
+    Linear about the steady motion at every speed. The command writes response.json, response.csv, a figure and
+    report.html.
+
+    Parameters
+    ----------
+    model : System or path
+        A model file.
+    speed : str or ndarray
+        As of campbell.
+    torques : mapping of str to float or str
+        Amplitude (N·m) by input and order, e.g. --torques "engine_torque:2=100".
+    of : str, optional
+        As of campbell.
+    phases : mapping of str to float or str
+        Phase (rad, or "30 deg") by input and order; 0 unless stated.
+
+    Returns
+    -------
+    OrderResponse
+        ``critical`` with shaft, speed (rad/s), torque (N·m) and order; ``torques`` and ``angles`` by order.
+
+    Examples
+    --------
+    >>> found = rm.order_response("examples/engine/engine.toml", "600:6000 1/min", {"engine_torque:2": 150})
+    >>> found.critical[0].shaft
+    'damper'
+    """
+    import numpy as np
+
+    from modelling.modal.orders import order_response as find
+
+    system, phases, acting = system_of(model), phases or {}, {}
+    for name in phases:
+        if name not in torques:
+            raise unknown(name, list(torques), "phases")
+    for name, amplitude in torques.items():
+        source, colon, order = name.rpartition(":")
+        if not colon:
+            raise InputError("torques", f"{name!r} has no order", "write INPUT:ORDER=TORQUE, e.g. engine_torque:2=100")
+        phase = in_si(phases.get(name, 0.0), "rad", f"phases {name}")
+        size = in_si(amplitude, "N*m", f"torques {name}")
+        acting[source, in_si(order, "1", f"torques {name}")] = complex(size * np.exp(1j * phase))
+    speeds, of = _speeds(speed), of or _first_driven(system)
+    computing()
+    return find(system, speeds, of, acting)
+
+
+def _first_driven(system: System) -> str:
+    if not system.inputs:
+        raise InputError("of", "the model has no input whose inertia could be taken", "name the inertia")
+    return system.inputs[0].on
+
+
+def _speeds(stated: str | np.ndarray) -> np.ndarray:
+    """Speeds (s,) in rad/s from LOWEST:HIGHEST[:POINTS], whose unit stands behind any of them and holds for both."""
+    import numpy as np
+
+    from modelling.modal.orders import POINTS
+
+    if not isinstance(stated, str):
+        return np.asarray(stated, float)
+    parts = [part.strip().partition(" ") for part in stated.split(":")]
+    units = [unit for _, _, unit in parts if unit]
+    numbers = [number for number, _, _ in parts]
+    if len(parts) not in (2, 3):
+        raise InputError("speed", f"{stated!r} is no range", 'write LOWEST:HIGHEST, e.g. "600:6000 1/min"')
+    points = numbers[2] if len(parts) == 3 else str(POINTS)
+    if not points.isdecimal() or int(points) < 2:
+        raise InputError("speed", f"{points!r} is no number of speeds", "give 2 or more")
+    unit = units[0] if units else "rad/s"
+    low, high = (in_si(f"{number} {own or unit}", "rad/s", "speed") for number, _, own in parts[:2])
+    if not 0 < low < high:
+        raise InputError("speed", f"{stated!r} does not rise from above 0", "give the lowest speed first")
+    return np.linspace(low, high, int(points))
 
 
 def to_ss(of: System | Case | MatchResult | File, part: str = "") -> StateSpace:

@@ -615,6 +615,11 @@ EXAMPLES = {
         "simulate examples/from_recordings/rig.toml examples/from_recordings/bed.csv --start steady --out "
         "out/from_steady_motion",
     ),
+    "campbell": ('campbell examples/engine/engine.toml --speed "600:6000 1/min" --orders 2,4,6 --out out/campbell',),
+    "response": (
+        'response examples/engine/engine.toml --speed "600:6000 1/min" --torques "engine_torque:2=150" '
+        '--torques "engine_torque:4=40" --phases "engine_torque:4=30 deg" --out out/response',
+    ),
     "match": (
         "match examples/road_to_rig/case.toml --out out/match",
         "match examples/compact_bev/case.toml --seed 3 --starts 20 --workers 2 --out out/compact",
@@ -684,6 +689,8 @@ COMMANDS: dict[str, Command] = {
     "modes": Command(
         UNDERSTAND, api.modes, run_modes, summary=modes_summary, hidden=("values",), further=modes_arguments, **IF_ASKED
     ),
+    "campbell": Command(UNDERSTAND, api.campbell, required=("speed",)),
+    "response": Command(UNDERSTAND, api.order_response, required=("speed", "torques")),
     "simulate": Command(UNDERSTAND, api.simulate, run_simulate, summary=simulate_summary),
     "match": Command(MATCH, api.match),
     "map": Command(MATCH, api.map, required=("x", "y"), hidden=("record",), further=study_arguments),
