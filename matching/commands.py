@@ -615,10 +615,16 @@ EXAMPLES = {
         "simulate examples/from_recordings/rig.toml examples/from_recordings/bed.csv --start steady --out "
         "out/from_steady_motion",
     ),
-    "campbell": ('campbell examples/engine/engine.toml --speed "600:6000 1/min" --orders 2,4,6 --out out/campbell',),
+    "campbell": (
+        'campbell examples/engine/engine.toml --speed "600:6000 1/min" --orders 2,4,6 --out out/campbell',
+        'campbell examples/road_to_rig/vehicle.toml --speed "300:9000 1/min" --of motor --orders 1,24,48 '
+        "--out out/campbell_of_motor",
+    ),
     "response": (
-        'response examples/engine/engine.toml --speed "600:6000 1/min" --torques "engine_torque:2=150" '
-        '--torques "engine_torque:4=40" --phases "engine_torque:4=30 deg" --out out/response',
+        'response examples/engine/engine.toml --speed "600:6000:1000 1/min" --torques "engine_torque:2=150 N*m" '
+        "--out out/response_to_one_order",
+        'response examples/engine/engine.toml --speed "600:6000 1/min" --torques engine_torque:2=150 '
+        '--torques engine_torque:4=40 --phases "engine_torque:4=30 deg" --out out/response',
     ),
     "match": (
         "match examples/road_to_rig/case.toml --out out/match",
