@@ -872,7 +872,7 @@ def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
 def excite(
     case: Case | File, *, proof: bool = False, channel_check: bool = False, duration: float | str = 20.0,
     margin: float | str = 0.2, speed: float | str | None = None, limit: Mapping[str, float | str] | None = None,
-    beds: int = 20, seed: int = 0,
+    beds: int = 20, seed: int = 0, torque_share: float | str = 1.0,
 ) -> ExcitationPlan | Proof | ChannelPlan:  # fmt: skip
     """Plan the recording that identifies what a match depends on most, within the limits of the bed.
 
@@ -902,6 +902,8 @@ def excite(
         Drawn beds on which the limits hold.
     seed : int
         Seed of phases and beds: the same seed gives the same result.
+    torque_share : float or str
+        With channel_check: share of its torques, for a check that tripped.
 
     Returns
     -------
@@ -926,8 +928,11 @@ def excite(
     if proof and channel_check:
         raise InputError("proof", "and channel_check are two recordings", "plan one after the other")
     if channel_check:
+        share = in_si(torque_share, "1", "torque_share", positive=True)
+        if share > 1:
+            raise InputError("torque_share", f"is {share:g}", "give a share of at most 1")
         computing()
-        return plan_channels(tuned)
+        return plan_channels(tuned, share)
     steady = None if speed is None else in_si(speed, "rad/s", "speed")
     if proof:
         computing()
