@@ -92,7 +92,13 @@ def _component(name: str) -> Schema:
         key: special.get(key) or (quantity(QUANTITY_UNITS[key]) if key in QUANTITY_UNITS else TEXT)
         for key in sorted(model_file.KEYS[name])
     }
-    return by_name(table(described(keys, meanings.MODEL_TABLES[name]), required_fields(COMPONENTS[name])))
+    drawn: Mapping[str, tuple[str, float | None]] = model_file.BY_DRAWING.get(name, {})
+    keys |= {key: quantity(unit) for key, (unit, _) in drawn.items()}
+    needed = required_fields(COMPONENTS[name]) - ({"stiffness"} if "length" in drawn else set())
+    made = table(described(keys, meanings.MODEL_TABLES[name]), needed)
+    if "length" in drawn:
+        made["anyOf"] = [{"required": ["stiffness"]}, {"required": ["diameter", "length"]}]
+    return by_name(made)
 
 
 def _effect(kind: str) -> Schema:

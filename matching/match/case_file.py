@@ -685,7 +685,8 @@ def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
         raise InputError(f"{where}: response.band", "is no pair of frequencies", "write band = [0.5, 30] in Hz")
     low, high = (to_si(edge, "Hz", f"{where}: response.band") for edge in band)
     if not 0 < low < high:
-        raise InputError(f"{where}: response.band", f"{low:g} … {high:g} Hz is empty", "0 < lower < upper is needed")
+        wrong = "begins at 0 Hz, where a free drivetrain has no response" if low == 0 < high else "is empty"
+        raise InputError(f"{where}: response.band", f"{low:g} … {high:g} Hz {wrong}", "0 < lower < upper is needed")
     return low, high
 
 
