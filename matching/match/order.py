@@ -54,7 +54,7 @@ class OrderSettings:
     steps: int = 24
     steps_of_curve: int = 6
     halvings: int = 3
-    again: int = 2
+    again: int = 1
     parts: int = 8
     lost: float = 0.02
     digits: int = 2
