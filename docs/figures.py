@@ -25,12 +25,13 @@ MAP_AXES = ("loop.dead_time=1 ms,3 ms,5 ms,8 ms,12 ms", "rig.shafts.flange_left.
 def generators() -> dict[str, Callable[[], Any]]:
     """What makes each file, by its path: a function that returns its figure, or a notebook's runner."""
     import rigmatch as rm
-    from tests.virtual_bed.reference_circle import measure, picture
+    from tests.virtual_bed.reference_circle import channels_picture, measure, picture
 
     made = {
         "drivetrain.png": lambda: rm.show(REFERENCE / "case.toml"),
         "overview.png": lambda: rm.match(REFERENCE / "observer.toml").plot(),
         "map.png": lambda: rm.map(REFERENCE / "observer.toml", *MAP_AXES).plot(),
+        "channels.png": channels_picture,
         "on_the_bed.png": lambda: picture(measure(ROOT / "out" / "reference_circle")),
     }
     figures = {f"examples/road_to_rig/{name}": make for name, make in made.items()}
