@@ -52,6 +52,8 @@ class Move:
     unit : str
     planned : float
         Value, SI, from which a change is counted, wherever the search starts: the model's, or as the case states it.
+    catalogue : tuple of float
+        Values (SI) of an adapter that can be bought, in rising order; empty where any value can be made.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Move:
     upper: float
     unit: str
     planned: float
+    catalogue: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,11 @@ class Case:
     """A match as asked for; see ``examples/road_to_rig/case.toml`` for every key with a comment.
 
     Vehicle, rig and the parts of the residual vehicle carry the operating point, if the case states one.
+
+    Raises
+    ------
+    InputError
+        If the band reaches half the sampling frequency: from there on the sampled controller has no response.
     """
 
     vehicle: System
@@ -114,10 +122,23 @@ class Case:
     simple_vehicle: System | None = None  # the vehicle with a residual vehicle of the user's own, if the case has one
     notes: tuple[str, ...] = ()  # what was changed of the model files, as sentences
 
+    def __post_init__(self) -> None:
+        highest = 0.5 / self.loop["sample_time"]
+        if self.band[1] >= highest:
+            raise InputError(
+                f"{self.path}: response.band".lstrip(": "),
+                f"{self.band[0]:g} … {self.band[1]:g} Hz reaches half the sampling frequency, {highest:g} Hz",
+                f"end it below, or sample faster (loop.sample_time = {self.loop['sample_time']:g} s)",
+            )
+
     @property
     def emulated_vehicle(self) -> System:
         """The vehicle that the controller emulates: with the user's residual vehicle where the case has one."""
         return self.vehicle if self.simple_vehicle is None else self.simple_vehicle
+
+    def __repr__(self) -> str:
+        name = self.title or self.path
+        return f"Case({name!r}, {self.loop.structure.name}, {len(self.moves)} quantities may move)"
 
     def _repr_html_(self) -> str:
         return display.html(self)
