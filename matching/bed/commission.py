@@ -428,8 +428,9 @@ class Circle:
             self._channels = self._checked(case, number)
             if not self._channels["right"]:
                 return None
-            if self._channels["free_play"] and not case.rig.free_plays:
-                return self._with_play(case, LostMotion(**self._channels["free_play"]))
+            play = self._channels.get("free_play")
+            if play and not case.rig.free_plays:
+                return self._with_play(case, LostMotion(**play))
         self._found(verification=self._verified(case, number))
         return matched
 
@@ -713,8 +714,8 @@ def why_short(
 def what_is_short(verification: BedVerification) -> list[str]:
     """Errors and target modes that fall short, each next to what it should be."""
     errors = [
-        f"the response error to {error.name} torques is {_with(error.value, error.uncertainty)}, not "
-        f"{max(error.predicted, error.expected):.2g} as predicted"
+        f"the response error to {error.name} torques is {_with(error.value, error.uncertainty)}, where "
+        f"{error.predicted:.2g} was predicted and {error.allowed:.2g} is allowed"
         for error in verification.errors if error.status == "short"
     ]  # fmt: skip
     modes = []

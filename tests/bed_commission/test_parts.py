@@ -12,6 +12,7 @@ from small_bed import write
 from matching.bed import commission as module
 from matching.bed.commission import Circle, CommissionOrder, Stages
 from matching.bed.identify import COVERAGE, LEAST_SHARE, bed_from_recordings, identified_case
+from matching.bed.lost_motion import LostMotion
 from matching.bed.proof import Proof, plan_proof
 from matching.bed.simulated_bed import (
     SETTLING_SECONDS,
@@ -97,6 +98,23 @@ def test_a_bed_that_falls_short_is_diagnosed_from_its_own_recording(case, tmp_pa
     (given, paths, _, limit), path = found.call_args.args, tmp_path / "out" / "2_record" / "recording.csv"
     assert (given, paths, limit) == (case, [path], 7.0)
     assert (tmp_path / "out" / "2_diagnose" / "a.txt").exists()
+
+
+def test_free_play_that_the_check_shows_is_matched_in_a_round_of_its_own(case, tmp_path):
+    """In rig and vehicle, whose shaft is the same; the round that only saw it does not count."""
+    (tmp_path / "bed").mkdir()
+    circle = Circle(tmp_path / "out", tmp_path / "bed", CommissionOrder(rounds=1))
+    path, seen = circle._with_play(case, LostMotion("shafts.side", 0.004, 0.6)), []
+    made = load_case(path)
+    for model in (made.rig, made.vehicle):
+        assert set(model.free_plays) == {"shafts.side"}
+        assert model.parameters[model.free_plays["shafts.side"]].value == 0.004
+    circle._found = lambda **of_step: seen.append(of_step)
+    circle._matched = Mock(side_effect=Waiting("the match"))
+    with pytest.raises(Waiting):
+        circle._round(path, 2)
+    assert seen[0]["identification"]["causes"][0]["kind"] == "backlash"
+    assert circle._matched.call_args.args == (path, 2)
 
 
 def test_a_commissioning_goes_on_at_the_step_that_tripped(case, tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ from matching.diagnosis.statistics import Estimate
 from matching.match.case_file import load_case
 from matching.report.bed import why
 
-ERROR = SimpleNamespace(name="measured", value=0.1312, uncertainty=0.004, predicted=0.02, expected=0.05, status="short")
+ERROR = SimpleNamespace(name="measured", value=0.1312, uncertainty=0.004, predicted=0.02, allowed=0.1, status="short")
 MODE = SimpleNamespace(
     number=2,
     vehicle=(1.6, 0.085),
@@ -47,7 +47,9 @@ def test_a_recording_without_commands_says_what_is_missing(case, tmp_path):
     path = recording(tmp_path, COMMANDED.replace("dyno,", ""))
     found = module.why_short(case, SHORT, [path])
     assert found.verdict == ""
-    assert found.sentences[0] == "the response error to measured torques is 0.1312 ± 0.0080, not 0.05 as predicted"
+    assert found.sentences[0] == (
+        "the response error to measured torques is 0.1312 ± 0.0080, where 0.02 was predicted and 0.1 is allowed"
+    )
     assert found.sentences[1] == "vehicle mode 2: 1.6100 ± 0.0080 Hz for 1.6 Hz, damping 0.0950 ± 0.0040 for 0.085"
     assert "does not hold dyno" in found.sentences[2]
 
