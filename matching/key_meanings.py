@@ -54,7 +54,7 @@ CASE = {
     "response": "`band` (Hz), `compare` (pairs of `input`, `sensor`), `tolerance`, `unmeasured_tolerance`",
     "manoeuvre": "torques over time by input: a kind with its quantities, a list of segments, or a recorded torque",
     "limits": "what must not be exceeded",
-    "move": "what may be tuned: `\"NAME\" = { lower, upper }`",
+    "move": "what may be tuned: `\"NAME\" = { lower, upper }`; of an adapter also `catalogue` or `step`",
     "operating_point": "the steady motion that the manoeuvre begins from; standstill unless stated",
     "uncertainty": "half-widths of what is not known exactly, by name or pattern; beds are drawn from it",
     "residual_vehicle": "`model`: a model file of a residual vehicle of one's own, simpler than the vehicle",

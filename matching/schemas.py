@@ -157,7 +157,10 @@ def _case() -> Schema:
         "manoeuvre": by_name(_manoeuvre()),
         "limits": table(limits | {TORQUE_OVER_SPEED: {"type": "array"}},
                         patternProperties={r"^shafts\..+\.(torque|twist)$": VALUE}),
-        "move": by_name(table(dict.fromkeys(sorted(case_file.MOVE_KEYS), VALUE), ("lower", "upper"))),
+        "move": by_name(table(
+            dict.fromkeys(sorted(case_file.MOVE_KEYS), VALUE)
+            | {"catalogue": {"type": "array", "minItems": 1, "items": VALUE}, "step": VALUE}, ("lower", "upper"),
+        )),
         "operating_point": {"type": "object", "properties": described(
             {"vehicle_speed": value("m/s"), "rolling_radius": value("m"), "road_load": road_load}, meanings.OPERATING)},
         "uncertainty": {"type": "object"},

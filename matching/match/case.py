@@ -52,6 +52,8 @@ class Move:
     unit : str
     planned : float
         Value, SI, from which a change is counted, wherever the search starts: the model's, or as the case states it.
+    catalogue : tuple of float
+        Values (SI) of an adapter that can be bought, in rising order; empty where any value can be made.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Move:
     upper: float
     unit: str
     planned: float
+    catalogue: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

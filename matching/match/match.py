@@ -242,7 +242,7 @@ def _solved(
     if ordering and worth and any(one.name.startswith("rig.") for one in search.variables):
         settled = (ordered if found.keeps_all else planned_unless_better)(search, found, fresh)
         tell("what to order")
-    elif ordering:
+    elif ordering and any(not one.name.startswith(CONTROLLER) for one in search.variables):
         rows = contributions(search, found, fresh, {"all": fresh.delivered(search, found.end)})
         settled = replace(settled, contributions=rows)
     values = search.values(settled.x)

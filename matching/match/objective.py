@@ -155,6 +155,9 @@ class Search:
     known: dict[tuple[float, ...], Evaluation] = field(default_factory=dict)
     failures: Counter[str] = field(default_factory=Counter)
     _points: Recent[tuple[float, ...], Point] = field(default_factory=lambda: Recent(POINTS))
+    _pools: Recent[tuple[tuple[float, ...], bytes, tuple[Opened, ...]], tuple[SampledBeds, np.ndarray]] = field(
+        default_factory=lambda: Recent(POINTS)
+    )
     _hardware: Recent[tuple[float, ...], Hardware] = field(default_factory=lambda: Recent(DESIGNS))
     _vehicle: np.ndarray | None = None
 
@@ -237,10 +240,19 @@ class Search:
 
     def pool_margins(self, x: np.ndarray) -> np.ndarray:
         """Damping margin (b,) of every bed of the pool, relative to the requirement on drawn beds."""
-        numbers = range(len(self.positions))
-        ways = [self.opened.get(number, CLOSED) for number in numbers]
-        margins = self.damping_margins_at(x, self.positions, ways)
-        return 1 + margins - np.array([self.shares.get(number, 1.0) for number in numbers])
+        beds, poles = self.pool_poles(x)
+        shares = np.array([self.shares.get(number, 1.0) for number in range(len(self.positions))])
+        return 1 + self.damping_margins(poles, beds) - shares
+
+    def pool_poles(self, x: np.ndarray) -> tuple[SampledBeds, np.ndarray]:
+        """The beds of the pool and their poles (b, p) at a point (m,); worked out once a point and pool."""
+        ways = tuple(self.opened.get(number, CLOSED) for number in range(len(self.positions)))
+
+        def made() -> tuple[SampledBeds, np.ndarray]:
+            beds = self.hardware(x).beds_at(self.positions, ways)
+            return beds, closed_poles(beds, self.controller(x))
+
+        return self._pools.at((tuple(x.tolist()), self.positions.tobytes(), ways), made)
 
     def damping_margins_at(self, x: np.ndarray, positions: np.ndarray, opened: Sequence[Opened] = ()) -> np.ndarray:
         """What is left (b,) of the damping that beds at positions (b, p) need, as a share of it."""

@@ -9,11 +9,7 @@ import numpy as np
 import scipy
 
 from matching.match.damping import stable_loops
-from matching.match.loop import (
-    bed_of,
-    closed_poles,
-    side_by_side,
-)
+from matching.match.loop import bed_of, closed_poles, side_by_side
 from matching.match.objective import Search
 from matching.match.opened import OPENED
 from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds, within_errors
@@ -127,10 +123,10 @@ def _restarted(search: Search, best: SearchEnd) -> tuple[SearchEnd, SearchEnd | 
 
 def is_stable(search: Search, x: np.ndarray) -> bool:
     """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
-    hardware, controller = search.hardware(x), search.controller(x)
+    _, poles = search.pool_poles(x)
     closed = [number for number in range(len(search.positions)) if number not in search.opened]
-    sets = (side_by_side([bed_of(hardware.case, {})]), hardware.beds_at(search.positions[closed]))
-    return all(stable_loops(closed_poles(beds, controller), search.neutral).all() for beds in sets)
+    planned = closed_poles(side_by_side([bed_of(search.hardware(x).case, {})]), search.controller(x))
+    return all(stable_loops(z, search.neutral).all() for z in (planned, poles[closed]))
 
 
 def _calmer(search: Search, x: np.ndarray) -> np.ndarray | None:

@@ -34,6 +34,16 @@ class Discretised:
     ramp: np.ndarray
 
 
+def by_tustin(space: StateSpace, step: float) -> StateSpace:
+    """A continuous system sampled by Tustin's rule (bilinear transformation), ``step`` in s."""
+    half = step / 2 * space.A
+    implicit = np.linalg.inv(np.eye(len(half)) - half)
+    B, C = implicit @ space.B * step, space.C @ implicit
+    return StateSpace(
+        implicit @ (np.eye(len(half)) + half), B, C, space.D + space.C @ B / 2, space.inputs, space.outputs
+    )  # fmt: skip
+
+
 def discretise(A: np.ndarray, B: np.ndarray, step: float) -> Discretised:
     """Exact solution of ẋ = A (x, x)·x + B (x, u)·u over a step, s, by one matrix exponential (Van Loan, 1978)."""
     n, m = B.shape
