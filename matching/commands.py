@@ -390,7 +390,12 @@ def study_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def verify_arguments(parser: argparse.ArgumentParser) -> None:
-    """Whether recordings that grow are followed."""
+    """Whether recordings that grow are followed, and how long a bed that falls short is diagnosed."""
+    parser.add_argument(
+        "--diagnosis-limit", metavar="VALUE", default="240 s",
+        help="a diagnosis of a bed that falls short ends after so much processor time with its best answer so far (s, "
+        "or with a unit; default: 240 s)",
+    )  # fmt: skip
     parser.add_argument(
         "--follow", metavar="VALUE",
         help="judge again while the recordings grow, until none has grown for so long (s, or with a unit)",
@@ -401,6 +406,7 @@ def run_verify(arguments: Arguments) -> dict[str, Any]:
     """Judge and write files."""
     if arguments.follow is not None:
         arguments.follow = api.in_si(arguments.follow, "s", "--follow", positive=True)
+    arguments.diagnosis_limit = api.in_si(arguments.diagnosis_limit, "s", "--diagnosis-limit", positive=True)
     case, channels = api.tuned_case_of(arguments.case), api.channels_of(arguments.channels)
     if arguments.channel_check:
         return written(api.checked_channels(case, arguments.recordings, channels), arguments)
@@ -421,7 +427,7 @@ def _judged(arguments: Arguments, case: Case, channels: Any, recordings: Sequenc
     reason = None
     if arguments.follow is None:  # nobody at the bed waits for minutes
         with shown("verify") as tell:
-            reason = why_short(case, verification, recordings, channels, tell)
+            reason = why_short(case, verification, recordings, channels, tell, arguments.diagnosis_limit)
     copies = dict(zip(arguments.recordings, recordings, strict=True))
     return written(verification, arguments, {"diagnosis": None if reason is None else reason.to_dict()}, copies)
 
@@ -669,21 +675,23 @@ EXAMPLES = {
     ),
     "identify": (
         "identify examples/from_recordings/case.toml --vehicle examples/from_recordings/road.csv --bed "
-        "examples/from_recordings/bed.csv --out out/identify",
+        "examples/from_recordings/bed.csv --diagnosis-limit 30 --out out/identify",
         "identify examples/from_recordings/case.toml --bed examples/from_recordings/bed.csv --out out/bed_alone",
     ),
     "verify": (
         "export examples/from_recordings/bed.toml --fmu out/bed.fmu",
-        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 1 --out out/commissioned",
-        "verify out/commissioned/1_match out/commissioned/1_verify/recording.csv --out out/verify",
+        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 1 --diagnosis-limit 30 --out "
+        "out/commissioned",
+        "verify out/commissioned/1_match out/commissioned/1_verify/recording.csv --diagnosis-limit 30 --out out/verify",
         "verify out/commissioned/1_match out/commissioned/1_verify/recording.csv --follow 10 --out out/followed",
     ),
     "commission": (
         "commission examples/from_recordings/case.toml --bed out/bed_recordings --out out/by_hand",
         "export examples/from_recordings/bed.toml --fmu out/bed.fmu",
-        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 2 --out out/commission",
+        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 2 --diagnosis-limit 30 --out "
+        "out/commission",
         "commission examples/from_recordings/case.toml --vehicle-recording examples/from_recordings/road.csv "
-        "--bed out/bed.fmu --out out/known_vehicle",
+        "--bed out/bed.fmu --rounds 1 --diagnosis-limit 30 --out out/known_vehicle",
     ),
 }
 NO_OUT: dict[str, Any] = {"out": None}

@@ -289,13 +289,15 @@ def commissioning_report(
     ]
     checked = content.get("channels")
     wrong = content["status"] == "wrong_channel"
+    last = content["rounds"][-1].get("verification", {}) if content["rounds"] else {}
     meaning = _sentence(checked["sentence"]) if checked and wrong else END_MEANING[content["status"]]
     return Report(
         title="Commissioning",
         status=spaced(content["status"]),
         answer=" ".join(filter(None, [meaning, ending(content), gain(content)])),
         good=content["status"] == "as_predicted",
-        lists={"What to do now": next_steps(content, made.case if made else "CASE", folder)},
+        lists={"Why it falls short": [Step(spaced(sentence)) for sentence in why(last)],
+               "What to do now": next_steps(content, made.case if made else "CASE", folder)},
         table=channel_table(checked) if checked and wrong else Table(()),
         folds=[
             *(Fold(name, [lines, *([Table([_value(own) for own in values])] if values else [])], told=True)

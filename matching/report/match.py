@@ -828,7 +828,7 @@ def key_figures(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def _mode(target: Mapping[str, Any]) -> str:
     side = "" if target["symmetry"] == "none" else f" ({target['symmetry']})"
-    return f"target mode {target['vehicle_mode']}{side}"
+    return f"target mode {target['vehicle_mode']}, damped{side}"
 
 
 def moved(parameters: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

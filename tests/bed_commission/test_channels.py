@@ -15,6 +15,7 @@ from virtual_bed.reference_circle import CASE, reference_bed
 
 from matching.bed.channels import channel_recording, judge_channels, plan_channels
 from matching.bed.excite import bed_inputs
+from matching.bed.lost_motion import lost_motion
 from matching.bed.simulated_bed import FmuBed
 from matching.export import exported_controller
 from matching.match.case_file import load_case
@@ -66,7 +67,6 @@ def with_actuator(bed, name, **changed):
         (lambda bed: bed, None, "every channel has the sign, unit and place"),
         (lambda bed: with_reader(bed, "motor_speed", gain=60 / (2 * np.pi)), "motor_speed", "1/min"),
         (lambda bed: with_reader(bed, "flange_left_torque", gain=-1.0), "flange_left_torque", "wrong sign"),
-        (lambda bed: with_reader(bed, "rotor_right_speed", gain=-180 / np.pi), "rotor_right_speed", "deg/s"),
         (lambda bed: with_reader(bed, "side_right_torque", gain=0.0), "side_right_torque", "does not move"),
         (lambda bed: with_reader(bed, "flange_right_torque", offset=12.0), "flange_right_torque", "at rest"),
         (lambda bed: with_actuator(bed, "dyno_left", factor=-1.0), "dyno_left", "wrong sign"),
@@ -118,6 +118,22 @@ def test_after_a_trip_the_rest_is_not_judged(case, controller, plan, tmp_path):
     assert [one.channel for one in found.wrong] == ["rotor_left_speed"]
     others = {sensor.name for sensor in case.rig.sensors} - {"rotor_left_speed"}
     assert set(found.unjudged) == others | {"dyno_left", "dyno_right", "motor_torque"}
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.006])
+def test_the_check_shows_free_play(case, controller, plan, tmp_path, gap):
+    """By factors of √2; friction that is there as well is none."""
+    bed = reference_bed(case)
+    bed.effects.append(Hidden("coulomb_friction", "inertias.motor", {"torque": 1.5}))
+    bed.effects += [Hidden("backlash", "shafts.gear_output", {"gap": gap})] if gap else []
+    found, _ = checked(case, controller, plan, bed, tmp_path)
+    seen = lost_motion(case, read_recording(tmp_path / "recording.csv", case.rig))
+    assert found.right
+    if gap:
+        assert seen.at == "shafts.gear_output"
+        assert seen.gap == pytest.approx(gap, rel=0.5)
+    else:
+        assert seen is None
 
 
 @pytest.mark.long

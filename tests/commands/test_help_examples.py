@@ -58,13 +58,19 @@ def test_an_example_of_files_that_are_there_passes_a_dry_run(command, capsys, mo
     assert tried or command in ("diagnose", "tolerance", "verify", "commission")  # their inputs are made first
 
 
+GROUPS = ("match tolerance", "map", "diagnose identify", "verify commission")  # that take long, or share results
+
+
 @pytest.mark.long
-def test_every_example_works_as_typed(tmp_path):
-    """In the order of the commands, in a copy of the program's folder."""
+@pytest.mark.parametrize("group", ["", *GROUPS])
+def test_every_example_works_as_typed(group, tmp_path):
+    """In the order of the commands, in a copy of the program's folder; those of no group are one of their own."""
     pytest.importorskip("fmpy")
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    first = ["rigmatch", "match", "examples/road_to_rig/observer.toml", "--out", MADE_BY_MAKE_RUN]
-    calls = [first, *(words for name in COMMANDS if name != SHOWN_UNTIL_ENDED for words in examples_of(name))]
+    others = [name for name in COMMANDS if name != SHOWN_UNTIL_ENDED and name not in " ".join(GROUPS).split()]
+    calls = [words for name in group.split() or others for words in examples_of(name)]
+    if any(MADE_BY_MAKE_RUN in words for words in calls):
+        calls = [["rigmatch", "match", "examples/road_to_rig/observer.toml", "--out", MADE_BY_MAKE_RUN], *calls]
     for words in dict.fromkeys(tuple(words) for words in calls):
         begin = [sys.executable] if words[0] == "python" else [sys.executable, "-m", "matching"]
         done = subprocess.run(

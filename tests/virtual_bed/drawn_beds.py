@@ -223,15 +223,15 @@ def main() -> None:
     parser.add_argument("--numbers", type=int, nargs="*", help="only these of them")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--case", type=Path, default=REFERENCE)
+    parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path("out/drawn_beds"))
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     record = given.out / f"beds_{given.seed}.jsonl"
     for number in given.numbers or range(given.beds):
         if number not in {row["number"] for row in rows(record, ROW)}:
-            append(
-                record, work(given.case, given.seed, number, given.out / f"{given.seed}_{number}", CommissionOrder())
-            )
+            folder, order = given.out / f"{given.seed}_{number}", CommissionOrder(rounds=given.rounds)
+            append(record, work(given.case, given.seed, number, folder, order))
     print(json.dumps(summary(list(rows(record, ROW))), indent=1))
 
 
