@@ -24,13 +24,14 @@ HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
 }
 __all__ = [
     "BackOut", "DiagnosisSettings", "DriveAway", "InputError", "SimulationError", "Step", "Sweep", "TipIn",
-    "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case", "load_result",
-    "map", "match", "modes", "new", "read_recording", "response", "show", "simulate", "tolerance", "uncertainty",
-    "verify",
+    "campbell", "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case",
+    "load_result", "map", "match", "modes", "new", "order_response", "read_recording", "response", "show", "simulate",
+    "to_ss", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from matching.api import (
+        campbell,
         commission,
         diagnose,
         excite,
@@ -45,10 +46,12 @@ if TYPE_CHECKING:
         match,
         modes,
         new,
+        order_response,
         read_recording,
         response,
         show,
         simulate,
+        to_ss,
         tolerance,
         uncertainty,
         verify,

@@ -19,22 +19,27 @@ NOTEBOOK_TIMEOUT = 1200  # s a cell
 COLOURS = 64  # of a picture in a notebook: a quarter of the bytes of true colours, and no difference to the eye
 TABS = {"Drivetrain": ".part", "Modes": ".swing"}  # of the explorer that are shown, and what stands there when drawn
 DRAWN_MS = 1500  # from then on, until fonts and figures stand too
+ENGINE = ("600:6000 1/min", {"engine_torque:2": 150.0, "engine_torque:4": 40.0})
+DEAD_TIMES = (0.5, 1, 2, 3, 5, 8, 12, 20)  # ms
+STRUCTURES = {"pi": "case.toml", "model_based": "case.toml", "observer": "observer.toml"}  # and the case that it is in
 MAP_AXES = ("loop.dead_time=1 ms,3 ms,5 ms,8 ms,12 ms", "rig.shafts.flange_left.stiffness=4e4,2e5,1e6")
 
 
 def generators() -> dict[str, Callable[[], Any]]:
     """What makes each file, by its path: a function that returns its figure, or a notebook's runner."""
     import rigmatch as rm
-    from tests.virtual_bed.reference_circle import measure, picture
+    from tests.virtual_bed.reference_circle import channels_picture, measure, picture
 
     made = {
         "drivetrain.png": lambda: rm.show(REFERENCE / "case.toml"),
         "overview.png": lambda: rm.match(REFERENCE / "observer.toml").plot(),
         "map.png": lambda: rm.map(REFERENCE / "observer.toml", *MAP_AXES).plot(),
+        "channels.png": channels_picture,
         "on_the_bed.png": lambda: picture(measure(ROOT / "out" / "reference_circle")),
     }
     figures = {f"examples/road_to_rig/{name}": make for name, make in made.items()}
     figures |= {f"docs/gallery/{name}.svg": make for name, make in gallery().items()}
+    figures["docs/gallery/dead_time.svg"] = dead_time
     figures |= {f"docs/gallery/explorer_{tab.lower()}.png": lambda tab=tab: explorer(tab) for tab in TABS}
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
     return figures | {f"notebooks/{path.name}": lambda path=path: run_notebook(path) for path in notebooks}
@@ -49,8 +54,49 @@ def gallery() -> dict[str, Callable[[], Any]]:
     shown = {name: lambda path=path: rm.show(path) for name, path in files.items() if name not in OF_THE_REFERENCE}
     return shown | {
         "fidelity": lambda: rm.fidelity(examples / "fidelity" / "tab2.toml").plot(),
+        "engine": lambda: rm.order_response(examples / "engine" / "engine.toml", *ENGINE).plot(),
         "sensors": lambda: rm.uncertainty(examples / "sensors" / "torque_M2.toml", draws=10_000).plot(),
     }
+
+
+def dead_time() -> Any:
+    """Response error of the reference match over the dead time: every structure, measured and unmeasured torques."""
+    import rigmatch as rm
+    from matching.report.common import LIMIT, curve, figure, styled
+
+    found = {
+        name: [rm.match(_reference(name, file, 1e-3 * ms)) for ms in DEAD_TIMES] for name, file in STRUCTURES.items()
+    }
+    with styled():
+        fig = figure(7.4, 3.4)
+        panels = fig.subplots(1, 2, sharey=True)
+        for axes, title, of, allowed in (
+            (panels[0], "torques that are measured", lambda error: error.after, 0.1),
+            (panels[1], "torques that are not measured", lambda error: error.unmeasured, 0.3),
+        ):
+            for place, (name, results) in enumerate(found.items()):
+                look, errors = curve(place), [of(result.response_error) for result in results]
+                axes.plot(DEAD_TIMES, errors, label=name, **look)
+                for ms, error, result in zip(DEAD_TIMES, errors, results, strict=True):
+                    full = look["color"] if result.status == "matched" else "none"
+                    axes.plot(ms, error, "o", color=look["color"], markerfacecolor=full, markersize=5)
+            axes.axhline(allowed, color=LIMIT, linewidth=0.8, linestyle="--")
+            axes.set(xscale="log", yscale="log", title=title, xlabel="dead time in ms")
+            axes.set_xticks(DEAD_TIMES, [f"{ms:g}" for ms in DEAD_TIMES])
+            axes.minorticks_off()
+        panels[0].set_ylabel("response error of the bed as planned")
+        fig.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return fig
+
+
+def _reference(structure: str, file: str, seconds: float) -> Any:
+    """The reference case with a structure and a dead time (s)."""
+    from matching.match.case_file import case_from_tables
+    from modelling.toml import read_toml
+
+    tables = read_toml(REFERENCE / file)
+    tables["loop"] |= {"structure": structure, "dead_time": seconds}
+    return case_from_tables(tables, str(REFERENCE / file))
 
 
 def explorer(tab: str) -> bytes:

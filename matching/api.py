@@ -6,7 +6,7 @@ raises ``InputError``: one line with file and key, what is wrong, and what would
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from os import PathLike
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from matching.dry_run import case_words, computing, model_words, was_read
 from matching.progress import OF_A_COUNT, OF_A_MATCH, shown
 from modelling.display import counted
-from modelling.errors import InputError
+from modelling.errors import InputError, unknown
 from modelling.resources import cores
 
 if TYPE_CHECKING:
@@ -36,10 +36,11 @@ if TYPE_CHECKING:
     from matching.match.map import Axis, Map
     from matching.match.result import MatchResult
     from matching.match.tolerance import Tolerance
-    from matching.saved import SavedResult
+    from matching.saved import SavedCurves, SavedResult
     from matching.uncertainty.result import Uncertainty
     from modelling.bed.manoeuvres import Manoeuvre
-    from modelling.linear.state_space import Response
+    from modelling.linear.state_space import Response, StateSpace
+    from modelling.modal.orders import Campbell, OrderResponse
     from modelling.modal.result import Modes
     from modelling.recordings.read import Channel
     from modelling.recordings.recording import Recording
@@ -205,20 +206,20 @@ def read_recording(path: File, model: System | File, channels: File | None = Non
     return recording
 
 
-def load_result(path: File) -> SavedResult:
+def load_result(path: File) -> SavedResult | SavedCurves:
     """Read a result that a command or ``save`` wrote.
 
     Parameters
     ----------
     path : path
-        Its folder, or the result's file (JSON) in it.
+        Its folder, or the result's file in it (JSON; CSV of a simulation or a frequency response).
 
     Returns
     -------
-    SavedResult
-        Every entry of the file as an attribute, as the result itself has them, with ``to_dict()``, ``to_dataframe()``
-        and ``save()``; printed as the command prints it. The tuned case of a match is ``rm.load_case(folder /
-        "case.toml")``.
+    SavedResult or SavedCurves
+        Every entry of the file as an attribute, as the result itself has them, with ``to_dict()``, ``to_dataframe()``,
+        ``plot()`` and ``save()``; printed as the command prints it. Of a simulation or a frequency response every curve
+        by its name. The tuned case of a match is ``rm.load_case(folder / "case.toml")``.
 
     Raises
     ------
@@ -287,6 +288,13 @@ def tuned_case_of(case: Case | File) -> Case:
 def _check_seed(seed: int) -> None:
     if seed < 0:
         raise InputError("seed", f"{seed} is negative", "give 0 or more")
+
+
+def same_file(one: Recording | File, other: Recording | File) -> bool:
+    """Whether two arguments are the same recording."""
+    if isinstance(one, str | PathLike) and isinstance(other, str | PathLike):
+        return Path(one).exists() and Path(other).exists() and Path(one).samefile(other)
+    return one is other
 
 
 def recording_of(recording: Recording | File, system: System, channels: File | None = None) -> Recording:
@@ -360,6 +368,182 @@ def response(model: System | File, frequencies: Sequence[float | str] | np.ndarr
 
     hertz = [in_si(each, "Hz", "frequencies") if isinstance(each, str) else each for each in frequencies]
     return of(system_of(model), np.asarray(hertz, dtype=float))
+
+
+def campbell(
+    model: System | File, speed: str | np.ndarray, *, of: str | None = None, orders: str | Iterable[float] = "0.5,1,2,4"
+) -> Campbell:
+    """Campbell diagram: modes over speed, and where orders of a turning part meet them.
+
+    Modes of a model that is not linear (tyre slip, say) are those of steady motion at each speed, followed by their
+    shapes. The command writes campbell.json, a figure and report.html.
+
+    Parameters
+    ----------
+    model : System or path
+        A model file.
+    speed : str or ndarray
+        LOWEST:HIGHEST, or LOWEST:HIGHEST:POINTS, with a unit, e.g. "600:6000 1/min"; in Python also rad/s as an array.
+    of : str, optional
+        The inertia that has these speeds and whose turns orders count (default: that of the first input).
+    orders : str or iterable of float
+        Cycles a turn.
+
+    Returns
+    -------
+    Campbell
+        ``crossings`` with order, mode, speed (rad/s) and frequency (Hz); ``speeds`` and ``frequencies``.
+
+    Examples
+    --------
+    >>> found = rm.campbell("examples/engine/engine.toml", "600:6000 1/min", orders=[2, 4])
+    >>> print(f"{found.crossings[0].speed:.1f} rad/s")
+    88.5 rad/s
+    """
+    from modelling.modal.orders import campbell as find
+
+    system = system_of(model)
+    speeds, of = _speeds(speed), of or _first_driven(system)
+    given = [in_si(one, "1", "orders") for one in (orders.split(",") if isinstance(orders, str) else orders)]
+    computing()
+    return find(system, speeds, of, given)
+
+
+def order_response(
+    model: System | File, speed: str | np.ndarray, torques: Mapping[str, float | str], *, of: str | None = None,
+    phases: Mapping[str, float | str] | None = None,
+) -> OrderResponse:  # fmt: skip
+    """Forced response to orders: torque of every shaft and angle of every inertia over speed; critical speeds.
+
+    Linear about the steady motion at every speed. The command writes response.json, response.csv, a figure and
+    report.html.
+
+    Parameters
+    ----------
+    model : System or path
+        A model file.
+    speed : str or ndarray
+        As of campbell.
+    torques : mapping of str to float or str
+        Amplitude (N·m) by input and order, e.g. --torques "engine_torque:2=100".
+    of : str, optional
+        As of campbell.
+    phases : mapping of str to float or str
+        Phase (rad, or "30 deg") by input and order; 0 unless stated.
+
+    Returns
+    -------
+    OrderResponse
+        ``critical`` with shaft, speed (rad/s), torque (N·m) and order; ``torques`` and ``angles`` by order.
+
+    Examples
+    --------
+    >>> found = rm.order_response("examples/engine/engine.toml", "600:6000 1/min", {"engine_torque:2": 150})
+    >>> found.critical[0].shaft
+    'damper'
+    """
+    import numpy as np
+
+    from modelling.modal.orders import order_response as find
+
+    system, phases, acting = system_of(model), phases or {}, {}
+    for name in phases:
+        if name not in torques:
+            raise unknown(name, list(torques), "phases")
+    for name, amplitude in torques.items():
+        source, colon, order = name.rpartition(":")
+        if not colon:
+            raise InputError("torques", f"{name!r} has no order", "write INPUT:ORDER=TORQUE, e.g. engine_torque:2=100")
+        phase = in_si(phases.get(name, 0.0), "rad", f"phases {name}")
+        size = in_si(amplitude, "N*m", f"torques {name}")
+        acting[source, in_si(order, "1", f"torques {name}")] = complex(size * np.exp(1j * phase))
+    speeds, of = _speeds(speed), of or _first_driven(system)
+    computing()
+    return find(system, speeds, of, acting)
+
+
+def _first_driven(system: System) -> str:
+    if not system.inputs:
+        raise InputError("of", "the model has no input whose inertia could be taken", "name the inertia")
+    return system.inputs[0].on
+
+
+def _speeds(stated: str | np.ndarray) -> np.ndarray:
+    """Speeds (s,) in rad/s from LOWEST:HIGHEST[:POINTS], whose unit stands behind any of them and holds for both."""
+    import numpy as np
+
+    from modelling.modal.orders import POINTS
+
+    if not isinstance(stated, str):
+        return np.asarray(stated, float)
+    parts = [part.strip().partition(" ") for part in stated.split(":")]
+    units = [unit for _, _, unit in parts if unit]
+    numbers = [number for number, _, _ in parts]
+    if len(parts) not in (2, 3):
+        raise InputError("speed", f"{stated!r} is no range", 'write LOWEST:HIGHEST, e.g. "600:6000 1/min"')
+    points = numbers[2] if len(parts) == 3 else str(POINTS)
+    if not points.isdecimal() or int(points) < 2:
+        raise InputError("speed", f"{points!r} is no number of speeds", "give 2 or more")
+    unit = units[0] if units else "rad/s"
+    low, high = (in_si(f"{number} {own or unit}", "rad/s", "speed") for number, _, own in parts[:2])
+    if not 0 < low < high:
+        raise InputError("speed", f"{stated!r} does not rise from above 0", "give the lowest speed first")
+    return np.linspace(low, high, int(points))
+
+
+def to_ss(of: System | Case | MatchResult | File, part: str = "") -> StateSpace:
+    """Linear state space, for example for python-control or SciPy.
+
+    Parameters
+    ----------
+    of : System, Case, MatchResult or path
+        A drivetrain, or a case: of a match its tuned one, of a path ``out/case.toml``.
+    part : {"vehicle", "rig", "bed", "controller"}
+        Of a case. ``bed`` and ``controller`` are of the controller's sample time, with the dead time as states, and are
+        closed by their names.
+
+    Returns
+    -------
+    StateSpace
+        ``A`` (x, x), ``B`` (x, u), ``C`` (y, x), ``D`` (y, u) in SI, ``inputs`` and ``outputs`` by name, and
+        ``sample_time``, s, 0 in continuous time. Angles that nothing depends on are left out.
+
+    Raises
+    ------
+    InputError
+        If the part is unknown, or a model has a dead time of its own.
+
+    Examples
+    --------
+    >>> rig = rm.to_ss("examples/road_to_rig/rig.toml")
+    >>> rig.A.shape, rig.inputs
+    ((13, 13), ('motor_torque', 'dyno_left', 'dyno_right'))
+    >>> control.ss(rig.A, rig.B, rig.C, rig.D, inputs=rig.inputs, outputs=rig.outputs)  # doctest: +SKIP
+    """
+    from matching.match.case import Case
+    from matching.match.case_file import is_case
+    from matching.match.loop import bed_space, controller_space
+    from matching.match.result import MatchResult
+    from modelling.linear.state_space import state_space
+    from modelling.system import System
+    from modelling.toml import read_toml
+
+    if isinstance(of, MatchResult):
+        of = of.tuned
+    if not isinstance(of, System | Case):
+        of = load_case(of) if is_case(read_toml(Path(of))) else load(of)
+    if isinstance(of, System):
+        if part:
+            raise InputError("part", f"{part!r} of a model", "leave it out, or give a case")
+        return state_space(of)
+    case = of
+    parts = {
+        "vehicle": lambda: state_space(case.vehicle), "rig": lambda: state_space(case.rig),
+        "bed": lambda: bed_space(case), "controller": lambda: controller_space(case),
+    }  # fmt: skip
+    if part not in parts:
+        raise unknown(part, list(parts), "part")
+    return parts[part]()
 
 
 def simulate(
@@ -482,6 +666,7 @@ def diagnose(
     >>> for cause in found.causes:  # doctest: +SKIP
     ...     print(cause.kind, cause.at, cause.evidence)
     """
+    from matching.diagnosis.data import segments_between_gaps
     from matching.diagnosis.diagnose import diagnose as run
     from modelling.recordings.plausible import check_motion
     from modelling.recordings.recording import Recording
@@ -490,9 +675,14 @@ def diagnose(
     fitted, judging = (
         [what] if isinstance(what, str | PathLike | Recording) else list(what or ()) for what in (recordings, holdout)
     )
+    for each in judging:
+        if any(same_file(each, other) for other in fitted):
+            raise InputError(f"holdout {each}", "is fitted as well", "name a recording that the fit does not see")
     read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
     for each in read:
-        check_motion(each.channels, system, each.source or "recording")
+        source = each.source or "recording"
+        check_motion(each.channels, system, source)
+        segments_between_gaps(each.time, source)  # so that --check says what is too short
     if time_limit is not None and not time_limit > 0:
         raise InputError("time_limit", f"{time_limit:g} s is out of range", "give a positive number of seconds")
     computing()
@@ -682,7 +872,7 @@ def export(result: File, fmu: File, fmi: str = "2.0") -> Path:
 def excite(
     case: Case | File, *, proof: bool = False, channel_check: bool = False, duration: float | str = 20.0,
     margin: float | str = 0.2, speed: float | str | None = None, limit: Mapping[str, float | str] | None = None,
-    beds: int = 20, seed: int = 0,
+    beds: int = 20, seed: int = 0, torque_share: float | str = 1.0,
 ) -> ExcitationPlan | Proof | ChannelPlan:  # fmt: skip
     """Plan the recording that identifies what a match depends on most, within the limits of the bed.
 
@@ -712,6 +902,8 @@ def excite(
         Drawn beds on which the limits hold.
     seed : int
         Seed of phases and beds: the same seed gives the same result.
+    torque_share : float or str
+        With channel_check: share of its torques, for a check that tripped.
 
     Returns
     -------
@@ -736,8 +928,11 @@ def excite(
     if proof and channel_check:
         raise InputError("proof", "and channel_check are two recordings", "plan one after the other")
     if channel_check:
+        share = in_si(torque_share, "1", "torque_share", positive=True)
+        if share > 1:
+            raise InputError("torque_share", f"is {share:g}", "give a share of at most 1")
         computing()
-        return plan_channels(tuned)
+        return plan_channels(tuned, share)
     steady = None if speed is None else in_si(speed, "rad/s", "speed")
     if proof:
         computing()

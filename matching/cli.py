@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from matching.arguments import add_arguments, described
-from matching.commands import COMMANDS, Command, calls
+from matching.commands import COMMANDS, REQUIRED, Command, calls
 from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, FitError, InputError, NoDesign, of_the_machine
 from modelling.escape import terminal
 from modelling.resources import end_early, ended_early_by, tell_ends_early
@@ -48,7 +48,9 @@ class HelpFormatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Argument parser that says what is wrong in one line."""
+    """Argument parser that says what is wrong in one line; ``words`` are those on the command line."""
+
+    words: Sequence[str] = ()
 
     def error(self, message: str) -> NoReturn:
         """Print one line on standard error and exit with 2."""
@@ -60,9 +62,16 @@ class Parser(argparse.ArgumentParser):
         if wrong := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
             known = list(COMMANDS)
         elif wrong := re.match(r"unrecognized arguments: (--[\w-]+)", message):
-            known = [flag for action in self._all_actions() for flag in action.option_strings]
+            known = self._flags()
+        elif "are required" in message:  # perhaps because the option was misspelt
+            known, given = self._flags(), " ".join(word.partition("=")[0] for word in self.words)
+            wrong = next((found for found in re.finditer(r"(--[\w-]+)", given) if found[1] not in known), None)
         near = get_close_matches(wrong[1], known, 1, 0.6) if wrong else []
-        return f"did you mean {near[0]!r}? " if near else ""
+        whose = f" instead of {wrong[1]!r}" if wrong and "are required" in message else ""
+        return f"did you mean {near[0]!r}{whose}? " if near else ""
+
+    def _flags(self) -> list[str]:
+        return [flag for action in self._all_actions() for flag in action.option_strings]
 
     def _all_actions(self) -> list[argparse.Action]:
         """Those of the parser and of its commands."""
@@ -128,11 +137,11 @@ def build_parser(words: Sequence[str]) -> Parser:
             name, allow_abbrev=False, formatter_class=HelpFormatter, epilog=_examples(calls(name)),
             description=described(known.function).text,
         )  # fmt: skip
+        command.words = words
         add_arguments(command, known.function, known.required, known.hidden)
         if known.out is not None:
-            here = {"required": True} if not known.out else {"default": known.out}
-            at = " (default: here)" if known.out == "." else ""
-            command.add_argument("--out", metavar="DIR", help=f"directory to write to{at}", **here)
+            at = "" if known.out == REQUIRED else "; without it nothing is written"
+            command.add_argument("--out", metavar="DIR", help=f"directory to write to{at}", required=not at)
         if known.further:
             known.further(command)
         command.add_argument("--json", action="store_true", help="print the result object and nothing else")
@@ -335,7 +344,7 @@ def supervised(command: Callable[[], int]) -> int:
     and its worker processes, which are one session, half a second later. A command that can answer with what it has is
     given the time to write it; a second signal kills it at once.
     """
-    if "_ARGCOMPLETE" in os.environ or not hasattr(os, "fork"):
+    if "_ARGCOMPLETE" in os.environ or sys.platform == "win32":  # where Ctrl-C reaches every process of a console
         return command()
     parent = os.getpid()
     can_end_early = mmap.mmap(-1, 1)  # shared with the child
@@ -397,5 +406,6 @@ def _ended_by(number: int) -> str:
 
 
 def _kill_session(leader: int) -> None:
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(leader, signal.SIGKILL)
+    if sys.platform != "win32":
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(leader, signal.SIGKILL)

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,10 +62,12 @@ def called_with_pool(arguments: Arguments, **more: Any) -> Any:
 def written(
     result: Any, arguments: Arguments, more: Mapping[str, Any] | None = None, copies: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """The content of a result's file, with more entries, after it and its other files were written."""
+    """The content of a result's file, with more entries, after it and its other files were written where asked."""
     from modelling.display import files
     from modelling.writing import write_results
 
+    if arguments.out is None:
+        return {**result.to_dict(), **(more or {}), "files": []}
     content = write_results(arguments.out, *files(result, str(arguments.out), made_of(arguments, copies), more))
     (Path(arguments.out) / f"{arguments.command}.partial.jsonl").unlink(missing_ok=True)
     return content
@@ -85,12 +88,12 @@ def made_of(arguments: Arguments, copies: Mapping[str, Any] | None = None) -> An
     return with_recordings(made, ((path, (copies or {}).get(path, path)) for path in paths))
 
 
-def told(content: dict[str, Any]) -> str:
-    """What a terminal is told of a result, by the view of its file; nothing of a result without a file."""
+def told(content: dict[str, Any], file: str = "") -> str:
+    """What a terminal is told of a result, by the view of its file: the one that was written, or its name."""
     from matching.report import RESULTS, view_of
     from matching.report.page import in_terminal
 
-    file = next((name for name in content.get("files", ()) if name in RESULTS), "")
+    file = next((name for name in content.get("files", ()) if name in RESULTS), file)
     return in_terminal(view_of(file).report(content)) if file else ""
 
 
@@ -138,10 +141,12 @@ def _listed(arguments: Arguments) -> dict[str, Any]:
     computing(lambda: {arguments.file: f"a recording: {len(channels)} channels of up to {most} samples"})
     files = []
     if arguments.model:
-        files = [f"{file_name(Path(arguments.file).stem)}_channels.toml"]
-        write_all(arguments.out, {files[0]: listed["channel_file"]})
-    words = ["diagnose", arguments.model or "", arguments.file, "--channels", str(Path(arguments.out, *files))]
-    following = f"rigmatch {shlex.join(words)} --out out/diagnosis" if files else ""
+        name = f"{file_name(Path(arguments.file).stem)}_channels.toml"
+        files = write_all(arguments.out, {name: listed["channel_file"]})
+    following = ""
+    if files:
+        words = ["diagnose", arguments.model, arguments.file, "--channels", str(Path(arguments.out, *files))]
+        following = f"rigmatch {shlex.join(words)} --out out/diagnosis"
     return {"file": arguments.file, **listed, "files": files, "next": following}
 
 
@@ -153,12 +158,12 @@ def _drawn(arguments: Arguments) -> dict[str, Any]:
     shown: Any = (api.load_case if is_case(read_toml(arguments.file)) else api.load)(arguments.file)
     systems = {"vehicle": shown.vehicle, "rig": shown.rig} if hasattr(shown, "rig") else {"model": shown}
     drawn = api.show(shown)
-    write_all(arguments.out, {f"drivetrain.{kind}": image(drawn, kind) for kind in ("svg", "png")})
+    files = write_all(arguments.out, {f"drivetrain.{kind}": image(drawn, kind) for kind in ("svg", "png")})
     counts = {
         role: {"title": system.title, "inertias": len(system.inertias), "shafts": len(system.shafts)}
         for role, system in systems.items()
     }
-    return {"file": arguments.file, "drawn": counts, "files": ["drivetrain.png", "drivetrain.svg"]}
+    return {"file": arguments.file, "drawn": counts, "files": files}
 
 
 def show_summary(result: dict[str, Any]) -> str:
@@ -216,7 +221,6 @@ def modes_arguments(parser: argparse.ArgumentParser) -> None:
         help="what a new value does to the frequencies: first-order prediction (Eq. 8) next to the exact solution; "
         'e.g. --change "inertias.rotor_left.J=1.8 kg*m^2"; repeatable',
     )  # fmt: skip
-    parser.add_argument("--out", metavar="DIR", help="directory to write to (default: here, without figures)")
     completed(parser, "change", lambda given: [f"{name}=" for name in parameters_of_model(given.model)])
 
 
@@ -245,7 +249,7 @@ def run_modes(arguments: Arguments) -> dict[str, Any]:
         from matching.report.modes import modes_files
 
         *_, files = modes_files(analysed, title=system.title or str(arguments.model))
-    return write_results(arguments.out or ".", "modes.json", result, files)
+    return write_results(arguments.out, "modes.json", result, files)
 
 
 def _add_reduced(result: dict[str, Any], system: System, analysed: Modes) -> None:
@@ -386,7 +390,12 @@ def study_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def verify_arguments(parser: argparse.ArgumentParser) -> None:
-    """Whether recordings that grow are followed."""
+    """Whether recordings that grow are followed, and how long a bed that falls short is diagnosed."""
+    parser.add_argument(
+        "--diagnosis-limit", metavar="VALUE", default="240 s",
+        help="a diagnosis of a bed that falls short ends after so much processor time with its best answer so far (s, "
+        "or with a unit; default: 240 s)",
+    )  # fmt: skip
     parser.add_argument(
         "--follow", metavar="VALUE",
         help="judge again while the recordings grow, until none has grown for so long (s, or with a unit)",
@@ -397,6 +406,7 @@ def run_verify(arguments: Arguments) -> dict[str, Any]:
     """Judge and write files."""
     if arguments.follow is not None:
         arguments.follow = api.in_si(arguments.follow, "s", "--follow", positive=True)
+    arguments.diagnosis_limit = api.in_si(arguments.diagnosis_limit, "s", "--diagnosis-limit", positive=True)
     case, channels = api.tuned_case_of(arguments.case), api.channels_of(arguments.channels)
     if arguments.channel_check:
         return written(api.checked_channels(case, arguments.recordings, channels), arguments)
@@ -417,7 +427,7 @@ def _judged(arguments: Arguments, case: Case, channels: Any, recordings: Sequenc
     reason = None
     if arguments.follow is None:  # nobody at the bed waits for minutes
         with shown("verify") as tell:
-            reason = why_short(case, verification, recordings, channels, tell)
+            reason = why_short(case, verification, recordings, channels, tell, arguments.diagnosis_limit)
     copies = dict(zip(arguments.recordings, recordings, strict=True))
     return written(verification, arguments, {"diagnosis": None if reason is None else reason.to_dict()}, copies)
 
@@ -549,6 +559,8 @@ def _completed_parameters(model: dict[str, Any]) -> list[str]:
 
 # --- The list of commands
 
+REQUIRED, OPTIONAL = "required", "optional"
+
 
 @dataclass(frozen=True)
 class Command:
@@ -565,7 +577,7 @@ class Command:
     summary : callable
         The result for a reader at a terminal.
     out : str, optional
-        Default of ``--out``; empty: it has to be given; None: there is none, or the function has it.
+        Whether ``--out`` is ``REQUIRED`` or ``OPTIONAL``; None: there is none, or the function has it.
     required, hidden : tuple of str
         Parameters that are options although they have no default; that exist in Python only.
     further : callable, optional
@@ -576,7 +588,7 @@ class Command:
     function: Callable[..., Any]
     run: Callable[[Arguments], dict[str, Any]] = run_function
     summary: Callable[[dict[str, Any]], str] = told
-    out: str | None = ""
+    out: str | None = REQUIRED
     required: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     further: Callable[[argparse.ArgumentParser], None] | None = None
@@ -608,6 +620,17 @@ EXAMPLES = {
         "simulate examples/from_recordings/rig.toml examples/from_recordings/bed.csv --out out/simulated",
         "simulate examples/from_recordings/rig.toml examples/from_recordings/bed.csv --start steady --out "
         "out/from_steady_motion",
+    ),
+    "campbell": (
+        'campbell examples/engine/engine.toml --speed "600:6000 1/min" --orders 2,4,6 --out out/campbell',
+        'campbell examples/road_to_rig/vehicle.toml --speed "300:9000 1/min" --of motor --orders 1,24,48 '
+        "--out out/campbell_of_motor",
+    ),
+    "response": (
+        'response examples/engine/engine.toml --speed "600:6000:1000 1/min" --torques "engine_torque:2=150 N*m" '
+        "--out out/response_to_one_order",
+        'response examples/engine/engine.toml --speed "600:6000 1/min" --torques engine_torque:2=150 '
+        '--torques engine_torque:4=40 --phases "engine_torque:4=30 deg" --out out/response',
     ),
     "match": (
         "match examples/road_to_rig/case.toml --out out/match",
@@ -652,39 +675,43 @@ EXAMPLES = {
     ),
     "identify": (
         "identify examples/from_recordings/case.toml --vehicle examples/from_recordings/road.csv --bed "
-        "examples/from_recordings/bed.csv --out out/identify",
+        "examples/from_recordings/bed.csv --diagnosis-limit 30 --out out/identify",
         "identify examples/from_recordings/case.toml --bed examples/from_recordings/bed.csv --out out/bed_alone",
     ),
     "verify": (
         "export examples/from_recordings/bed.toml --fmu out/bed.fmu",
-        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 1 --out out/commissioned",
-        "verify out/commissioned/1_match out/commissioned/1_verify/recording.csv --out out/verify",
+        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 1 --diagnosis-limit 30 --out "
+        "out/commissioned",
+        "verify out/commissioned/1_match out/commissioned/1_verify/recording.csv --diagnosis-limit 30 --out out/verify",
         "verify out/commissioned/1_match out/commissioned/1_verify/recording.csv --follow 10 --out out/followed",
     ),
     "commission": (
         "commission examples/from_recordings/case.toml --bed out/bed_recordings --out out/by_hand",
         "export examples/from_recordings/bed.toml --fmu out/bed.fmu",
-        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 2 --out out/commission",
+        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 2 --diagnosis-limit 30 --out "
+        "out/commission",
         "commission examples/from_recordings/case.toml --vehicle-recording examples/from_recordings/road.csv "
-        "--bed out/bed.fmu --out out/known_vehicle",
+        "--bed out/bed.fmu --rounds 1 --diagnosis-limit 30 --out out/known_vehicle",
     ),
 }
 NO_OUT: dict[str, Any] = {"out": None}
-HERE: dict[str, Any] = {"out": "."}
+IF_ASKED: dict[str, Any] = {"out": OPTIONAL}
 COMMANDS: dict[str, Command] = {
     "new": Command(BEGIN, api.new, run_new, summary=new_summary, **NO_OUT),
-    "show": Command(BEGIN, api.show, run_show, summary=show_summary, further=show_arguments, **HERE),
+    "show": Command(BEGIN, api.show, run_show, summary=show_summary, further=show_arguments, **IF_ASKED),
     "explore": Command(BEGIN, api.explore, run_explore, hidden=("browser",), further=explore_arguments, **NO_OUT),
     "modes": Command(
-        UNDERSTAND, api.modes, run_modes, summary=modes_summary, hidden=("values",), further=modes_arguments, **NO_OUT
+        UNDERSTAND, api.modes, run_modes, summary=modes_summary, hidden=("values",), further=modes_arguments, **IF_ASKED
     ),
+    "campbell": Command(UNDERSTAND, api.campbell, required=("speed",)),
+    "response": Command(UNDERSTAND, api.order_response, required=("speed", "torques")),
     "simulate": Command(UNDERSTAND, api.simulate, run_simulate, summary=simulate_summary),
     "match": Command(MATCH, api.match),
     "map": Command(MATCH, api.map, required=("x", "y"), hidden=("record",), further=study_arguments),
     "tolerance": Command(MATCH, api.tolerance, hidden=("record",), further=study_arguments),
     "diagnose": Command(LACKS, api.diagnose),
-    "uncertainty": Command(TRUST, api.uncertainty, **HERE),
-    "fidelity": Command(TRUST, api.fidelity, **HERE),
+    "uncertainty": Command(TRUST, api.uncertainty, summary=partial(told, file="uncertainty.json"), **IF_ASKED),
+    "fidelity": Command(TRUST, api.fidelity, summary=partial(told, file="fidelity.json"), **IF_ASKED),
     "export": Command(
         BED, api.export, run_export, summary=export_summary, hidden=("fmu",), further=export_arguments, **NO_OUT
     ),

@@ -64,10 +64,14 @@ def model_words(system: System) -> str:
 
 
 def case_words(case: Case) -> str:
-    """What a case holds, its target modes checked."""
+    """What a case holds, its target modes checked; which limits the manoeuvre exceeds on the bed as planned."""
+    from matching.match.demands import demands, rig_values
+    from matching.match.limits import asks
     from matching.match.targets import target_modes
 
-    notes = "".join(f"\n  note: {note}" for note in case.notes)
+    broken = {one.limit: one for one in reversed(demands(case).broken(rig_values(case)))}
+    planned = [f"as planned, {asks(*one)}" for one in broken.values()]
+    notes = "".join(f"\n  note: {note}" for note in (*case.notes, *planned))
     return (
         f"a case: {counted(len(case.loop.dynamometers), 'dynamometer')}, "
         f"{counted(len(target_modes(case)), 'target mode')}, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import sys
@@ -43,6 +44,7 @@ def time_left(step: str, seconds: float, shares: Mapping[str, float | tuple[floa
 
 OF_A_COUNT: Mapping[str, float | tuple[float, float]] = {"": (0.0, 1.0)}  # "12 of 100 points": equally long ones
 
+LOGGER = "rigmatch"
 PROGRESS_ALWAYS = "RIGMATCH_PROGRESS"  # in the environment: progress is told although nobody seems to watch
 Progress = Callable[[str], None]
 
@@ -53,6 +55,8 @@ def shown(
 ) -> Iterator[Progress]:
     """Where a function tells its steps: to the caller's ``progress``, else in one line where somebody watches.
 
+    Each step goes to the logger ``rigmatch`` as well (level INFO).
+
     Parameters
     ----------
     what : str
@@ -62,8 +66,14 @@ def shown(
     shares : mapping, optional
         What is known of the time that is over by a step, see above.
     """
+    log = logging.getLogger(LOGGER)
     if progress is not None:
-        yield progress
+
+        def told(done: str) -> None:
+            log.info("%s: %s", what, done)
+            progress(done)
+
+        yield told
         return
     from tqdm import tqdm
 
@@ -73,6 +83,7 @@ def shown(
 
         def tell(done: str) -> None:
             left = time_left(done, time.monotonic() - begun, shares or {})
+            log.info("%s: %s", what, done)
             line.set_description_str(f"{what}: {done}{left}", refresh=False)
             line.update()
 

@@ -92,7 +92,13 @@ def _component(name: str) -> Schema:
         key: special.get(key) or (quantity(QUANTITY_UNITS[key]) if key in QUANTITY_UNITS else TEXT)
         for key in sorted(model_file.KEYS[name])
     }
-    return by_name(table(described(keys, meanings.MODEL_TABLES[name]), required_fields(COMPONENTS[name])))
+    drawn: Mapping[str, tuple[str, float | None]] = model_file.BY_DRAWING.get(name, {})
+    keys |= {key: quantity(unit) for key, (unit, _) in drawn.items()}
+    needed = required_fields(COMPONENTS[name]) - ({"stiffness"} if "length" in drawn else set())
+    made = table(described(keys, meanings.MODEL_TABLES[name]), needed)
+    if "length" in drawn:
+        made["anyOf"] = [{"required": ["stiffness"]}, {"required": ["diameter", "length"]}]
+    return by_name(made)
 
 
 def _effect(kind: str) -> Schema:
@@ -151,7 +157,10 @@ def _case() -> Schema:
         "manoeuvre": by_name(_manoeuvre()),
         "limits": table(limits | {TORQUE_OVER_SPEED: {"type": "array"}},
                         patternProperties={r"^shafts\..+\.(torque|twist)$": VALUE}),
-        "move": by_name(table(dict.fromkeys(sorted(case_file.MOVE_KEYS), VALUE), ("lower", "upper"))),
+        "move": by_name(table(
+            dict.fromkeys(sorted(case_file.MOVE_KEYS), VALUE)
+            | {"catalogue": {"type": "array", "minItems": 1, "items": VALUE}, "step": VALUE}, ("lower", "upper"),
+        )),
         "operating_point": {"type": "object", "properties": described(
             {"vehicle_speed": value("m/s"), "rolling_radius": value("m"), "road_load": road_load}, meanings.OPERATING)},
         "uncertainty": {"type": "object"},

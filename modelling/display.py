@@ -60,7 +60,8 @@ class Displayed:
         Returns
         -------
         pandas.DataFrame
-            A row an entry, SI; the names of nested entries are joined by points.
+            A row an entry, SI; the names of nested entries are joined by points, and name their unit where it is the
+            same in all rows.
 
         Raises
         ------
@@ -187,15 +188,31 @@ def data_frame(content: Mapping[str, Any], table: str | None) -> Any:
     if not found or table not in (None, *found):
         raise unknown(table or "a table", list(found), "to_dataframe")
     rows = found[table or next(iter(found))]
-    return _optional_package("pandas", "to_dataframe").json_normalize(rows)
+    frame = _optional_package("pandas", "to_dataframe").json_normalize(rows)
+    numbers = frame.select_dtypes("number").columns
+    return frame.rename(columns={name: with_unit(name, UNITS.get(name.rpartition(".")[2], "")) for name in numbers})
 
 
 def series_frame(over: Any, name: str, columns: Mapping[str, Any], units: Mapping[str, str] | None = None) -> Any:
-    """Columns (t,) over a named index (t,) as a pandas DataFrame; raises as :meth:`Displayed.to_dataframe`."""
-    pandas = _optional_package("pandas", "to_dataframe")
-    frame = pandas.DataFrame(dict(columns), index=pandas.Index(over, name=name))
-    frame.attrs["units"] = dict(units or {})
+    """Columns (t,) over a named index (t,) as a pandas DataFrame; raises as :meth:`Displayed.to_dataframe`.
+
+    ``units`` by column name stand behind it, and by the whole name in ``attrs["units"]``.
+    """
+    pandas, units = _optional_package("pandas", "to_dataframe"), units or {}
+    whole = {name: with_unit(name, units.get(name, "")) for name in columns}
+    frame = pandas.DataFrame({whole[name]: values for name, values in columns.items()})
+    frame.index = pandas.Index(over, name=name)
+    frame.attrs["units"] = {whole[name]: units.get(name, "") for name in columns}
     return frame
+
+
+# Of the numbers under these names in tables of results; all others state their unit in a column, or have none.
+UNITS = dict.fromkeys(("frequency", "vehicle", "rig", "matched", "seen_in_simulation"), "Hz")
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A column's name as recordings have it: ``name [unit]``; a name alone where there is no unit."""
+    return f"{name} [{unit}]" if unit not in ("", "1") else name
 
 
 def _optional_package(name: str, method: str) -> Any:

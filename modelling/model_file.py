@@ -9,6 +9,7 @@ from typing import Any
 
 import tomli_w
 
+from modelling.dimensions import OF_A_GEAR, OF_A_SHAFT, without_dimensions
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind, place_in_file, shared_place
 from modelling.errors import InputError, unknown
@@ -27,6 +28,10 @@ KEYS = {
     "inputs": {"on", "measures", "reference"},
     "sensors": {"measures", "of", "uncertainty"},
 }
+BY_DRAWING: dict[str, dict[str, tuple[str, float | None]]] = {
+    "shafts": OF_A_SHAFT,
+    "gears": dict.fromkeys(OF_A_GEAR, ("1", None)),
+}  # keys in place of others
 QUANTITY_KEYS = ({"value"}, {"value", "lower", "upper"}, {"value", "tolerance"})  # of a quantity that is a table
 TOP = {"title", "reference", "mirror", "effects", *TABLES}
 
@@ -58,6 +63,7 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
         One line that names file and key.
     """
     check_file(data, TOP, where, "model")
+    data = without_dimensions(data, where, quantity)
     try:
         system = System(
             inertias=tuple(_parts(data, "inertias", where, _inertia)),

@@ -51,6 +51,10 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         tables = tomllib.loads(written)
     except FileNotFoundError:
         raise InputError(str(path), "does not exist", "name an existing file") from None
+    except IsADirectoryError:
+        inside = [name for name in ("case.toml", "result.json") if os.path.isfile(os.path.join(path, name))]
+        right = f"name a file in it, {os.path.join(path, inside[0])}" if inside else "name a file"
+        raise InputError(str(path), "is a directory", right) from None
     except OSError as fault:
         raise InputError(str(path), fault.strerror or "cannot be read", "name a readable file") from None
     except UnicodeDecodeError as fault:
@@ -98,6 +102,11 @@ def _not_toml(path: str | Path, content: bytes, fault: tomllib.TOMLDecodeError) 
 
 _FAULTY_LINE = re.compile(r"at line (\d+)")
 _SLIPS = [  # what a line that is not TOML shows, what is wrong and what would be right
+    (
+        re.compile(r"""^[^"']*(?:"[^"]*"[^"']*)*(["'])[^"']*$"""),
+        "a text begins with {0} and does not end",
+        "write {0} behind it, too",
+    ),
     (re.compile(r"[\u201c\u201d\u201e\u2018\u2019]"), "has typographic quotes", 'write straight ones: "'),
     (
         re.compile(r'("[^"]*\\[^"]*")'),

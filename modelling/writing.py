@@ -7,6 +7,7 @@ import json
 import math
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
@@ -20,8 +21,10 @@ LARGEST_BYTES = 50_000_000  # of a result file that is read for its list
 LARGEST_RESULT = 1e100  # in SI; what is beyond comes from a division by something that rounding left of 0
 
 
-def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
+def write_all(directory: str | Path | None, files: Mapping[str, str | bytes]) -> list[str]:
     """Write files into a directory, made if need be; each is there whole or not at all, and none if one cannot be.
+
+    Returns their names, sorted; without a directory nothing is written.
 
     Names are relative and may hold folders, as ``figures/modes.svg``. All files are first written to a hidden folder
     inside the directory, then moved. Pictures and pages that an earlier result file of the same name lists (``files``)
@@ -35,6 +38,8 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
     ValueError
         A name would lead out of the directory.
     """
+    if directory is None:
+        return []
     directory = Path(directory)
     for name in files:
         if not _stays_inside(name):
@@ -71,6 +76,7 @@ def write_all(directory: str | Path, files: Mapping[str, str | bytes]) -> None:
         if isinstance(error, OSError) and error.filename is None:  # of a write
             error.filename = str(directory)
         raise
+    return sorted(files)
 
 
 def _remove_left(directory: Path) -> None:
@@ -82,6 +88,8 @@ def _remove_left(directory: Path) -> None:
 
 
 def _runs(process: int) -> bool:
+    if sys.platform == "win32":  # there, to ask a process ends it
+        return True
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -218,9 +226,9 @@ def strict_json(value: Any) -> str:
 
 
 def write_results(
-    directory: str | Path, name: str, result: Mapping[str, Any], files: Mapping[str, str | bytes]
+    directory: str | Path | None, name: str, result: Mapping[str, Any], files: Mapping[str, str | bytes]
 ) -> dict[str, Any]:
-    """Write a result file and others as :func:`write_all` does; returns the result with all their names as ``files``.
+    """Write a result file and others as :func:`write_all` does; returns the result with the names written as ``files``.
 
     Pictures and pages listed by the result file of that name that was there before, and not written again, are removed.
 
@@ -229,7 +237,7 @@ def write_results(
     InputError, FloatingPointError, TypeError, ValueError
         As :func:`write_all` and :func:`strict_json`.
     """
-    listed = {**result, "files": sorted(set(files) | {name})}
+    listed = {**result, "files": sorted(set(files) | {name}) if directory else []}
     write_all(directory, {name: strict_json(listed), **files})
     return listed
 

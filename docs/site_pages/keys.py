@@ -41,7 +41,10 @@ are for, with examples: [Files](../files.md). `--check` reads a file, says what 
 
 def keys_page() -> str:
     """One section a kind of file."""
-    model = [_table(f"[{table}.NAME]", known, MODEL_TABLES[table]) for table, known in files.KEYS.items()]
+    model = [
+        _table(f"[{table}.NAME]", [*known, *files.BY_DRAWING.get(table, ())], MODEL_TABLES[table])
+        for table, known in files.KEYS.items()
+    ]
     structures = [_structure(name, structure.quantities) for name, structure in STRUCTURES.items()]
     return "\n".join(
         [

@@ -9,8 +9,9 @@ play still answers like its model to a factor of two; a wrong channel does not.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -31,12 +32,15 @@ from modelling.controller.law import (
     SupervisedController,
 )
 from modelling.display import Displayed
+from modelling.effects.friction_and_compliance import CoulombFriction
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError, listed
 from modelling.modal.modes import damped_modes
 from modelling.recordings.recording import Recording
 from modelling.simulation.simulate import simulate
-from modelling.system import System
+from modelling.simulation.stepping import SimulationError
+from modelling.system import Effect, Quantity, System
+from modelling.topology import joints, speed_ratios
 
 
 @dataclass(frozen=True)
@@ -52,16 +56,22 @@ class ChannelSettings:
     averaged: float = 0.06  # s of a running mean over all pulses: a period of 15 Hz, and what crosses free play
     early: float = 0.04  # s of an answer that say gain and delay: what follows depends on the modes of the bed
     still: float = 0.35  # of the answer that is expected: what rings on from the pulses before is no answer
+    held: float = 0.2  # of the answer without friction: where friction leaves less of it, it says nothing
     use_of_speed: float = 0.4  # of the speed limit of the check, on the bed as modelled: it may be off by a factor 2
-    motor_share: float = 0.4  # of the manoeuvre's largest torque, for other inputs; use_of_speed bounds it as well
+    motor_share: float = 0.8  # of the manoeuvre's largest torque, for other inputs; use_of_speed bounds it as well
     least_weight: float = 0.1  # of a channel's largest answer: a torque that moves it less says nothing of it
     over_noise: float = 8.0  # times the noise of a sample, that an answer (root of the sum of squares) is larger
     free_ratio: float = 2.0  # by which the size of an answer may be off without a wrong channel
     largest: float = 3.0  # misfit of a channel that answers like something else altogether; 0 is as modelled
     wrong: float = 0.5  # misfit from which on an answer is not the model's: friction and play stay below 0.3
+    strange: float = (
+        1.5  # misfit of an answer that nothing is said by: no likeness, and another size, or the other sign
+    )
     better: float = 0.5  # of the misfit before: what a wrong channel leaves when it is taken into account, and
     mended: float = 0.2  # the same, where it is still not like the model: a bed that sticks answers like nothing
     most: int = 4  # wrong channels that are looked for
+    friction: tuple[float, ...] = (0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.5, 1.1)  # of the largest torque: what may hold
+    inexact: float = 0.01  # of a reading's range: error of a simulation with friction, small beside any misfit
     offset_ratio: float = 5.0  # of a sensor's stated uncertainty, from which on its zero is wrong
     offset_share: float = 0.005  # of the torque limit or a channel's own range: the same where none is stated
 
@@ -137,8 +147,8 @@ class ChannelPlan(Displayed):
         }  # fmt: skip
 
 
-def plan_channels(case: Case, settings: ChannelSettings = CHANNELS) -> ChannelPlan:
-    """Plan the pulses that check the channels of a case's bed.
+def plan_channels(case: Case, share: float = 1.0, settings: ChannelSettings = CHANNELS) -> ChannelPlan:
+    """Plan the pulses that check the channels of a case's bed; with a share of their torques where they tripped.
 
     Raises
     ------
@@ -149,7 +159,7 @@ def plan_channels(case: Case, settings: ChannelSettings = CHANNELS) -> ChannelPl
     inputs, driven = bed_inputs(case), len(case.loop.dynamometers)
     alone = _pulses(case, settings, step)
     lead, count = round(settings.lead / step), len(alone)
-    sizes = np.array([_largest(case, name, j < driven, settings) for j, name in enumerate(inputs)])
+    sizes = share * np.array([_largest(case, name, j < driven, settings) for j, name in enumerate(inputs)])
     parts = [np.zeros((lead, len(inputs)))]
     for j in range(len(inputs)):
         part = np.zeros((count, len(inputs)))
@@ -157,7 +167,7 @@ def plan_channels(case: Case, settings: ChannelSettings = CHANNELS) -> ChannelPl
         parts.append(part)
     torques = np.vstack(parts) * sizes
     speeds = np.abs(_answers(system, torques, inputs, step, case)).max(axis=1).reshape(-1)
-    allowed = settings.use_of_speed * CHECK_SPEED_SHARE * case.limits.get("dynamometer_speed", NO_LIMIT)
+    allowed = share * settings.use_of_speed * CHECK_SPEED_SHARE * case.limits.get("dynamometer_speed", NO_LIMIT)
     fastest = np.array([speeds[lead + j * count : lead + (j + 1) * count].max() for j in range(len(inputs))])
     scale = np.minimum(1.0, allowed / np.maximum(fastest, 1e-12))
     together = np.outer(alone, scale * sizes) / len(inputs)
@@ -276,12 +286,15 @@ class WrongChannel:
         For ``[channels]`` of a channel file, which mends recordings; the controller reads the bed itself.
     certain : bool
         Whether nothing else explains it; what else may explain it keeps no emulation from beginning.
+    plain : bool
+        Whether it is a sign, a usual unit or an exchanged pair, which friction does not look like.
     """
 
     channel: str
     words: str
     line: str = ""
     certain: bool = True
+    plain: bool = False
 
     @property
     def sentence(self) -> str:
@@ -297,14 +310,16 @@ class _Blocks:
     """
 
     def __init__(
-        self, measured: np.ndarray, modelled: np.ndarray, together: np.ndarray, shares: np.ndarray, noise: np.ndarray,
-        start: np.ndarray, pairs: Sequence[tuple[int, int]], settings: ChannelSettings,
-        averaged: _Blocks | None = None,
+        self, measured: np.ndarray, modelled: np.ndarray, together: np.ndarray, expected: np.ndarray,
+        shares: np.ndarray, noise: np.ndarray, start: np.ndarray, pairs: Sequence[tuple[int, int]],
+        settings: ChannelSettings, averaged: _Blocks | None = None, free: _Blocks | None = None,
     ):  # fmt: skip
         # noise (y,) of a sample, and start (y,): that of the value which an answer begins from
         self._averaged = averaged  # the same answers as running means: what free play leaves of them
         self.measured, self.modelled, self.together = measured, modelled, together  # (u, y, n), (u, y, n), (y, n)
         self.shares, self.pairs, self.settings = shares, list(pairs), settings  # amplitudes (u,) alone and together
+        # what is no sum of the torques alone, (y, n): friction holds less of all than of each
+        self._beyond = expected - (modelled * (shares[:, 1] / shares[:, 0])[:, None, None]).sum(axis=0)
         first, second = (np.array([pair[side] for pair in self.pairs], int) for side in (0, 1))
         self._first, self._second = first, second
         self.noise, start = (np.concatenate([own, np.hypot(own[first], own[second])]) for own in (noise, start))
@@ -321,6 +336,9 @@ class _Blocks:
         self.strong = (
             (sizes > settings.over_noise * self.noise) & (sizes > settings.least_weight * largest) & (sizes > 0)
         )
+        self.sizes = sizes
+        if free is not None:  # of the bed without friction: where friction holds it, only earlier motion rings on
+            self.strong &= sizes > settings.held * free.sizes
 
     def right(self) -> _Wiring:
         """Every channel is what it is called."""
@@ -335,8 +353,10 @@ class _Blocks:
     def _parts(self, wiring: _Wiring) -> tuple[np.ndarray, np.ndarray]:
         own, other = self.shares, self.shares[list(wiring.inputs)]
         parts = self.modelled[list(wiring.inputs)] * (np.array(wiring.gains) * own[:, 0] / other[:, 0])[:, None, None]
-        parts = parts[:, list(wiring.outputs)] * np.array(wiring.factors)[:, None]
-        return parts, (parts * (own[:, 1] / own[:, 0])[:, None, None]).sum(axis=0)
+        factors = np.array(wiring.factors)[:, None]
+        parts = parts[:, list(wiring.outputs)] * factors
+        beyond = self._beyond[list(wiring.outputs)] * factors
+        return parts, (parts * (own[:, 1] / own[:, 0])[:, None, None]).sum(axis=0) + beyond
 
     def alike(self) -> list[tuple[int, int]]:
         """Pairs of outputs whose difference says nothing of any input."""
@@ -427,15 +447,19 @@ def _hypotheses(
     """Each wiring that differs by one channel, or by one exchanged pair, and what it would mean."""
     of_outputs, of_inputs = blocks.factors(wiring)
     for i, (name, quantity) in enumerate(zip(outputs, quantities, strict=True)):
-        yield wiring.scaled("factors", i, -1.0), (WrongChannel(name, "has the wrong sign", _line(name, "sign = -1")),)
+        yield (
+            wiring.scaled("factors", i, -1.0),
+            (WrongChannel(name, "has the wrong sign", _line(name, "sign = -1"), plain=True),),
+        )
         yield wiring.scaled("factors", i, 0.0), (WrongChannel(name, "does not move: it is stuck or not connected"),)
         if np.isfinite(of_outputs[i]) and abs(np.log(abs(of_outputs[i]))) > np.log(blocks.settings.free_ratio):
-            words, line = _named(of_outputs[i], quantity)
             factor = of_outputs[i]
-            yield wiring.scaled("factors", i, factor), (WrongChannel(name, words, _line(name, line)),)
+            words, line, usual = _named(factor, quantity)
+            named = WrongChannel(name, words, _line(name, line), plain=usual and abs(factor) > 1)
+            yield wiring.scaled("factors", i, factor), (named,)
     for i, k in itertools.combinations(range(len(outputs)), 2):
         pair = tuple(
-            WrongChannel(one, f"is exchanged with {other}", f'{one} = "{other}"')
+            WrongChannel(one, f"is exchanged with {other}", f'{one} = "{other}"', plain=True)
             for one, other in ((outputs[i], outputs[k]), (outputs[k], outputs[i]))
         )
         yield wiring.exchanged("outputs", i, k), pair
@@ -460,12 +484,14 @@ def _hypotheses(
         yield wiring.exchanged("inputs", j, k), pair
 
 
-def _named(factor: float, quantity: str) -> tuple[str, str]:
-    """A factor in words, by a usual one that is near, and what a channel file would say of it."""
+def _named(factor: float, quantity: str) -> tuple[str, str, bool]:
+    """A factor in words, by a usual one that is near, what a channel file would say of it, and whether it is usual."""
     usual = sorted((abs(np.log(abs(factor) / one)), words, line) for one, words, line in FACTORS.get(quantity, ()))
-    near = usual and usual[0][0] < NAMED
+    near = bool(usual) and usual[0][0] < NAMED
     words, line = usual[0][1:] if near else (f"reads {_times(factor)}", f"factor = {1 / abs(factor):.3g}")
-    return (f"{words}, and has the wrong sign", f"{line}, sign = -1") if factor < 0 else (words, line)
+    if factor < 0:
+        return f"{words}, and has the wrong sign", f"{line}, sign = -1", near
+    return words, line, near
 
 
 def _times(factor: float) -> str:
@@ -535,6 +561,10 @@ class ChannelCheck(Displayed):
         rad/s: largest reading of a dynamometer's speed, as the model's units have it.
     tripped : str
         What ended the check early; empty where nothing did.
+    unjudged : tuple of str
+        Channels of which the recording says nothing: nothing moved them, or the check ended before.
+    needed : tuple of str
+        Those of them that the controller reads or commands.
     """
 
     channels: tuple[CheckedChannel, ...]
@@ -544,23 +574,29 @@ class ChannelCheck(Displayed):
     open: tuple[WrongChannel, ...] = ()
     fastest: float = 0.0
     tripped: str = ""
+    unjudged: tuple[str, ...] = ()
+    needed: tuple[str, ...] = ()
 
     @property
     def right(self) -> bool:
         """Whether an emulation may follow."""
-        return not self.wrong and not self.tripped
+        return not self.wrong and not self.tripped and not self.needed
 
     def sentence(self) -> str:
-        """Which channels are wrong or open, in a sentence."""
+        """Which channels are wrong or open, and which are not judged, in a sentence."""
+        rest = f"not judged: {listed(list(self.unjudged))}" if self.unjudged else ""
+        return "; ".join(part for part in (self._judged(), rest) if part)
+
+    def _judged(self) -> str:
         if self.wrong:
             return "; ".join(one.sentence for one in self.wrong)
         if self.tripped:
             return f"the check of the channels ended early: {self.tripped}, and no single channel explains it"
-        rest = [one.sentence for one in self.open]
+        rest = [f"perhaps {one.sentence}" for one in self.open]
         if self.unlike:
             rest.append(f"{listed(list(self.unlike))} answer{'s' * (len(self.unlike) == 1)} otherwise than the model")
-        if rest:
-            return "; ".join(["no channel is wrong", *rest])
+        if rest or self.unjudged:
+            return "; ".join(["no channel that is judged is wrong" if self.unjudged else "no channel is wrong", *rest])
         return "every channel has the sign, unit and place that the model expects"
 
     def to_dict(self) -> dict[str, Any]:
@@ -570,8 +606,90 @@ class ChannelCheck(Displayed):
             "wrong": [{"channel": one.channel, "words": one.words, "line": one.line or None} for one in self.wrong],
             "unlike": list(self.unlike), "open": [one.sentence for one in self.open],
             "alike": [list(pair) for pair in self.alike], "tripped": self.tripped or None, "fastest": self.fastest,
+            "unjudged": list(self.unjudged), "needed": list(self.needed),
             "channels": [one.to_dict() for one in self.channels],
         }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A recording on the grid of samples: commands (t, u), readings (t, y), and the windows in which they are compared.
+
+    ``acted`` are the inputs that move the bed alone, in ``windows``; ``noise`` (y,) is that of a sample.
+    """
+
+    sent: np.ndarray
+    read: np.ndarray
+    windows: tuple[slice, ...]
+    together: slice | None
+    acted: tuple[int, ...]
+    noise: np.ndarray
+    quantities: list[str]
+    step: float
+
+    def blocks(
+        self, model: np.ndarray, settings: ChannelSettings, most: int | None = None, free: np.ndarray | None = None
+    ) -> _Blocks:
+        """Its answers, ``most`` samples at most, next to those of a model (t, y), as they are and as running means;
+        ``free`` (t, y) are those of the model without friction."""
+        without = None if free is None else self.blocks(free, settings, most)
+        lengths = [window.stop - window.start for window in (*self.windows, self.together) if window is not None]
+        whole = min(lengths if most is None else [*lengths, most])
+
+        def part(values: np.ndarray, window: slice | None, count: int) -> np.ndarray:
+            if window is None:
+                return np.zeros((values.shape[1], count))
+            before = values[max(window.start + 1 - settings.before, 0) : window.start + 1]
+            return np.nan_to_num(values[window.start : window.start + count] - before.mean(axis=0)).T
+
+        largest = np.array([
+            [np.abs(self.sent[window, j]).max(), np.abs(self.sent[self.together, j]).max() if self.together else 0.0]
+            for j, window in zip(self.acted, self.windows, strict=True)
+        ])  # fmt: skip
+        pairs = [
+            (i, k)
+            for i, k in itertools.combinations(range(self.read.shape[1]), 2)
+            if self.quantities[i] == self.quantities[k]
+        ]
+        found: _Blocks | None = None
+        for seconds, over in ((4 * settings.pulse, settings.averaged), (settings.compared, 0.0)):
+            count, width = min(round(seconds / self.step), whole), max(round(over / self.step), 1)
+            measured, modelled = (
+                uniform_filter1d(np.stack([part(values, window, count) for window in self.windows]), width)
+                for values in (self.read, model)
+            )
+            together, expected = (
+                uniform_filter1d(part(values, self.together, count), width) for values in (self.read, model)
+            )
+            found = _Blocks(
+                measured, modelled, together, expected, largest, self.noise / np.sqrt(width),
+                self.noise / np.sqrt(settings.before), pairs, settings, found,
+                None if without is None else (without._averaged if over else without),
+            )  # fmt: skip
+        assert found is not None
+        return found
+
+
+def _as_it_may_be(system: System, case: Case, largest: Mapping[str, float], settings: ChannelSettings) -> list[System]:
+    """The bed as modelled, then with dry friction where the torques act that no dynamometer gives.
+
+    Small torques do not overcome friction that nothing is wrong with, and then channels seem to stand still or to be
+    exchanged. So no channel is named for what friction explains. ``largest`` are the torques, N·m, by input.
+    """
+    driven, on = {one.torque_input for one in case.loop.dynamometers}, {part.name: part.on for part in system.inputs}
+    places = list(dict.fromkeys(on[name] for name in largest if name not in driven))
+    known = {effect.at for effect in system.effects if effect.kind == CoulombFriction.kind}
+    turns = {place: speed_ratios(place, joints(system)) for place in places}
+    beds = [system]
+    for share in settings.friction:
+        effects = []
+        for place in places:  # torques that act on it, as it feels them
+            felt = [largest[name] * abs(turns[place].get(on[name], 0.0)) for name in largest]
+            size = Quantity(share * max(felt, default=0.0))
+            if f"inertias.{place}" not in known and size.value > 0:
+                effects.append(Effect(CoulombFriction.kind, f"inertias.{place}", (("torque", size),)))
+        beds += [system.with_effects(*effects)] if effects else []
+    return beds
 
 
 def judge_channels(
@@ -600,43 +718,46 @@ def judge_channels(
     time = np.arange(recording.time[0], recording.time[-1] + step / 2, step)
     sent = np.stack([np.interp(time, recording.time, recording[name]) for name in inputs], axis=1)
     read = np.stack([_at(time, recording, sensor.name) for sensor in sensors], axis=1)
-    quantities = [sensor.measures for sensor in sensors]
     windows, together, lead = _windows(sent, settings, step, recording.source)
-    done = simulate(
-        compiled(system), time - time[0], dict(zip(inputs, sent.T, strict=True)), sensors=[s.name for s in sensors]
-    )
-    model = np.stack([done[sensor.name] for sensor in sensors], axis=1)
     rest = read[:lead]
     zero, noise = np.nanmean(rest, axis=0), np.maximum(np.nanstd(rest, axis=0), _resolution(read) / np.sqrt(12))
     acted = [j for j, window in enumerate(windows) if window is not None]
-    used = [window for window in (*windows, together) if window is not None]
-    whole = min(window.stop - window.start for window in used)
-
-    def part(values: np.ndarray, window: slice | None, count: int) -> np.ndarray:
-        if window is None:
-            return np.zeros((values.shape[1], count))
-        before = values[max(window.start + 1 - settings.before, 0) : window.start + 1]
-        return np.nan_to_num(values[window.start : window.start + count] - before.mean(axis=0)).T
-
-    sizes = np.array([np.abs(sent[windows[j], j]).max() for j in acted])
-    shares = np.array([np.abs(sent[together, j]).max() if together else 0.0 for j in acted])
-    pairs = [
-        (i, k) for i, k in itertools.combinations(range(len(sensors)), 2) if quantities[i] == quantities[k]
-    ]  # fmt: skip
-    averaged: _Blocks | None = None
-    for seconds, over in ((4 * settings.pulse, settings.averaged), (settings.compared, 0.0)):
-        count, width = min(round(seconds / step), whole), max(round(over / step), 1)
-        measured, modelled = (
-            uniform_filter1d(np.stack([part(values, windows[j], count) for j in acted]), width)
-            for values in (read, model)
-        )
-        blocks = averaged = _Blocks(
-            measured, modelled, uniform_filter1d(part(read, together, count), width), np.stack([sizes, shares], axis=1),
-            noise / np.sqrt(width), noise / np.sqrt(settings.before), pairs, settings, averaged,
-        )  # fmt: skip
+    run = _Run(
+        sent, read, tuple(window for window in windows if window is not None), together, tuple(acted), noise,
+        [sensor.measures for sensor in sensors], step,
+    )  # fmt: skip
     names = [sensor.name for sensor in sensors]
     moved = [inputs[j] for j in acted]
-    wiring, wrong, unlike = _found(blocks, quantities, names, moved, sum(j < driven for j in acted), settings)
+    reached = _too_fast(case, names, read) if tripped or together is None else {}
+    if reached and not tripped:
+        tripped = f"overspeed ({listed([f'{name} reads {value:.3g} rad/s' for name, value in reached.items()])})"
+    alone = sum(j < driven for j in acted)
+    only = {*reached, moved[-1]} if tripped else None  # little is seen until a trip: what led to it, and nothing else
+    # until a torque has run through the shafts, play and friction beyond them do not matter
+    acting = np.flatnonzero(sent[windows[acted[-1]], acted[-1]])  # type: ignore[index]
+    lengths = [int(np.ptp(acting)) + round(settings.early / step), None] if tripped else [None]
+    findings: list[_Finding] = []
+    largest = {name: float(np.abs(sent[:, j]).max()) for j, name in enumerate(inputs)}
+    for of_bed in _as_it_may_be(system, case, largest, settings):
+        with contextlib.suppress(SimulationError):
+            done = simulate(
+                compiled(of_bed), time - time[0], dict(zip(inputs, sent.T, strict=True)), sensors=names,
+                tolerance=settings.inexact,
+            )  # fmt: skip
+            model = np.stack([done[name] for name in names], axis=1)
+            for most in lengths:
+                blocks = run.blocks(model, settings, most, findings[0].model if findings else None)
+                findings.append(_found(blocks, model, run.quantities, names, moved, alone, only, settings))
+                if findings[-1].clear:
+                    break
+        if findings and findings[-1].clear:
+            break
+    if not findings:
+        raise InputError(recording.source, "holds torques that the model cannot follow", "check inertias and shafts")
+    best = min(findings, key=lambda one: one.score(settings.largest))
+    blocks, wiring, wrong, unlike, model = best.blocks, best.wiring, best.wrong, best.unlike, best.model
+    if best.model is not findings[0].model:  # friction holds the bed: what little a motor moves says no sign of it
+        wrong = [replace(one, certain=one.certain and one.channel not in inputs[driven:]) for one in wrong]
     open_ = [one for one in wrong if not one.certain]
     wrong = [one for one in wrong if one.certain]
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
@@ -662,7 +783,25 @@ def judge_channels(
     speeds = [names.index(one.speed_sensor) for one in case.loop.dynamometers if one.speed_sensor in names]
     fastest = float(np.nanmax(np.abs(read[:, speeds]), initial=0.0))
     alike = tuple((names[i], names[k]) for i, k in blocks.alike())
-    return ChannelCheck(tuple(channels), tuple(wrong), tuple(unlike), alike, tuple(open_), fastest, tripped)
+    whole = blocks.strong[: len(moved) - bool(tripped), : len(names)]  # of torques that were not cut off
+    judged = {names[i] for i in np.flatnonzero(whole.any(axis=0))}
+    judged |= {moved[j] for j in np.flatnonzero(whole.any(axis=1))}
+    judged |= {one.channel for one in (*wrong, *open_)}
+    judged -= best.strange - {one.channel for one in wrong}
+    unjudged = [name for name in (*names, *inputs) if name not in judged]
+    needed = [name for name in unjudged if name in {*case.loop.controller_sensors, *inputs[:driven]}]
+    return ChannelCheck(
+        tuple(channels), tuple(wrong), tuple(name for name in unlike if name in judged), alike, tuple(open_), fastest,
+        tripped, tuple(unjudged), tuple(needed),
+    )  # fmt: skip
+
+
+def _too_fast(case: Case, names: Sequence[str], read: np.ndarray) -> dict[str, float]:
+    """Speeds of dynamometers that read more than the check allows, and the most that they read, rad/s."""
+    limit = CHECK_SPEED_SHARE * case.limits.get("dynamometer_speed", NO_LIMIT)
+    own = [one.speed_sensor for one in case.loop.dynamometers if one.speed_sensor in names]
+    largest = {name: float(np.nanmax(np.abs(read[:, names.index(name)]))) for name in own}
+    return {name: value for name, value in largest.items() if value > limit}
 
 
 def _at(time: np.ndarray, recording: Recording, name: str) -> np.ndarray:
@@ -705,31 +844,72 @@ def _windows(
     return windows, together, lead
 
 
+@dataclass(frozen=True)
+class _Finding:
+    """What one model of the bed makes of a recording."""
+
+    blocks: _Blocks
+    wiring: _Wiring
+    wrong: list[WrongChannel]
+    unlike: list[str]
+    strange: set[str]  # of those unlike, the ones that answer altogether otherwise
+    steps: int
+    left: float  # sum of the misfits
+    model: np.ndarray  # readings (t, y)
+
+    def score(self, largest: float) -> tuple[float, ...]:
+        """Of findings that leave no channel unlike, the one that names fewest, and those plainly; else each channel
+        named counts as an answer that is altogether wrong."""
+        if self.unlike:
+            return 1.0, self.left + largest * self.steps
+        return 0.0, self.steps, sum(not one.plain for one in self.wrong), self.left
+
+    @property
+    def clear(self) -> bool:
+        """Whether nothing is left open that friction may explain: all is like the model, or but for one channel."""
+        return not self.unlike and self.steps <= 1 and all(one.plain for one in self.wrong)
+
+
 def _found(
-    blocks: _Blocks, quantities: Sequence[str], outputs: Sequence[str], inputs: Sequence[str], driven: int,
-    settings: ChannelSettings,
-) -> tuple[_Wiring, list[WrongChannel], list[str]]:  # fmt: skip
-    """One wrong channel after another, the one that explains most first, until the answers are those of the model."""
-    wiring, wrong = blocks.right(), list[WrongChannel]()
-    for _ in range(settings.most):
+    blocks: _Blocks, model: np.ndarray, quantities: Sequence[str], outputs: Sequence[str], inputs: Sequence[str],
+    driven: int, only: Collection[str] | None, settings: ChannelSettings,
+) -> _Finding:  # fmt: skip
+    """One wrong channel after another, the one that explains most first, until the answers are those of the model.
+
+    With ``only``, one of these channels, alone or exchanged with another.
+    """
+    wiring, wrong, steps = blocks.right(), list[WrongChannel](), 0
+    for _ in range(settings.most if only is None else 1):
         left = blocks.misfits(wiring)
         if left.max(initial=0.0) <= settings.wrong:
             break
         tried = []
         for n, (other, words) in enumerate(_hypotheses(blocks, wiring, quantities, outputs, inputs, driven)):
-            after, own = blocks.misfits(other), blocks.changed(wiring, other)
+            if only is not None and not any(one.channel in only for one in words):
+                continue
+            own = blocks.changed(wiring, other)
             worst = float(np.where(own, left, 0.0).max(initial=0.0))
+            if worst <= settings.wrong:
+                continue
+            after = blocks.misfits(other)
             mended = float(np.where(own, after, 0.0).max(initial=0.0)) <= settings.wrong
             share = settings.better if mended else settings.mended
-            if worst > settings.wrong and (after * own).sum() <= share * (left * own).sum():
+            if (after * own).sum() <= share * (left * own).sum():
                 tried.append((float(after.sum()), n, other, words))
         if not tried or min(tried)[0] >= left.sum():
             break
-        _, _, other, words = min(tried)
-        wiring = other
+        _, _, wiring, words = min(tried)
         wrong += words
-    left = blocks.misfits(wiring)[:, : len(outputs)].max(axis=0, initial=0.0)
-    return wiring, wrong, [name for name, far in zip(outputs, left > settings.wrong, strict=True) if far]
+        steps += 1
+    left = blocks.misfits(wiring)
+    far = dict(zip(outputs, left[:, : len(outputs)].max(axis=0, initial=0.0), strict=True))
+    unlike, strange = ([name for name in far if far[name] > limit] for limit in (settings.wrong, settings.strange))
+    if unlike:  # a torque that seems to act otherwise is certain only if that explains everything
+        wrong = [replace(one, certain=one.certain and one.channel not in inputs) for one in wrong]
+    return _Finding(
+        blocks, wiring, wrong, unlike, set(strange),
+        steps, float(left.sum()), model,
+    )  # fmt: skip
 
 
 def _rows(

@@ -21,6 +21,7 @@ from matching.bed.excite import (
     steady_speed,
 )
 from matching.bed.identify import bed_from_recordings, identified_case, vehicle_from_recordings
+from matching.bed.lost_motion import LostMotion, lost_motion, with_free_play
 from matching.bed.plausible import NotThisBed, check_excitation
 from matching.bed.proof import plan_proof, proof_csv
 from matching.bed.simulated_bed import (
@@ -48,9 +49,12 @@ from matching.match.case_file import case_files, load_case
 from matching.match.match import match
 from matching.studies import append, rows
 from modelling.display import Displayed
+from modelling.effects.effect import place_in_words
+from modelling.effects.friction_and_compliance import Backlash
 from modelling.errors import VERSION, InputError
 from modelling.fmu.export import controller_fmu
 from modelling.recordings.read import Channel, read_recording, read_signals
+from modelling.resources import limited
 from modelling.toml import no_pipe
 from modelling.writing import strict_json, write_all
 
@@ -295,6 +299,9 @@ class CommissionOrder:
     skip_channel_check: bool = False
 
 
+SHARES_OF_TORQUE = (1.0, 0.3, 0.1)  # of the check of the channels, one after another until no trip ends it
+
+
 class Circle:
     """A commissioning in a folder.
 
@@ -317,6 +324,7 @@ class Circle:
         self._tuned: dict[int, Case] = {}  # the case of each round
         self._rounds: list[Round] = []
         self._channels: dict[str, Any] | None = None
+        self._play: dict[str, Any] = {}  # the free play that the check of the channels shows, as an identification
 
     def run(self, path: Path) -> Commissioning:
         """Go round as long as a further round would gain, until the rounds are over, or a recording is waited for.
@@ -332,14 +340,16 @@ class Circle:
             What each round found, and why it ended or what it waits for.
         """
         plan_speed(_case_at(path), self._order)  # an error now, not after a match
-        self._rounds = []
+        self._rounds, self._play = [], {}
         again = shlex.join(["rigmatch", "commission", str(path), "--bed", str(self._bed), "--out", str(self._folder)])
         waiting = end = vehicle = None
         if self._order.vehicle:
             vehicle = self._vehicle_known(path)
             path = self._folder / VEHICLE / "case.toml"
         try:
-            for number in range(1, self._order.rounds + 1):
+            number = 0
+            while number < self._order.rounds + bool(self._play):  # a round that only saw play does not count
+                number += 1
                 self._rounds.append(Round(number))
                 matched = self._round(path, number)
                 if matched is None:
@@ -406,9 +416,11 @@ class Circle:
 
     def _round(self, path: Path, number: int) -> Path | None:
         """One round; where the next one begins from. None: a channel is wrong, and nothing may be emulated."""
-        if number > 1:
+        if number > 1 and path.is_dir():
             self._found(identification=self._identified(path, number))
             path = self._folder / f"{number}_diagnose" / "case.toml"
+        elif number > 1:
+            self._found(identification=self._play)
         matched = self._matched(path, number)
         case = self._tuned[number] = tuned_case(matched).tuned
         self._exported(case, number)
@@ -416,8 +428,28 @@ class Circle:
             self._channels = self._checked(case, number)
             if not self._channels["right"]:
                 return None
+            play = self._channels.get("free_play")
+            if play and not case.rig.free_plays:
+                return self._with_play(case, LostMotion(**play))
         self._found(verification=self._verified(case, number))
         return matched
+
+    def _with_play(self, case: Case, seen: LostMotion) -> Path:
+        """The case with the free play that the check of the channels shows: the next round matches it, closed."""
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            return case_files(with_free_play(case, seen)), {}
+
+        self._stages.run("1_play", _of_case(case) + repr(seen), work)
+        words = f"{seen.gap:.2g} rad to about 40 %, by small torques from rest (check of the channels)"
+        self._play = {
+            "verdict": "of free play", "causes": [{"kind": Backlash.kind, "at": seen.at, "evidence": words}],
+            "notes": [f"free play of {place_in_words(seen.at)}: this match has it closed, and the proof keeps it "
+                      "closed by a mean torque"],
+            "values": [], "torque_gains": {one.name: one.torque_gain for one in case.loop.dynamometers},
+            "ended_early": None,
+        }  # fmt: skip
+        return self._folder / "1_play" / "case.toml"
 
     def _matched(self, path: Path, number: int) -> Path:
         if path.is_dir():
@@ -445,9 +477,18 @@ class Circle:
         self._stages.run(f"{number}_export", _of_case(case), work)
 
     def _checked(self, case: Case, number: int) -> dict[str, Any]:
-        """The channels, before anything is fed back."""
-        self._tell(f"round {number} of {self._order.rounds} at most: check the channels")
-        name, plan = f"{number}_channels", plan_channels(case)
+        """The channels, before anything is fed back; after a trip that no channel explains, with smaller torques."""
+        for share in SHARES_OF_TORQUE:
+            found = self._checked_with(case, number, share)
+            if not found["tripped"] or found["wrong"]:
+                break
+        return found
+
+    def _checked_with(self, case: Case, number: int, share: float) -> dict[str, Any]:
+        """The channels by a share of the torques of their check."""
+        of_torque = "" if share == 1 else f"{share:.0%} of the torques, after a trip"
+        self._tell(f"round {number} of {self._order.rounds} at most: check the channels {of_torque}".rstrip())
+        name, plan = f"{number}_channels" if share == 1 else f"{number}_channels_{share:g}", plan_channels(case, share)
         exported = self._folder / f"{number}_export" / "controller.fmu"
 
         def work() -> tuple[Files, dict[str, Any]]:
@@ -467,7 +508,9 @@ class Circle:
                 taken = HandedRecording(BY_FMU, content)
             keep_recording(self._folder / name, taken)
             recorded = read_recording(self._folder / name / taken.name, bed_system(case))
-            found = judge_channels(case, recorded, tripped).to_dict()
+            checked = judge_channels(case, recorded, tripped)
+            play = lost_motion(case, recorded) if checked.right else None
+            found = checked.to_dict() | {"free_play": None if play is None else play.to_dict()}
             return {taken.name: taken.content, "channels.json": strict_json(found)}, found
 
         return self._stages.run(name, self._of_run(plan.csv() + _of_case(case)), work, lambda _: self._as_handed(name))
@@ -494,20 +537,27 @@ class Circle:
                         text = proof_recording(bed, case, made.law, controller, wanted, speed, made.running())
                     except Tripped as fault:
                         keep_recording(self._folder / name, HandedRecording(BY_FMU, fault.recording))
-                        return {BY_FMU: fault.recording}, self._not_judged(fault)
+                        return {BY_FMU: fault.recording}, self._not_judged(fault) | {"tripped": fault.wrong}
                 taken = HandedRecording(BY_FMU, text)
             keep_recording(self._folder / name, taken)
             recorded = read_recordings([self._folder / name / taken.name], case)
             planned = dict(zip(wanted.inputs, wanted.torques.T, strict=True))
             check_excitation(recorded.recordings[0], planned, wanted.step)
             try:
-                result = judge(case, recorded).to_dict()
+                verification = judge(case, recorded)
             except NotThisBed as fault:
                 return {taken.name: taken.content}, self._not_judged(fault)
+            result = verification.to_dict()
+            if short := what_is_short(verification):
+                result["diagnosis"] = Reason("", tuple(short)).to_dict()
             files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
             return files | {"verification.json": strict_json(result)}, result
 
-        return self._stages.run(name, self._of_run(_of_case(case)), work, lambda _: self._as_handed(name))
+        def enough(figures: Mapping[str, Any]) -> bool:
+            gone_on = (self._folder / f"{number + 1}_excite").is_dir()
+            return self._as_handed(name) and (gone_on or not figures.get("tripped"))  # a trip is where it goes on
+
+        return self._stages.run(name, self._of_run(_of_case(case)), work, enough)
 
     def _not_judged(self, fault: InputError) -> dict[str, Any]:
         """A round whose bed is so unlike its model that nothing is judged; where the channels are right, it goes on."""
@@ -622,23 +672,27 @@ def why_short(
     recordings: Sequence[str | Path],
     channels: Mapping[str, Channel] | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    seconds: float | None = DIAGNOSIS_LIMIT,
 ) -> Reason | None:
-    """Diagnose the recordings of a verification that is ``short``; None for any other.
+    """What of a verification is ``short``, and what a diagnosis of its recordings says; None for any other.
+
+    ``seconds``: of processor time, after which the diagnosis ends with its best answer so far.
 
     They need the torque commands beside the sensors: between commands and readings the bed is as it is without
     control, whatever the controller does.
     """
     if verification.status != "short":
         return None
-    system = bed_system(case)
+    system, judged = bed_system(case), what_is_short(verification)
     inputs = [part.name for part in system.inputs]
     for path in recordings:
         missing = sorted(set(inputs) - set(read_signals(Path(path), set(inputs), channels).channels))
         if missing:
             needed = f"{path} does not hold {', '.join(missing)}: record the torque commands as well, or use commission"
-            return Reason("", (needed,))
+            return Reason("", (*judged, needed))
     read = [read_recording(path, system, channels) for path in recordings]
-    diagnosis = diagnose(system, read, None, progress)
+    with limited(seconds, of_processor=True):
+        diagnosis = diagnose(system, read, None, progress)
     named = [cause for cause in diagnosis.to_dict()["causes"] if cause["in_model"]]
     causes = [f"{cause['kind']} at {cause['at']}: {cause['evidence']}" for cause in named]
     new = identified_case(case, diagnosis)
@@ -649,12 +703,39 @@ def why_short(
         > LEAST_SHIFT * _half_width(case, f"dynamometers.{before.name}")
     ]
     moved = [
-        f"{before.name} is {after.value:.4g}, not {before.value:.4g}"
+        f"{before.name} is {_with(after.value, after.half_width / COVERAGE_FACTOR)} instead of {before.value:.4g}"
         for before, after in zip(case.uncertainty.uncertain, new.case.uncertainty.uncertain, strict=True)
         if not before.name.endswith("_gain") and abs(after.value - before.value) > LEAST_SHIFT * before.half_width
     ]
     nothing = "The diagnosis finds no cause beyond what the case states as uncertain."
-    return Reason(diagnosis.verdict, tuple([*causes, *gains, *moved] or [nothing]))
+    return Reason(diagnosis.verdict, (*judged, *([*causes, *gains, *moved] or [nothing])))
+
+
+def what_is_short(verification: BedVerification) -> list[str]:
+    """Errors and target modes that fall short, each next to what it should be."""
+    errors = [
+        f"the response error to {error.name} torques is {_with(error.value, error.uncertainty)}, where "
+        f"{error.predicted:.2g} was predicted and {error.allowed:.2g} is allowed"
+        for error in verification.errors if error.status == "short"
+    ]  # fmt: skip
+    modes = []
+    for mode in verification.modes:
+        bed, vehicle = mode.measured, mode.vehicle
+        if mode.status == "short" and bed is not None:
+            modes.append(
+                f"vehicle mode {mode.number}: {_with(bed.frequency, bed.frequency_uncertainty)} Hz for "
+                f"{vehicle[0]:.4g} Hz, damping {_with(bed.damping_ratio, bed.damping_uncertainty)} for {vehicle[1]:.3g}"
+            )
+    return [*errors, *modes]
+
+
+def _with(value: float, standard: float) -> str:
+    """A value with its expanded uncertainty, both to two digits of that."""
+    expanded = COVERAGE_FACTOR * standard
+    if not expanded > 0 or not math.isfinite(expanded):
+        return f"{value:.3g}"
+    digits = max(0, 1 - math.floor(math.log10(expanded)))
+    return f"{value:.{digits}f} ± {expanded:.{digits}f}"
 
 
 def _half_width(case: Case, dynamometer: str) -> float:

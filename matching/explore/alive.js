@@ -24,7 +24,6 @@ export function render({ model, el }) {
       await fetch(new URL('alive', location.href), { cache: 'no-store', signal: AbortSignal.timeout(LATE) })
       answered = Date.now()
       if (gone) location.reload()
-      named()
     } catch (fault) {
       if (fault.name === 'TimeoutError' && Date.now() - answered < LATE) return
       gone = true
@@ -45,14 +44,19 @@ export function render({ model, el }) {
   }
   dark.addEventListener('change', () => look(0))
   narrow.addEventListener('change', () => look(0))
-  // What the page's frame leaves without a name for screen readers.
+  // What the page's frame leaves without a name for screen readers, as soon as it is there.
   const named = () => {
-    for (let root = el.getRootNode(); root; root = root.host && root.host.getRootNode())
+    for (let root = el.getRootNode(); root; root = root.host && root.host.getRootNode()) {
       for (const [part, name] of [['.MuiDrawer-paper', 'Steps and files'], ['[role=progressbar]', 'Busy']])
         for (const each of root.querySelectorAll(`${part}:not([aria-label])`)) each.setAttribute('aria-label', name)
+      if (seen.has(root)) continue
+      seen.add(root)
+      watching.observe(root, { childList: true, subtree: true })
+    }
   }
+  const seen = new WeakSet(), watching = new MutationObserver(named)
   addEventListener('rigmatch-step', () => { if (narrow.matches) shell().data.sidebar_open = false })
   look(50)
-  model.on('remove', () => { clearInterval(timer); cover.remove() })
+  model.on('remove', () => { clearInterval(timer); watching.disconnect(); cover.remove() })
   return document.createElement('span')
 }

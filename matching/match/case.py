@@ -52,6 +52,8 @@ class Move:
     unit : str
     planned : float
         Value, SI, from which a change is counted, wherever the search starts: the model's, or as the case states it.
+    catalogue : tuple of float
+        Values (SI) of an adapter that can be bought, in rising order; empty where any value can be made.
     """
 
     name: str
@@ -61,6 +63,32 @@ class Move:
     upper: float
     unit: str
     planned: float
+    catalogue: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class ErrorScales:
+    """Scales by which the two response errors become one figure, in the search, in an order and in a map.
+
+    They do not follow the tolerances of a case: these are limits, and a limit that is raised must not weigh the errors
+    in another way.
+
+    Attributes
+    ----------
+    measured, unmeasured : float
+        Errors to measured and to unmeasured torques that count alike: the usual tolerances, so that a part of the
+        tolerance used is worth the same for both.
+    """
+
+    measured: float = 0.1
+    unmeasured: float = 0.3
+
+    def both(self, measured: Any, unmeasured: Any) -> Any:
+        """Root mean square of both errors over their scales, numbers or arrays alike."""
+        return np.sqrt(((measured / self.measured) ** 2 + (unmeasured / self.unmeasured) ** 2) / 2)
+
+
+ERROR_SCALES = ErrorScales()
 
 
 @dataclass(frozen=True)
@@ -68,6 +96,11 @@ class Case:
     """A match as asked for; see ``examples/road_to_rig/case.toml`` for every key with a comment.
 
     Vehicle, rig and the parts of the residual vehicle carry the operating point, if the case states one.
+
+    Raises
+    ------
+    InputError
+        If the band reaches half the sampling frequency: from there on the sampled controller has no response.
     """
 
     vehicle: System
@@ -83,16 +116,29 @@ class Case:
     title: str = ""
     path: str = field(default="", compare=False)
     uncertainty: Box = field(default_factory=Box)
-    tolerance: float = 0.1  # largest response error to measured torques that is still called matched
-    unmeasured_tolerance: float = 0.3  # the same to unmeasured torques
+    tolerance: float = ERROR_SCALES.measured  # largest response error to measured torques that is still called matched
+    unmeasured_tolerance: float = ERROR_SCALES.unmeasured  # the same to unmeasured torques
     torque_curve: TorqueCurve | None = None
     simple_vehicle: System | None = None  # the vehicle with a residual vehicle of the user's own, if the case has one
     notes: tuple[str, ...] = ()  # what was changed of the model files, as sentences
+
+    def __post_init__(self) -> None:
+        highest = 0.5 / self.loop["sample_time"]
+        if self.band[1] >= highest:
+            raise InputError(
+                f"{self.path}: response.band".lstrip(": "),
+                f"{self.band[0]:g} … {self.band[1]:g} Hz reaches half the sampling frequency, {highest:g} Hz",
+                f"end it below, or sample faster (loop.sample_time = {self.loop['sample_time']:g} s)",
+            )
 
     @property
     def emulated_vehicle(self) -> System:
         """The vehicle that the controller emulates: with the user's residual vehicle where the case has one."""
         return self.vehicle if self.simple_vehicle is None else self.simple_vehicle
+
+    def __repr__(self) -> str:
+        name = self.title or self.path
+        return f"Case({name!r}, {self.loop.structure.name}, {len(self.moves)} quantities may move)"
 
     def _repr_html_(self) -> str:
         return display.html(self)

@@ -8,10 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import tomli_w
 
 from matching.match.box import read_uncertainty, uncertainty_table
-from matching.match.case import Case, Compared, Move, Target, table_of, text_of
+from matching.match.case import ERROR_SCALES, Case, Compared, Move, Target, table_of, text_of
 from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
 from modelling.bed.bed import HARDWARE, Dynamometer, Loop
 from modelling.bed.controllers import DEFAULT, STRUCTURES
@@ -100,9 +101,10 @@ def value_of(case: Case, name: str) -> float:
     return next(part.parameters[rest].value for part in case.residual_vehicle.parts if rest in part.parameters)
 
 
-def _bounds(case: Case, move: Move) -> dict[str, float]:
+def _bounds(case: Case, move: Move) -> dict[str, Any]:
     start = min(max(value_of(case, move.name), move.lower), move.upper)
-    return {"lower": move.lower, "upper": move.upper, "start": start, "planned": move.planned}
+    catalogue = {"catalogue": list(move.catalogue)} if move.catalogue else {}
+    return {"lower": move.lower, "upper": move.upper, "start": start, "planned": move.planned, **catalogue}
 
 
 # --- Reading the loop and the dynamometers of a case file.
@@ -229,6 +231,10 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
 # --- Which quantities of a case may move, and reading which of them do.
 
 MOVE_KEYS = {"start", "planned", "lower", "upper"}
+BUYING_KEYS = {"catalogue", "step"}  # of an adapter: what of it can be bought
+MOST_STEPS = 1000  # of a catalogue, either way from the plan: a bound of 0 has no end
+EVEN = 1e-9  # of a step, by which a bound may be missed through rounding
+SMALLEST_STEP = 0.01  # relative, of a catalogue: finer ones are no choice between parts
 
 
 def read_moves(
@@ -245,7 +251,7 @@ def read_moves(
         if loop.fixed and name.startswith("loop."):
             raise InputError(place, "belongs to a fixed controller", "take it out, or fixed = true of [loop]")
         start, unit, together = places[name]
-        if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= MOVE_KEYS:
+        if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= MOVE_KEYS | BUYING_KEYS:
             raise InputError(
                 place, "has no bounds", "write { lower = …, upper = … }, and start = … if it shall start elsewhere"
             )
@@ -270,8 +276,43 @@ def read_moves(
         taken = {other for move in made for other in move.together}
         if name in taken:
             raise InputError(place, "moves already with its mirror image", "name one of the pair")
-        made.append(Move(name, together, begin, low, high, unit, planned))
+        parts = _catalogue(name, entry, (low, high), planned, unit, place)
+        made.append(Move(name, together, begin, low, high, unit, planned, parts))
     return tuple(made)
+
+
+def _catalogue(
+    name: str, entry: Mapping[str, Any], bounds: tuple[float, float], planned: float, unit: str, place: str
+) -> tuple[float, ...]:
+    """What can be bought within the bounds: as listed, or in equal steps from what is planned; empty for anything."""
+    low, high = bounds
+    stated = sorted(BUYING_KEYS & set(entry))
+    if not stated:
+        return ()
+    key, where = stated[-1], f"{place}.{stated[-1]}"
+    if len(stated) > 1:
+        raise InputError(place, "states a catalogue and a step", "one of both is needed")
+    if not name.startswith("rig."):
+        raise InputError(where, "is no part that is bought", f"only quantities of the rig have a {key}")
+    if key == "step":
+        step = to_si(entry[key], "1", where)
+        if not SMALLEST_STEP <= step <= 1 or not planned > 0:
+            wrong, right = (
+                f"{step:g} about {planned:g} {unit} is no step",
+                f"a share from {SMALLEST_STEP:g} to 1 is needed",
+            )
+            raise InputError(where, wrong, right)
+        ends = [np.log(end / planned) / np.log1p(step) if end > 0 else -MOST_STEPS for end in bounds]
+        numbers = np.arange(np.ceil(max(ends[0], -MOST_STEPS) - EVEN), np.floor(min(ends[1], MOST_STEPS) + EVEN) + 1)
+        values = (planned * (1 + step) ** numbers).tolist()
+    elif isinstance(entry[key], list) and entry[key]:
+        values = sorted(to_si(value, unit, where) for value in entry[key])
+    else:
+        raise InputError(where, f"{entry[key]!r} is no list of values", "write catalogue = [100000, 160000, 250000]")
+    within = tuple(dict.fromkeys(float(value) for value in values if low <= value <= high))
+    if not within:
+        raise InputError(where, f"no part lies within {low:g} … {high:g} {unit}", "widen the bounds, or list others")
+    return within
 
 
 def as_planned(rig: System, moves: Sequence[Move], data: Mapping[str, Any]) -> System:
@@ -484,7 +525,8 @@ def _with_road_load(vehicle: System, bodies: list[str], load: Any, radius: float
 
 # --- Reading case files; every complaint is one line that names file and key.
 
-TOLERANCES = {"tolerance": 0.1, "unmeasured_tolerance": 0.3}  # response errors that are still called matched
+# Response errors that are still called matched, unless the case says otherwise.
+TOLERANCES = {"tolerance": ERROR_SCALES.measured, "unmeasured_tolerance": ERROR_SCALES.unmeasured}
 UNLIKE = 10.0  # ratio of a shared quantity's values from which it can hardly be the same hardware
 TOP = {
     "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",
@@ -643,7 +685,8 @@ def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
         raise InputError(f"{where}: response.band", "is no pair of frequencies", "write band = [0.5, 30] in Hz")
     low, high = (to_si(edge, "Hz", f"{where}: response.band") for edge in band)
     if not 0 < low < high:
-        raise InputError(f"{where}: response.band", f"{low:g} … {high:g} Hz is empty", "0 < lower < upper is needed")
+        wrong = "begins at 0 Hz, where a free drivetrain has no response" if low == 0 < high else "is empty"
+        raise InputError(f"{where}: response.band", f"{low:g} … {high:g} Hz {wrong}", "0 < lower < upper is needed")
     return low, high
 
 

@@ -300,7 +300,7 @@ def limits(
     said += [_violation(violation) for violation in checked.violations if violation.limit not in mentioned]
     mentioned |= {violation.limit for violation in checked.violations}
     asking = asked.broken(rig_values(solution.tuned))
-    said += [_asks(*demand) for demand in _worst(asking) if demand.limit not in mentioned]
+    said += [asks(*demand) for demand in _worst(asking) if demand.limit not in mentioned]
     return said if len(said) > len(shared) else []
 
 
@@ -338,7 +338,7 @@ def _beyond(broken: Sequence[ExceededLimit], relaxed: Relaxations) -> list[str]:
     """Limits that no setting keeps, and the values with which the targets are met, if they are."""
     said = []
     for dyno, limit, demand, allowed in _worst(broken):
-        said.append(f"{_asks(dyno, limit, demand, allowed)}; no setting within the bounds needs less")
+        said.append(f"{asks(dyno, limit, demand, allowed)}; no setting within the bounds needs less")
         if limit in relaxed.limits:
             value = relaxed.limits[limit]
             said[-1] += (
@@ -349,7 +349,8 @@ def _beyond(broken: Sequence[ExceededLimit], relaxed: Relaxations) -> list[str]:
     return said
 
 
-def _asks(dyno: str, limit: str, demand: float, allowed: float) -> str:
+def asks(dyno: str, limit: str, demand: float, allowed: float) -> str:
+    """A sentence on a limit that the manoeuvre takes more of than is allowed (:class:`ExceededLimit`)."""
     return (
         f"to move as the vehicle does, the manoeuvre takes {_named(limit, dyno)} of {_with_unit(limit, demand)}, "
         f"{_with_unit(limit, allowed)} is the limit"

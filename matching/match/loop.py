@@ -783,6 +783,39 @@ def errors(beds: BedSet, acting: FrequencyResponse, measured: Sequence[str]) -> 
     return np.nan_to_num(squares, nan=1e6, posinf=1e6).mean(axis=1)
 
 
+# --- Bed and controller as state spaces of one sample time, to be closed by their names.
+
+
+def command_names(case: Case) -> tuple[str, ...]:
+    """Names of the commands (k), without a point, which python-control refuses."""
+    return tuple(f"{dynamometer.name}_command" for dynamometer in case.loop.dynamometers)
+
+
+def bed_space(case: Case) -> StateSpace:
+    """The bed from sample to sample, held inputs, its dead time in states.
+
+    Inputs are the commands and the torques at the rig that no dynamometer gives; outputs the controller's readings,
+    then the compared sensors that are no reading.
+    """
+    bed = bed_of(case, {})
+    sampled = side_by_side([bed])
+    readings, names = case.loop.controller_sensors, compared_sensors(case)
+    further = [row for row, name in enumerate(names) if name not in readings]
+    x, (y, k, d) = len(bed.A), (len(readings), sampled.B.shape[2], sampled.torques.shape[2])
+    C, D = np.zeros((y + len(further), sampled.A.shape[1])), np.zeros((y + len(further), k + d))
+    C[:y], C[y:, :x], D[y:, k:] = sampled.C[0], bed.compared[further], bed.compared_torques[further]
+    return StateSpace(
+        sampled.A[0], np.hstack([sampled.B[0], sampled.torques[0]]), C, D, (*command_names(case), *disturbing(case)),
+        (*readings, *(names[row] for row in further)), case.loop["sample_time"],
+    )  # fmt: skip
+
+
+def controller_space(case: Case) -> StateSpace:
+    """The controller from readings and known torques to commands, as long as no command is cut by a limit."""
+    one = controller_of(case)
+    return StateSpace(one.A, one.B, one.C, one.D, (*one.sensors, *one.known), command_names(case), one.sample_time)
+
+
 # --- The sampled control law of a tuned case, of any structure, as it leaves the computer.
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from matching.match.beds import quantile
-from matching.match.case import Case, apply
+from matching.match.case import ERROR_SCALES, Case, apply
 from matching.match.case_file import Movable, case_files, movable
 from matching.match.demands import demands
 from matching.match.match import match
@@ -321,11 +321,10 @@ def _stable_share(robust: Verification | None) -> float | None:
 
 
 def _both(result: MatchResult, measured: float | None, unmeasured: float | None) -> float | None:
-    """Both errors over their tolerances as one."""
+    """Both errors over their scales as one."""
     if measured is None or unmeasured is None:
         return None
-    case = result.case
-    return _finite(np.sqrt(((measured / case.tolerance) ** 2 + (unmeasured / case.unmeasured_tolerance) ** 2) / 2))
+    return _finite(ERROR_SCALES.both(measured, unmeasured))
 
 
 def _of_beds(result: MatchResult) -> float | None:

@@ -22,7 +22,7 @@ from matching.match.beds import (
     planned,
     sensor_noise,
 )
-from matching.match.case import Case, Move, apply
+from matching.match.case import ERROR_SCALES, Case, Move, apply
 from matching.match.damping import damping_ratios, decay_rates, rates, without_resting
 from matching.match.demands import Demands, rig_values
 from matching.match.loop import (
@@ -64,6 +64,8 @@ from modelling.errors import NoDesign
 from modelling.linear.resolvent import resolvent
 
 Made = TypeVar("Made")
+OF_ERRORS = 2  # margins of the errors of the bed as planned: to unmeasured and to measured torques
+SMALLEST_SQUARE = 1e-12  # of an error over its scale: the root has a slope there
 SMALLEST_RATE, FASTEST_RATE = 1e-6, 1e6  # 1/s, between which rates of decay steer the search
 UNSTABLE = 1e6  # cost of a bed as planned that is not stable: more than any errors of one that is
 
@@ -76,11 +78,12 @@ class Evaluation:
     ----------
     margins : ndarray (r,)
         Damping of every active bed and of what runs on known torques alone, limits of the manoeuvre, command noise of
-        every dynamometer, what offsets make of its flange torque, roll-off and margin at every frequency, targets.
+        every dynamometer, what offsets make of its flange torque, roll-off and margin at every frequency, targets,
+        and at the end the ``OF_ERRORS`` of the errors of the bed as planned, unmeasured and measured torques.
     least_margins : ndarray (s,)
         The same, of roll-off and margin the worst alone.
-    penalty : float
-        Cost of a requirement missed by all of it.
+    penalty, error_penalty : float
+        Cost of a requirement, and of a tolerance of an error, missed by all of it.
     unstable : float
         Cost of a bed as planned that is not stable, 0 where it is.
     """
@@ -89,20 +92,23 @@ class Evaluation:
     margins: np.ndarray
     least_margins: np.ndarray
     penalty: float
+    error_penalty: float
     unstable: float = 0.0
 
     @property
     def penalised_cost(self) -> float:
         """By which points are compared: the cost, and much for what is missed, more where the errors are large."""
-        missed = float(np.maximum(-self.least_margins, 0.0).sum())
-        return self.cost + self.penalty * max(self.cost, 1.0) * missed + self.unstable
+        missed = np.maximum(-self.least_margins, 0.0)
+        robust, of_errors = float(missed[:-OF_ERRORS].sum()), float(missed[-OF_ERRORS:].sum())
+        priced = self.penalty * robust + self.error_penalty * of_errors
+        return self.cost + max(self.cost, 1.0) * priced + self.unstable
 
 
 @dataclass(frozen=True)
 class Point:
-    """What was worked out at a point: poles (b, x) of the ``active`` beds, errors (2, b + 1) over their tolerances.
+    """What was worked out at a point: poles (b, x) of the ``active`` beds, errors (2, b + 1) over their scales.
 
-    Errors to unmeasured and to measured torques, of the bed as planned last.
+    Squared errors to unmeasured and to measured torques over the squares of the scales, of the bed as planned last.
     """
 
     hardware: Hardware
@@ -149,6 +155,9 @@ class Search:
     known: dict[tuple[float, ...], Evaluation] = field(default_factory=dict)
     failures: Counter[str] = field(default_factory=Counter)
     _points: Recent[tuple[float, ...], Point] = field(default_factory=lambda: Recent(POINTS))
+    _pools: Recent[tuple[tuple[float, ...], bytes, tuple[Opened, ...]], tuple[SampledBeds, np.ndarray]] = field(
+        default_factory=lambda: Recent(POINTS)
+    )
     _hardware: Recent[tuple[float, ...], Hardware] = field(default_factory=lambda: Recent(DESIGNS))
     _vehicle: np.ndarray | None = None
 
@@ -158,10 +167,13 @@ class Search:
         wanted = [eigenvalue_of(mode) for _, mode in target_modes(self.case)]
         self.targets = list(zip(self.case.targets, wanted, strict=True))
         every = np.ones(len(self.case.compared), bool)
-        self.tolerances = (
-            ((), can_be_unmeasured(self.case), self.case.unmeasured_tolerance),
-            (self.case.loop.measured, every, self.case.tolerance),
+        self.compared = (
+            ((), can_be_unmeasured(self.case), ERROR_SCALES.unmeasured),
+            (self.case.loop.measured, every, ERROR_SCALES.measured),
         )
+        # of the squares (2,) of the errors over their scales, what the case allows of the bed as planned
+        allowed = self.case.unmeasured_tolerance, self.case.tolerance
+        self.allowed = np.array([(most / scale) ** 2 for most, (*_, scale) in zip(allowed, self.compared, strict=True)])
         if self.required.opened_shafts and self.settings.opened:
             for opened in openings(self.case):
                 self._pool(np.zeros((1, self.positions.shape[1])), self.settings.stable_share, opened)
@@ -228,10 +240,19 @@ class Search:
 
     def pool_margins(self, x: np.ndarray) -> np.ndarray:
         """Damping margin (b,) of every bed of the pool, relative to the requirement on drawn beds."""
-        numbers = range(len(self.positions))
-        ways = [self.opened.get(number, CLOSED) for number in numbers]
-        margins = self.damping_margins_at(x, self.positions, ways)
-        return 1 + margins - np.array([self.shares.get(number, 1.0) for number in numbers])
+        beds, poles = self.pool_poles(x)
+        shares = np.array([self.shares.get(number, 1.0) for number in range(len(self.positions))])
+        return 1 + self.damping_margins(poles, beds) - shares
+
+    def pool_poles(self, x: np.ndarray) -> tuple[SampledBeds, np.ndarray]:
+        """The beds of the pool and their poles (b, p) at a point (m,); worked out once a point and pool."""
+        ways = tuple(self.opened.get(number, CLOSED) for number in range(len(self.positions)))
+
+        def made() -> tuple[SampledBeds, np.ndarray]:
+            beds = self.hardware(x).beds_at(self.positions, ways)
+            return beds, closed_poles(beds, self.controller(x))
+
+        return self._pools.at((tuple(x.tolist()), self.positions.tobytes(), ways), made)
 
     def damping_margins_at(self, x: np.ndarray, positions: np.ndarray, opened: Sequence[Opened] = ()) -> np.ndarray:
         """What is left (b,) of the damping that beds at positions (b, p) need, as a share of it."""
@@ -283,10 +304,12 @@ class Search:
             except NoDesign as fault:
                 self.failures[str(fault)] += 1
                 like = next(iter(self.known.values()), None)
-                many, few = (1, 1) if like is None else (len(like.margins), len(like.least_margins))
+                few = 1 + OF_ERRORS
+                many, few = (few, few) if like is None else (len(like.margins), len(like.least_margins))
                 self.known[key] = Evaluation(
-                    self.settings.worst, np.full(many, -1.0), np.full(few, -1.0), self.settings.penalty
-                )
+                    self.settings.worst, np.full(many, -1.0), np.full(few, -1.0), self.settings.penalty,
+                    self.settings.error_penalty,
+                )  # fmt: skip
         return self.known[key]
 
     @property
@@ -305,8 +328,8 @@ class Search:
         parts = self.frequency_parts(hardware)
         drawn, plan = ((beds, acting.at(part)) for beds, part in ((sets[2], parts[2]), (sets[1], parts[1])))
         squares = [
-            np.concatenate([errors(*beds, known)[:, pairs].mean(axis=1) for beds in (drawn, plan)]) / tolerance**2
-            for known, pairs, tolerance in self.tolerances
+            np.concatenate([errors(*beds, known)[:, pairs].mean(axis=1) for beds in (drawn, plan)]) / scale**2
+            for known, pairs, scale in self.compared
         ]
         active = hardware.beds_at(
             self.positions[list(self.active)], [self.opened.get(number, CLOSED) for number in self.active]
@@ -342,13 +365,14 @@ class Search:
         squares = np.minimum(at.errors, settings.worst).mean(axis=0)
         cost = float(squares[:-1].mean() + settings.weight_planned * squares[-1]) + self._change(x)
         margins = [np.clip(part, -1e2, settings.largest_room) for part in self.requirement_margins(x, at)]
-        *single, rolled_off, margin, targets = margins
+        *single, rolled_off, margin, targets, of_errors = margins
         worst = [np.array([part.min(initial=settings.largest_room)]) for part in (rolled_off, margin)]
         return Evaluation(
             cost,
             np.concatenate(margins),
-            np.concatenate([*single, *worst, targets]),
+            np.concatenate([*single, *worst, targets, of_errors]),
             settings.penalty,
+            settings.error_penalty,
             UNSTABLE if margins[0][0] <= -self.damping_shares()[0] else 0.0,
         )
 
@@ -360,7 +384,7 @@ class Search:
         return self.settings.weight_change * float(sum(changes))
 
     def requirement_margins(self, x: np.ndarray, at: Point) -> list[np.ndarray]:
-        """Of damping, of own poles, manoeuvre, noise, roll-off, margin, targets."""
+        """Of damping, of own poles, manoeuvre, noise, offsets, roll-off, margin, targets, errors as planned."""
         settings, plan, allowed = self.settings, at.hardware.plan, self.required.command_noise
         margin, rolled_off = counted(plan, self.required)
         noise = command_noise(at.curves, plan.every.frequencies)
@@ -374,6 +398,7 @@ class Search:
             1 - (1 + settings.reserve) * at.curves.closed[rolled_off] / self.required.rolled_off,
             at.curves.margin[margin] / (self.required.modulus_margin * (1 + settings.reserve)) - 1,
             self.target_margins(at)[0],
+            1 - (1 + settings.error_reserve) * np.sqrt(at.errors[:, -1] / self.allowed),
         ]
 
     def _offset_margins(self, at: Point) -> np.ndarray:
@@ -529,21 +554,29 @@ def backward(search: Search, at: Point, change: np.ndarray) -> tuple[np.ndarray,
     k, m = len(controller.C), controller.B.shape[1]
     left = np.concatenate([form.rows(z, controller.C), np.broadcast_to(np.eye(k), (len(z), k, k))], axis=2)
     right = np.concatenate([form.columns(z, controller.B), np.broadcast_to(np.eye(m), (len(z), m, m))], axis=1)
-    total = np.zeros(change.shape[1:])
-    for number, beds, part, weight in (
-        (slice(None, -1), sets[2], parts[2], 1.0), (slice(-1, None), sets[1], parts[1], settings.weight_planned),
-    ):  # fmt: skip
-        for row, (known, pairs, tolerance) in zip(at.errors, search.tolerances, strict=True):
-            counts = np.where(row[number] < settings.worst, weight / (2 * len(row[number]) * tolerance**2), 0.0)
-            pull = error_pull(beds, at.acting.at(part), known, counts, pairs)
-            total += np.einsum("fki,fkm,fjm->ij", left[part], pull, right[part], optimize=True).real
-    cost = np.tensordot(change, total, 2)
+
+    def of_squares(
+        beds: BedSet, part: slice, known: Sequence[str], counts: np.ndarray, pairs: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives (v,) of the sum of squared errors, each bed's times its count."""
+        pull = error_pull(beds, at.acting.at(part), known, counts, pairs)
+        total = np.einsum("fki,fkm,fjm->ij", left[part], pull, right[part], optimize=True).real
+        return np.tensordot(change, total, 2)
+
+    cost, as_planned = np.zeros(len(change)), np.zeros((OF_ERRORS, len(change)))
+    for number, (row, (known, pairs, scale)) in enumerate(zip(at.errors, search.compared, strict=True)):
+        counts = np.where(row[:-1] < settings.worst, 1 / (2 * (len(row) - 1) * scale**2), 0.0)
+        cost += of_squares(sets[2], parts[2], known, counts, pairs)
+        by_square = of_squares(sets[1], parts[1], known, np.array([1 / scale**2]), pairs)
+        cost += settings.weight_planned / 2 * by_square * float(row[-1] < settings.worst)
+        size = np.sqrt(max(row[-1], SMALLEST_SQUARE) * search.allowed[number])
+        as_planned[number] = -(1 + settings.error_reserve) * by_square / (2 * size)
     every = slice(parts[0].start, parts[0].stop)
     there = slice(sum(map(len, f)), None)
     left, right, left_there, right_there = left[every], right[every], left[there], right[there]
     of_margin = left.copy(), right.copy()
     of_margin[0][minima], of_margin[1][minima] = left_there, right_there
-    rows = [*_damping_rows(search, at, change), *_loop_rows(search, at, change, (left, right), of_margin)]
+    rows = [*_damping_rows(search, at, change), *_loop_rows(search, at, change, (left, right), of_margin), as_planned]
     return cost, np.concatenate(rows)
 
 

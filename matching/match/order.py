@@ -6,13 +6,13 @@ ordered only where the error of the delivered controller over fresh beds is bett
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from matching.match.beds import BedVerdicts, Judge, quantile
-from matching.match.case import Case, apply
+from matching.match.case import ERROR_SCALES, Case, apply
 from matching.match.loop import controller_on, linear_bed
 from matching.match.loop_modes import neutral_motions
 from matching.match.objective import Search
@@ -38,6 +38,10 @@ class OrderSettings:
         Of the search with a quantity held, and of every value of a curve. Chosen by trial.
     halvings : int
         Of the way to a bound, in looking for the end of the range in which no value is worse.
+    again : int
+        Times that a better value on the curve of a quantity is ordered in place of what the search found.
+    parts : int
+        Of a catalogue that are all tried: of more, those next to what is found.
     lost : float
         Share of the fresh beds that has to be gained, or lost, to count by itself: fewer are an accident of the draw.
     digits : int
@@ -50,6 +54,8 @@ class OrderSettings:
     steps: int = 24
     steps_of_curve: int = 6
     halvings: int = 3
+    again: int = 1
+    parts: int = 8
     lost: float = 0.02
     digits: int = 2
 
@@ -72,7 +78,7 @@ class Ordered:
 
 @dataclass(frozen=True)
 class Delivered:
-    """A tuned setting on fresh beds: both errors over their tolerances as one (b,), infinite where not damped.
+    """A tuned setting on fresh beds: both errors over their scales as one (b,), infinite where not damped.
 
     ``verdicts`` are those of the beds, of the bed as planned last.
     """
@@ -103,8 +109,8 @@ class Fresh:
         bed = linear_bed(case)
         judge = Judge(case, controller_on(bed), neutral_motions(bed), search.required)
         found = judge.verdicts([*(case.uncertainty.at(position) for position in positions), {}])
-        squares = (found.unmeasured / case.unmeasured_tolerance) ** 2 + (found.measured / case.tolerance) ** 2
-        errors = np.where(found.stable & found.damped, np.sqrt(squares / 2), np.inf)[:-1]
+        both = ERROR_SCALES.both(found.measured, found.unmeasured)
+        errors = np.where(found.stable & found.damped, both, np.inf)[:-1]
         return Delivered(end, errors, not misses(search, end), found)  # within the reserve the judge sees it kept
 
 
@@ -152,18 +158,25 @@ def ordered(search: Search, found: Found, fresh: Fresh) -> Ordered:
             break
         i, settled = min(kept, key=lambda pair: _rank(pair[1]))
         held[i] = planned[i]
-    values = dict(held)
-    for i in (i for i in adapters if i not in held):
-        values[i] = _bought(search.variables[i], float(settled.end.x[i]))
     if len(held) < len(adapters):
-        bought = _held(search, fresh, settled.end, values)
-        settled = bought if bought.keeps_all or not settled.keeps_all else settled
+        settled = _bought(search, fresh, settled, held, [i for i in adapters if i not in held])
         if not is_better(settled, everything):
             settled = everything
-    trades = tuple(_trade(search, fresh, settled, i, planned, everything) for i in adapters)
+    trades = [_trade(search, fresh, settled, i, planned, everything) for i in adapters]
+    for _ in range(ORDER.again):  # the cost of the search is not the error that judges: a curve may show a better value
+        better = [(i, one) for i, (_, one) in zip(adapters, trades, strict=True) if is_better(one, settled)]
+        if not better:
+            break
+        i, one = min(better, key=lambda pair: _rank(pair[1]))
+        others = {j: float(settled.end.x[j]) for j in adapters if j != i}
+        bought = _bought(search, fresh, one, others, [i])
+        if not is_better(bought, settled):
+            break
+        settled = bought
+        trades = [_trade(search, fresh, settled, i, planned, everything) for i in adapters]
     search.free = np.ones(len(search.variables), bool)
     made = contributions(search, found, fresh, {"adapters as planned": everything, "all": settled})
-    return Ordered(settled.end.x, settled.keeps_all, trades, made)
+    return Ordered(settled.end.x, settled.keeps_all, tuple(trade for trade, _ in trades), made)
 
 
 def planned_unless_better(search: Search, found: Found, fresh: Fresh) -> Ordered:
@@ -174,6 +187,11 @@ def planned_unless_better(search: Search, found: Found, fresh: Fresh) -> Ordered
     everything = _held(search, fresh, found.controller_alone, planned)
     search.free = np.ones(len(search.variables), bool)
     settled = best if is_better(best, everything) else everything
+    listed = [i for i in adapters if search.variables[i].move.catalogue]
+    if settled is best and listed:
+        settled = _bought(search, fresh, best, {}, listed)
+        search.free = np.ones(len(search.variables), bool)
+        settled = settled if is_better(settled, everything) else everything
     made = contributions(search, found, fresh, {"adapters as planned": everything, "all": settled})
     return Ordered(settled.end.x, settled.keeps_all, (), made)
 
@@ -213,14 +231,42 @@ def _rank(one: Delivered) -> tuple[bool, int, float]:
     return not one.keeps_all, -int(np.isfinite(one.errors).sum()), one.error
 
 
-def _bought(variable: Variable, x: float) -> float:
-    """Coordinate of the value rounded to what can be bought, within the bounds."""
-    value = float(f"{variable.value(x):.{ORDER.digits}g}")
-    return variable.at(value)
+def _bought(
+    search: Search, fresh: Fresh, settled: Delivered, held: Mapping[int, float], moved: Sequence[int]
+) -> Delivered:  # fmt: skip
+    """The setting with every quantity that moved, by number, at a value that can be bought.
+
+    Of a catalogue the parts next to what was found are tried, one quantity after another, with everything else tuned
+    for each; elsewhere a value is rounded, and kept as it is where a requirement would be missed.
+    """
+    listed = [i for i in moved if search.variables[i].move.catalogue]
+    rounded = {i: _rounded(search.variables[i], float(settled.end.x[i])) for i in moved if i not in listed}
+    if rounded:
+        tried = _held(search, fresh, settled.end, {**held, **rounded})
+        settled = tried if tried.keeps_all or not settled.keeps_all else settled
+    fixed = {**held, **{i: float(settled.end.x[i]) for i in rounded}}
+    for i in listed:
+        tries = [_held(search, fresh, settled.end, {**fixed, i: part}) for part in _parts_near(search, settled, i)]
+        settled = min(tries, key=_rank)
+        fixed[i] = float(settled.end.x[i])
+    return settled
+
+
+def _parts_near(search: Search, settled: Delivered, i: int) -> list[float]:
+    """Coordinates of the parts of a catalogue on both sides of where a setting has its quantity."""
+    variable = search.variables[i]
+    parts = np.array([variable.at(value) for value in variable.move.catalogue])
+    above = int(np.searchsorted(parts, settled.end.x[i]))
+    return [float(part) for part in parts[max(above - 1, 0) : above + 1]]
+
+
+def _rounded(variable: Variable, x: float) -> float:
+    """Coordinate of a value rounded as parts are ordered."""
+    return variable.at(float(f"{variable.value(x):.{ORDER.digits}g}"))
 
 
 def _held(
-    search: Search, fresh: Fresh, begin: SearchEnd, held: dict[int, float], steps: int | None = None
+    search: Search, fresh: Fresh, begin: SearchEnd, held: Mapping[int, float], steps: int | None = None
 ) -> Delivered:  # fmt: skip
     """The setting with some quantities, by number, held at coordinates and everything else tuned for it."""
     x = begin.x.copy()
@@ -235,8 +281,11 @@ def _held(
 
 def _trade(
     search: Search, fresh: Fresh, settled: Delivered, number: int, planned: dict[int, float], everything: Delivered
-) -> AdapterTrade:  # fmt: skip
-    """What an adapter quantity gains, the others as they are ordered, everything else tuned for it."""
+) -> tuple[AdapterTrade, Delivered]:  # fmt: skip
+    """What an adapter quantity gains, the others as they are ordered, everything else tuned for it.
+
+    The second answer is the best setting that was tried.
+    """
     variable = search.variables[number]
     others = {i: float(settled.end.x[i]) for i in planned if i != number}
     here = float(settled.end.x[number])
@@ -255,10 +304,12 @@ def _trade(
     tried(planned[number], settled)
     ends = [_end_of_no_worse(tried, settled, here, bound) for bound in (0.0, variable.span)]
     as_planned, move = curve.get(planned[number]), variable.move
+    for value in move.catalogue if len(move.catalogue) <= ORDER.parts else ():
+        tried(variable.at(value), settled)
     if as_planned is not None and not is_better(settled, as_planned):
         ends = [min(ends[0], planned[number]), max(ends[1], planned[number])]
     torque = _rated_torque(search.case, move.name)
-    return AdapterTrade(
+    trade = AdapterTrade(
         name=move.name, unit=move.unit, planned=move.planned, ordered=variable.value(here),
         acceptable=(variable.value(ends[0]), variable.value(ends[1])),
         error_as_planned=None if as_planned is None else as_planned.error,
@@ -270,6 +321,7 @@ def _trade(
         rated_torque=torque,
         twist=None if torque is None else torque / variable.value(here),
     )  # fmt: skip
+    return trade, min(curve.values(), key=_rank)
 
 
 def _end_of_no_worse(
@@ -281,6 +333,7 @@ def _end_of_no_worse(
         return here
     at_bound = tried(bound, settled)
     if at_bound is not None and not is_better(settled, at_bound):
+        tried((here + bound) / 2, settled)  # two ends that are alike may have a better value between them
         return bound
     for _ in range(ORDER.halvings):
         middle = (good + bad) / 2

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from matching.match.objective import Evaluation, Search
+from matching.match.objective import OF_ERRORS, Evaluation, Search
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,21 @@ def judged_again(search: Search, end: SearchEnd) -> SearchEnd:
 
 
 def keeps_all(search: Search, end: SearchEnd) -> bool:
-    """Whether every requirement is met."""
-    return bool(end.judged.least_margins.min() >= search.settings.kept)
+    """Whether every robustness requirement is met; the errors are no such requirement."""
+    return bool(end.judged.least_margins[:-OF_ERRORS].min() >= search.settings.kept)
+
+
+def within_errors(search: Search, end: SearchEnd) -> bool:
+    """Whether both errors of the bed as planned are allowed."""
+    return bool(end.judged.least_margins[-OF_ERRORS:].min() >= search.settings.kept)
 
 
 def misses(search: Search, end: SearchEnd) -> bool:
-    """Whether a requirement is missed by more than the reserve by which the search draws it in."""
-    reserves = np.full(len(end.judged.least_margins), search.settings.reserve)
+    """Whether a robustness requirement is missed by more than the reserve by which the search draws it in."""
+    margins = end.judged.least_margins[:-OF_ERRORS]
+    reserves = np.full(len(margins), search.settings.reserve)
     reserves[: len(search.active)] = search.settings.damping_reserve
-    return bool((end.judged.least_margins < -reserves).any())
+    return bool((margins < -reserves).any())
 
 
 def rounds(search: Search, begin: SearchEnd, most_rounds: int, most_steps: int) -> SearchEnd:
@@ -73,17 +79,27 @@ class _TooManyPoints(Exception):
 def _improve(search: Search, begin: np.ndarray, within: tuple[np.ndarray, np.ndarray], steps: int) -> int:
     """The steps that were taken; what was judged on the way is known to the search.
 
-    What a start misses is allowed at a price, by one slack for the damping of beds and one for the rest: a setting that
-    cannot do anything for one requirement may still do so for the others (elastic mode).
+    What a start misses is allowed at a price, by one slack each for the damping of beds, for the errors of the bed as
+    planned and for the rest: a setting that cannot do anything for one requirement may still do so for the others
+    (elastic mode). Errors are asked to be allowed where the rest is kept, so that nothing robust is given up for them.
     """
     count, settings = 0, search.settings
-    price = 3 * settings.penalty * max(1.0, search.judged(begin).cost)
     moving = np.flatnonzero(search.free)
     room = search.judged(begin).margins
     of_damping = np.arange(len(room)) < len(search.active)
-    groups = [group for group in (of_damping, ~of_damping) if room[group].min(initial=0.0) < settings.kept]
-    slacks = np.stack([group.astype(float) for group in groups], axis=1) if groups else np.zeros((len(room), 0))
-    missed = np.array([-room[group].min() for group in groups])
+    of_errors = np.arange(len(room)) >= len(room) - OF_ERRORS
+    robust = bool(room[~of_errors].min(initial=np.inf) >= settings.kept)
+    kinds = (
+        (of_damping, settings.penalty), (~of_damping & ~of_errors, settings.penalty),
+        (of_errors, settings.penalty if robust else settings.error_penalty),
+    )  # fmt: skip
+    groups = [
+        (group, price) for group, price in kinds
+        if room[group].min(initial=0.0) < settings.kept or (group is of_errors and not robust)
+    ]  # fmt: skip
+    slacks = np.stack([group.astype(float) for group, _ in groups], axis=1) if groups else np.zeros((len(room), 0))
+    missed = np.array([max(-room[group].min(), 0.0) for group, _ in groups])
+    prices = 3 * max(1.0, search.judged(begin).cost) * np.array([price for _, price in groups])
 
     def whole(y: np.ndarray) -> np.ndarray:
         x = begin.copy()
@@ -95,12 +111,11 @@ def _improve(search: Search, begin: np.ndarray, within: tuple[np.ndarray, np.nda
         count += 1
         if count > settings.points_a_step * steps:
             raise _TooManyPoints
-        return search.judged(whole(y)).cost + price * float(y[len(moving) :].sum())
+        return search.judged(whole(y)).cost + float(prices @ y[len(moving) :])
 
     @lru_cache(maxsize=1)  # cost and requirements ask for their slopes one after the other, at the same point
     def slopes(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         of_cost, of_room = search.slopes(whole(np.array(y)))
-        prices = np.full(slacks.shape[1], price)
         return np.concatenate([of_cost[moving], prices]), np.hstack([of_room[:, moving], slacks])
 
     bounds = [*zip(within[0][moving], within[1][moving], strict=True), *[(0.0, None)] * len(missed)]

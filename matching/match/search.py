@@ -9,14 +9,10 @@ import numpy as np
 import scipy
 
 from matching.match.damping import stable_loops
-from matching.match.loop import (
-    bed_of,
-    closed_poles,
-    side_by_side,
-)
+from matching.match.loop import bed_of, closed_poles, side_by_side
 from matching.match.objective import Search
 from matching.match.opened import OPENED
-from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds
+from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds, within_errors
 from matching.match.variables import CONTROLLER
 from matching.match.worst import add_scenarios
 
@@ -127,10 +123,10 @@ def _restarted(search: Search, best: SearchEnd) -> tuple[SearchEnd, SearchEnd | 
 
 def is_stable(search: Search, x: np.ndarray) -> bool:
     """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
-    hardware, controller = search.hardware(x), search.controller(x)
+    _, poles = search.pool_poles(x)
     closed = [number for number in range(len(search.positions)) if number not in search.opened]
-    sets = (side_by_side([bed_of(hardware.case, {})]), hardware.beds_at(search.positions[closed]))
-    return all(stable_loops(closed_poles(beds, controller), search.neutral).all() for beds in sets)
+    planned = closed_poles(side_by_side([bed_of(search.hardware(x).case, {})]), search.controller(x))
+    return all(stable_loops(z, search.neutral).all() for z in (planned, poles[closed]))
 
 
 def _calmer(search: Search, x: np.ndarray) -> np.ndarray | None:
@@ -153,16 +149,22 @@ def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int
 
 def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEnd], SearchEnd | None]:
     """Where the starts ended, the best one first, and the best end of a feedback law's gains alone."""
-    settings, starts, ends = search.settings, given or _starts(search), []
+    settings, starts = search.settings, given or _starts(search)
+    ends: list[SearchEnd] = []
     of_observer = search.case.loop.tunes_observer
     most_rounds, most_steps, gains = settings.rounds, settings.most_steps // 4, None
     if not of_observer:
         (starts, gains), most_rounds = _with_gains(search, starts), settings.joint_rounds
     begins = _ranked([_anew(search, start) for start in starts]) if of_observer else [_anew(search, x) for x in starts]
+    begins = begins[: min(settings.starts, OPENED.starts) if search.opened else settings.starts]
+
+    def is_good(end: SearchEnd) -> bool:
+        return of_observer and keeps_all(search, end) and within_errors(search, end) and end.judged.cost <= 1
+
     search.active = (0,)
-    for begin in begins[: min(settings.starts, OPENED.starts) if search.opened else settings.starts]:
+    for begin in begins:
         ends.append(rounds(search, end_at(search, begin.x), most_rounds, most_steps))
-        if of_observer and keeps_all(search, ends[-1]) and ends[-1].judged.cost <= 1:
+        if is_good(ends[-1]):
             break
     if settings.blind and not search.opened and all(misses(search, end) for end in ends):
         ends.append(rounds(search, end_at(search, _spread(search, 1)[0]), most_rounds, most_steps))

@@ -66,6 +66,8 @@ class SearchSettings:
         Times that the least damped beds of the whole box are added to the pool.
     blind : int
         Settings spread over all bounds (Sobol 1967) where every start misses a requirement.
+    remedies : bool
+        Whether what may help a limited case is tried, by solving it again, and said.
     starts : int
         Starts that are followed; an observer's search stops at the first one that keeps every requirement.
     emulated : float
@@ -80,20 +82,25 @@ class SearchSettings:
     reserve, damping_reserve : float
         Relative, by which requirements are drawn in: the search works on coarser grids than the judge, and the least
         damping over beds has a long tail.
+    error_reserve : float
+        The same for the tolerances of the errors, which search and judge work out alike to this.
     penalty : float
         Cost of a requirement missed by all of it, by which points are compared.
+    error_penalty : float
+        The same of a tolerance that an error misses: less, since a controller that is not robust cannot be run, and one
+        whose error is too large can.
     stable_share : float
         Of the damping that drawn beds need, for beds that only have to be stable.
     largest_room : float
         Relative constraint margin above which a requirement does not steer the search.
     worst : float
-        Largest squared error over its tolerance that counts, and the cost of a setting without a controller.
+        Largest squared error over its scale that counts, and the cost of a setting without a controller.
     furthest : float
         Decades of a weight, or share of a range, that a round may go.
     worth_a_round : float
         Relative gain of a round below which no other follows.
     worth_at_all : float
-        The same, absolute: thousandths of the squared tolerance.
+        The same, absolute: thousandths of the squared scale of an error.
     settled : float
         Change of the cost at which a round ends.
     points_a_step : int
@@ -121,6 +128,7 @@ class SearchSettings:
     opened: bool = True
     scenarios: int = 2
     blind: int = 64
+    remedies: bool = True
     starts: int = 4
     fresh: int = 200
     emulated: float = 60.0
@@ -128,7 +136,9 @@ class SearchSettings:
     weight_change: float = 1e-3
     reserve: float = 0.03
     damping_reserve: float = 0.1
+    error_reserve: float = 0.005
     penalty: float = 10.0
+    error_penalty: float = 1.0
     stable_share: float = 0.1
     largest_room: float = 1.0
     worst: float = 1e3

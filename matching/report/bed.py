@@ -289,13 +289,15 @@ def commissioning_report(
     ]
     checked = content.get("channels")
     wrong = content["status"] == "wrong_channel"
+    last = content["rounds"][-1].get("verification", {}) if content["rounds"] else {}
     meaning = _sentence(checked["sentence"]) if checked and wrong else END_MEANING[content["status"]]
     return Report(
         title="Commissioning",
         status=spaced(content["status"]),
         answer=" ".join(filter(None, [meaning, ending(content), gain(content)])),
         good=content["status"] == "as_predicted",
-        lists={"What to do now": next_steps(content, made.case if made else "CASE", folder)},
+        lists={"Why it falls short": [Step(spaced(sentence)) for sentence in why(last)],
+               "What to do now": next_steps(content, made.case if made else "CASE", folder)},
         table=channel_table(checked) if checked and wrong else Table(()),
         folds=[
             *(Fold(name, [lines, *([Table([_value(own) for own in values])] if values else [])], told=True)
@@ -312,7 +314,8 @@ def channel_table(checked: Mapping[str, Any]) -> Table:
     for own in checked["channels"]:
         zero, per = own["zero"], unit(own["unit"])
         rows.append({
-            "channel": spaced(own["name"]), "": own["words"] or "as modelled",
+            "channel": spaced(own["name"]),
+            "": own["words"] or ("not judged" if own["name"] in checked["unjudged"] else "as modelled"),
             "gain": _with(own["gain"], own["gain_uncertainty"]),
             "delay beyond the model in ms": _with(own["delay"], own["delay_uncertainty"], 1e3),
             "reads at rest": "" if zero is None else f"{_with(zero, own['zero_uncertainty'])} {per}",
@@ -379,8 +382,16 @@ def wrong_channel_steps(checked: Mapping[str, Any], again: str) -> list[Step]:
              f"of recordings made before: a channel file with the line {wrong['line']}" if wrong["line"] else "")
         for wrong in checked["wrong"]
     ]  # fmt: skip
-    if not points:
-        points = [Step(f"The check ended early: {checked['tripped']}", "look at the recording, limits and watchdogs")]
+    if not points and checked["tripped"]:
+        points = [Step(f"The check ended early: {checked['tripped']}",
+                       "repeat it with smaller torques (excite --channel-check --torque-share 0.3), and look at the "
+                       "recording: is a rotor loose, or a command larger than it says?")]  # fmt: skip
+    elif not points:
+        names = ", ".join(spaced(name) for name in checked["needed"])
+        points = [Step(f"Not judged: {names}", "no torque of the check moves it beyond its noise: turn the rotors by "
+                       "hand or with more torque and look at it; then --skip-channel-check")]  # fmt: skip
+    if checked["unjudged"] and checked["wrong"]:
+        points.append(Step(f"Not judged yet: {', '.join(spaced(name) for name in checked['unjudged'])}"))
     return [*points, Step("Check again, and go on", command=again)]
 
 

@@ -141,9 +141,13 @@ def requirement_rows(robust: Verification) -> list[dict[str, str]]:
         asked = "no limit" if allowed is None else f"at most {number(allowed)} N·m"
         what = f"flange torque of dynamometer {name} that offsets of all sensors make unexpected in a minute"
         rows.append((what, f"{number(torque, 3)} N·m", asked, allowed is None or torque <= allowed))
-    return [
+    table = [
         {"requirement": what, "value": value, "asked": asked, "": HOLDS[holds]} for what, value, asked, holds in rows
     ]
+    if robust.passivity is not None:
+        what = "bed at the cut with another specimen, readings of the specimen's own sensors held"
+        table.append({"requirement": what, "value": robust.passivity.words(), "asked": "a figure, not asked", "": ""})
+    return table
 
 
 def bed_errors(beds: BedsCheck) -> list[dict[str, str]]:
@@ -824,7 +828,7 @@ def key_figures(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def _mode(target: Mapping[str, Any]) -> str:
     side = "" if target["symmetry"] == "none" else f" ({target['symmetry']})"
-    return f"target mode {target['vehicle_mode']}{side}"
+    return f"target mode {target['vehicle_mode']}, damped{side}"
 
 
 def moved(parameters: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

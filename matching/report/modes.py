@@ -164,13 +164,13 @@ def equations_html(equations: Equations) -> str:
 def mode_table(modes: Sequence[dict[str, Any]], components: int = 3) -> list[dict[str, str]]:
     """Rows of the mode table from the entries of ``modes.json``, with the components that hold most of the energy.
 
-    Undamped modes have no column of damping ratios.
+    The head of the frequencies says whether they are those of damped modes, which alone have damping ratios.
     """
     damped = any(mode["damping_ratio"] is not None for mode in modes)
     return [
         {
             "mode": str(mode["number"]),
-            "frequency [Hz]": f"{mode['frequency']:.4g}",
+            "damped [Hz]" if damped else "undamped [Hz]": f"{mode['frequency']:.4g}",
             **({"damping ratio": f"{mode['damping_ratio']:.4f}"} if damped else {}),
             "symmetry": mode["symmetry"],
             "kinetic energy": _largest(mode["kinetic"], components),

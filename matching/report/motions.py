@@ -44,7 +44,8 @@ def response_files(response: Response, folder: str, made: Any = None) -> display
     """Modulus and phase over frequency as CSV and as a figure; no result file, as JSON has no complex numbers."""
     head, columns = ["frequency [Hz]"], [response.frequencies]
     for sensor, source in itertools.product(response.sensors, response.inputs):
-        head += [f"{sensor} / {source}, modulus [SI per N*m]", f"{sensor} / {source}, phase [deg]"]
+        pair = f"{sensor} / {source}"
+        head += [f"{pair} modulus [{response.unit(sensor, source)}]", f"{pair} phase [deg]"]
         columns += [np.abs(response[sensor, source]), np.degrees(np.angle(response[sensor, source]))]
     others: dict[str, str | bytes] = {
         "response.csv": csv_table(head, zip(*columns, strict=True)),

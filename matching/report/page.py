@@ -194,7 +194,7 @@ READABLE = " ,;:/?@=+$()*!.-_~|"  # letters and signs that a data URI in quotati
 def environment() -> Environment:
     """Templates of this package."""
     templates = Environment(loader=PackageLoader("matching.report"), autoescape=True, undefined=StrictUndefined)
-    templates.filters |= {"in_style": in_style, "explained": explained}
+    templates.filters |= {"in_style": in_style, "explained": explained, "minus": minus_signs}
     templates.tests["wide"] = is_wide
     return templates
 
@@ -223,9 +223,18 @@ def explained(text: str) -> Markup:
         return text
     return Markup(
         _TERM.sub(
-            lambda term: f'<abbr title="{escape(_BY_LOWER[term[0].lower()])}">{term[0]}</abbr>', str(escape(text))
+            lambda term: f'<abbr title="{escape(_BY_LOWER[term[0].lower()])}">{term[0]}</abbr>',
+            str(escape(minus_signs(text))),
         )
     )
+
+
+_HYPHEN_AS_MINUS = re.compile(r"(?<![\w.,:/=-])-(?=\d)")
+
+
+def minus_signs(text: str) -> str:
+    """A text as a page prints it: a minus before a number, where a terminal and files have a hyphen."""
+    return text if isinstance(text, Markup) else _HYPHEN_AS_MINUS.sub("−", str(text))
 
 
 def embedded(content: bytes) -> str:

@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from scipy.linalg import block_diag, expm
 
 from modelling.bed.vehicle import FeedForward, Interface, ResidualVehicle
-from modelling.linear.state_space import StateSpace, state_space
+from modelling.linear.state_space import StateSpace, by_tustin, state_space
 from modelling.system import Input, Sensor, Shaft, System
 
 # --- The sampled control law in one form for every structure.
@@ -180,11 +179,7 @@ class ControlStructure(ABC):
 
     def sampled(self, loop: Loop, residual: StateSpace, rig: System) -> StateSpace:
         """The feedback law as it runs, from sample to sample: :meth:`controller` by Tustin's rule unless overridden."""
-        continuous = self.controller(loop, residual, rig)
-        A, B, C, D, _ = scipy.signal.cont2discrete(
-            (continuous.A, continuous.B, continuous.C, continuous.D), loop["sample_time"], "bilinear"
-        )
-        return StateSpace(A, B, C, D, continuous.inputs, continuous.outputs)
+        return by_tustin(self.controller(loop, residual, rig), loop["sample_time"])
 
     def feed_forward(self, rig: System, residual: ResidualVehicle, loop: Loop) -> FeedForward | None:
         """The model-based feed-forward of measured torques, which has poles of its own; None where there is none.

@@ -34,6 +34,16 @@ class Discretised:
     ramp: np.ndarray
 
 
+def by_tustin(space: StateSpace, step: float) -> StateSpace:
+    """A continuous system sampled by Tustin's rule (bilinear transformation), ``step`` in s."""
+    half = step / 2 * space.A
+    implicit = np.linalg.inv(np.eye(len(half)) - half)
+    B, C = implicit @ space.B * step, space.C @ implicit
+    return StateSpace(
+        implicit @ (np.eye(len(half)) + half), B, C, space.D + space.C @ B / 2, space.inputs, space.outputs
+    )  # fmt: skip
+
+
 def discretise(A: np.ndarray, B: np.ndarray, step: float) -> Discretised:
     """Exact solution of ẋ = A (x, x)·x + B (x, u)·u over a step, s, by one matrix exponential (Van Loan, 1978)."""
     n, m = B.shape
@@ -103,13 +113,15 @@ class Response(Displayed):
         Hz.
     sensors, inputs : tuple of str (y,), (u,)
     values : ndarray (f, y, u), complex
-        SI unit of the sensor per N·m.
+    units : mapping of str to str
+        SI unit of every sensor and input.
     """
 
     frequencies: np.ndarray
     sensors: tuple[str, ...]
     inputs: tuple[str, ...]
     values: np.ndarray
+    units: Mapping[str, str]
 
     def __getitem__(self, pair: tuple[str, str]) -> np.ndarray:
         """Response (f,) of a sensor to an input, ``response[sensor, input]``.
@@ -122,14 +134,19 @@ class Response(Displayed):
         sensor, source = pair
         return self.values[:, _index_of(sensor, self.sensors), _index_of(source, self.inputs)]
 
+    def unit(self, sensor: str, source: str) -> str:
+        """SI unit of a response, such as ``rad/s per N*m``."""
+        return f"{self.units[sensor]} per {self.units[source]}"
+
     def to_dict(self) -> dict[str, dict[str, np.ndarray]]:
         """``{sensor: {input: (f,)}}``."""
         return {sensor: {source: self[sensor, source] for source in self.inputs} for sensor in self.sensors}
 
     def to_dataframe(self, table: str | None = None) -> Any:  # there is one table
-        """The complex responses over frequency (pandas DataFrame), a column a pair ``sensor / input``."""
+        """The complex responses over frequency (pandas DataFrame), a column ``sensor / input [unit]`` a pair."""
         columns = {f"{sensor} / {source}": self[sensor, source] for sensor in self.sensors for source in self.inputs}
-        return series_frame(self.frequencies, "frequency [Hz]", columns)
+        units = {f"{sensor} / {source}": self.unit(sensor, source) for sensor in self.sensors for source in self.inputs}
+        return series_frame(self.frequencies, "frequency [Hz]", columns, units)
 
     def to_xarray(self) -> Any:
         """The responses over frequency, sensor and input (xarray Dataset, complex).
@@ -189,7 +206,8 @@ def response(
     s = 2j * np.pi * f
     transfer = _transfer(linear, s, rows, columns)
     delay = linear.sensor_delays[rows][:, None] + linear.input_delays[columns]
-    return Response(f, sensors, inputs, transfer * np.exp(-s[:, None, None] * delay))
+    units = {part.name: part.unit for part in model.system.sensors} | model.system.input_units
+    return Response(f, sensors, inputs, transfer * np.exp(-s[:, None, None] * delay), units)
 
 
 def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]) -> np.ndarray:
@@ -237,7 +255,10 @@ ROUNDING = 1e-9  # of a sensor's largest coefficient: what it reads of a free an
 
 @dataclass(frozen=True)
 class StateSpace:
-    """ẋ = A·x + B·u, y = C·x + D·u with named inputs and outputs; A (x, x), B (x, u), C (y, x), D (y, u), SI."""
+    """ẋ = A·x + B·u, y = C·x + D·u with named inputs and outputs; A (x, x), B (x, u), C (y, x), D (y, u), SI.
+
+    With a ``sample_time`` (s) above 0 the left side is x one sample later.
+    """
 
     A: np.ndarray
     B: np.ndarray
@@ -245,6 +266,11 @@ class StateSpace:
     D: np.ndarray
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    sample_time: float = 0.0
+
+    def __repr__(self) -> str:
+        every = f" every {1e3 * self.sample_time:g} ms" if self.sample_time else ""
+        return f"StateSpace({len(self.A)} states{every}; {', '.join(self.inputs)} → {', '.join(self.outputs)})"
 
     def input(self, name: str) -> np.ndarray:
         """Column of B, (x,)."""

@@ -44,12 +44,13 @@ def main() -> None:
     os.dup2(silent, 1)
     os.dup2(silent, 2)
     request = json.load(sys.stdin)
-    with suppress(ImportError, ValueError):  # Windows; a lower limit of the caller stays
+    if sys.platform != "win32":  # which has no such limits
         import resource
 
-        resource.setrlimit(resource.RLIMIT_AS, (request["bytes"], resource.getrlimit(resource.RLIMIT_AS)[1]))
-        resource.setrlimit(resource.RLIMIT_CPU, (request["seconds"], resource.getrlimit(resource.RLIMIT_CPU)[1]))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+        with suppress(ValueError):  # a lower limit of the caller stays
+            resource.setrlimit(resource.RLIMIT_AS, (request["bytes"], resource.getrlimit(resource.RLIMIT_AS)[1]))
+            resource.setrlimit(resource.RLIMIT_CPU, (request["seconds"], resource.getrlimit(resource.RLIMIT_CPU)[1]))
+            resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
     head, numbers = _answer(request)
     output.write(json.dumps(head).encode() + b"\n" + numbers)
     output.flush()

@@ -340,14 +340,14 @@ def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str
         try:
             done = subprocess.run(
                 [sys.executable, "-P", "-m", CHILD], input=json.dumps(request).encode(), capture_output=True,
-                env=environment | {"TMPDIR": temporary}, timeout=WAITED * seconds, check=False,
+                env=environment | {"TMPDIR": temporary, "TEMP": temporary}, timeout=WAITED * seconds, check=False,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             raise too_slow from None
     line, _, numbers = done.stdout.partition(b"\n")
     if not line or done.returncode:
         code = done.returncode
-        if code == -signal.SIGXCPU:
+        if sys.platform != "win32" and code == -signal.SIGXCPU:
             raise too_slow
         end = signal.Signals(-code).name if code < 0 and -code in set(signal.Signals) else f"exit {code}"
         raise InputError(str(path), f"the library that reads it crashed ({end})", DAMAGED)

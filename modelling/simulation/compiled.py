@@ -17,6 +17,7 @@ import re
 import shutil
 import stat
 import subprocess
+import sys
 import tempfile
 import threading
 import warnings
@@ -183,6 +184,8 @@ def folder() -> Path:
 
 def only_mine(path: Path) -> bool:
     """Whether a folder or file is this user's and nobody else may write to it."""
+    if sys.platform == "win32":
+        return True  # the folder lies in the user's profile, which others may not write to
     status = path.lstat()
     return status.st_uid == os.getuid() and not status.st_mode & OTHERS_MAY_WRITE
 
@@ -339,6 +342,8 @@ def library_of(source: str, optimisation: str, names: Iterable[str]) -> ctypes.C
 
 def _mounted_noexec(path: Path) -> bool:
     """Whether nothing may be run from where a file lies; only some systems tell."""
+    if sys.platform == "win32":
+        return False
     flag = getattr(os, "ST_NOEXEC", 0)
     return bool(flag and os.statvfs(path).f_flag & flag)
 

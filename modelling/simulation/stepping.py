@@ -71,7 +71,7 @@ class Simulation(Displayed):
         return {"time": self.time.tolist()} | {name: value.tolist() for name, value in self.readings.items()}
 
     def to_dataframe(self, table: str | None = None) -> Any:  # there is one table
-        """The readings over time (pandas DataFrame); ``attrs["units"]`` holds their SI units."""
+        """The readings over time (pandas DataFrame), a column ``name [unit]`` each, SI."""
         return series_frame(self.time, "time [s]", self.readings, self.units)
 
     def to_xarray(self) -> Any:

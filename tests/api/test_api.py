@@ -85,19 +85,46 @@ def test_a_saved_result_is_read_again(name, recording, tmp_path):
 def test_tables_of_results_hold_their_numbers(recording, tmp_path):
     found = rm.modes(VEHICLE)
     frame = found.to_dataframe()
-    np.testing.assert_array_equal(frame["frequency"], found.frequencies)
+    np.testing.assert_array_equal(frame["frequency [Hz]"], found.frequencies)
     with pytest.raises(InputError, match="mode"):
         found.to_dataframe("shapes")
     motion = rm.simulate(EXAMPLES / "compact_bev" / "rig.toml", recording)
     frame = motion.to_dataframe()
     name = next(iter(motion.readings))
-    np.testing.assert_array_equal(frame[name], motion[name])
-    assert frame.attrs["units"][name] == motion.units[name]
-    assert (motion.save(tmp_path) / "simulated.csv").is_file()
+    whole = f"{name} [{motion.units[name]}]"
+    np.testing.assert_array_equal(frame[whole], motion[name])
+    assert frame.attrs["units"][whole] == motion.units[name]
+    again = rm.load_result(motion.save(tmp_path / "simulated"))
+    np.testing.assert_allclose(again[name], motion[name], rtol=1e-8)
+    assert list(again.to_dataframe()) == list(frame)
+    assert "<svg" in again.plot().svg
+    with pytest.raises(InputError, match="did you mean"):
+        again[name + "s"]
     responses = rm.response(VEHICLE, [1.0, 8.0])
     pair = responses.sensors[0], responses.inputs[0]
-    np.testing.assert_array_equal(responses.to_dataframe()[" / ".join(pair)], responses[pair])
-    assert (responses.save(tmp_path) / "response.csv").is_file()
+    frame = responses.to_dataframe()
+    np.testing.assert_array_equal(frame[f"{' / '.join(pair)} [{responses.unit(*pair)}]"], responses[pair])
+    again = rm.load_result(responses.save(tmp_path / "response"))
+    np.testing.assert_allclose(again[f"{' / '.join(pair)} modulus"], np.abs(responses[pair]), rtol=1e-6)
+    assert again.plot().path.name == "response.svg"
+
+
+def test_a_saved_figure_is_the_one_that_was_drawn(tmp_path):
+    saved = rm.load_result(rm.modes(VEHICLE).save(tmp_path))
+    assert saved.plot().svg == (tmp_path / "energy_shares.svg").read_text()
+    assert saved.plot("modes").path.name == "modes.svg"
+    assert saved.plot()._repr_svg_().lstrip().startswith("<?xml")
+    with pytest.raises(InputError, match="mode"):
+        saved.plot("mode")
+    (tmp_path / "modes.svg").unlink()
+    with pytest.raises(InputError, match="is not there any more"):
+        saved.plot("modes")
+
+
+def test_progress_goes_to_the_log(caplog):
+    caplog.set_level("INFO", logger="rigmatch")
+    rm.tolerance(EXAMPLES / "road_to_rig" / "case.toml", draws=20)
+    assert any(record.name == "rigmatch" and record.message.startswith("tolerance: ") for record in caplog.records)
 
 
 def test_what_is_no_saved_result_is_said(tmp_path):

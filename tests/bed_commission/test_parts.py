@@ -1,8 +1,9 @@
 """Parts of a commissioning: steps that are not repeated, held torques, what a diagnosis changes in a case."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
-from unittest.mock import create_autospec
+from unittest.mock import Mock, create_autospec
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from small_bed import write
 from matching.bed import commission as module
 from matching.bed.commission import Circle, CommissionOrder, Stages
 from matching.bed.identify import COVERAGE, LEAST_SHARE, bed_from_recordings, identified_case
+from matching.bed.lost_motion import LostMotion
 from matching.bed.proof import Proof, plan_proof
 from matching.bed.simulated_bed import (
     SETTLING_SECONDS,
+    Tripped,
     Waiting,
     bed_system,
     excited_recording,
@@ -95,6 +98,51 @@ def test_a_bed_that_falls_short_is_diagnosed_from_its_own_recording(case, tmp_pa
     (given, paths, _, limit), path = found.call_args.args, tmp_path / "out" / "2_record" / "recording.csv"
     assert (given, paths, limit) == (case, [path], 7.0)
     assert (tmp_path / "out" / "2_diagnose" / "a.txt").exists()
+
+
+def test_free_play_that_the_check_shows_is_matched_in_a_round_of_its_own(case, tmp_path):
+    """In rig and vehicle, whose shaft is the same; the round that only saw it does not count."""
+    (tmp_path / "bed").mkdir()
+    circle = Circle(tmp_path / "out", tmp_path / "bed", CommissionOrder(rounds=1))
+    path, seen = circle._with_play(case, LostMotion("shafts.side", 0.004, 0.6)), []
+    made = load_case(path)
+    for model in (made.rig, made.vehicle):
+        assert set(model.free_plays) == {"shafts.side"}
+        assert model.parameters[model.free_plays["shafts.side"]].value == 0.004
+    circle._found = lambda **of_step: seen.append(of_step)
+    circle._matched = Mock(side_effect=Waiting("the match"))
+    with pytest.raises(Waiting):
+        circle._round(path, 2)
+    assert seen[0]["identification"]["causes"][0]["kind"] == "backlash"
+    assert circle._matched.call_args.args == (path, 2)
+
+
+def test_a_commissioning_goes_on_at_the_step_that_tripped(case, tmp_path, monkeypatch):
+    """The run is repeated while nothing came after it; what was done before is not."""
+    wanted = SimpleNamespace(inputs=(), torques=np.zeros((3, 0)), step=1e-3, to_dict=dict)
+    trip = Tripped(1.5, "overspeed", "rotor_speed reads 130, 125 is the limit", "time [s]")
+    run = create_autospec(module.proof_recording, side_effect=trip)
+    monkeypatch.setattr(module, "plan_proof", lambda *_: wanted)
+    monkeypatch.setattr(module, "plan_speed", lambda *_: 10.0)
+    monkeypatch.setattr(module, "proof_recording", run)
+    monkeypatch.setattr(module, "exported_controller", lambda _: SimpleNamespace(law=None, running=lambda: None))
+    monkeypatch.setattr(module, "FmuController", lambda *_: nullcontext())
+    bed = tmp_path / "bed.fmu"
+    bed.write_text("bed")
+    circle = Circle(tmp_path / "out", bed, CommissionOrder())
+    monkeypatch.setattr(circle, "_fmu", lambda _: nullcontext())
+    circle._channels = {"right": True}
+    before = Mock(return_value=({}, {"done": True}))
+    for times in (1, 2):
+        circle._stages.run("1_channels", "as before", before)
+        found = circle._verified(case, 2)
+        assert found["status"] == "unlike_model"
+        assert "overspeed (rotor_speed reads 130, 125 is the limit)" in found["tripped"]
+        assert run.call_count == times
+    assert before.call_count == 1
+    (tmp_path / "out" / "3_excite").mkdir()
+    circle._verified(case, 2)
+    assert run.call_count == 2
 
 
 @pytest.mark.parametrize("frequency", [5.0, 30.0, 60.0])

@@ -23,13 +23,15 @@ on = "motor"
 measures = "speed"
 of = "motor"
 """
-DRIVE = "time [s],torque [N*m],speed [rad/s]\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(50))
+DRIVE = "time [s],torque [N*m],speed [rad/s]\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(80))
 CALLS = {
     "modes": (["model.toml"], "a model: 2 inertias, 1 shaft, 1 input, 1 sensor"),
     "show": (["model.toml"], "a model: 2 inertias"),
-    "show a recording": (["drive.csv"], "a recording: 3 channels of up to 50 samples"),
-    "simulate": (["model.toml", "drive.csv"], "a recording: 50 samples over 0.49 s, inputs torque, sensors speed"),
-    "diagnose": (["model.toml", "drive.csv", "--holdout", "drive.csv"], "a recording: 50 samples"),
+    "show a recording": (["drive.csv"], "a recording: 3 channels of up to 80 samples"),
+    "simulate": (["model.toml", "drive.csv"], "a recording: 80 samples over 0.79 s, inputs torque, sensors speed"),
+    "diagnose": (["model.toml", "drive.csv", "--holdout", "other.csv"], "a recording: 80 samples"),
+    "campbell": (["model.toml", "--speed", "600:6000 1/min", "--orders", "2,4"], "a model: 2 inertias"),
+    "response": (["model.toml", "--speed", "6:60", "--torques", "torque:2=9"], "a model: 2 inertias"),
     "match": ([str(REFERENCE / "case.toml")], "a case: 2 dynamometers, 2 target modes"),
     "tolerance": (
         [str(REFERENCE / "case.toml"), "--tolerance", "loop.dead_time=0.1"],
@@ -53,7 +55,8 @@ CALLS = {
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     (tmp_path / "model.toml").write_text(MODEL)
-    (tmp_path / "drive.csv").write_text(DRIVE)
+    for name in ("drive.csv", "other.csv"):
+        (tmp_path / name).write_text(DRIVE)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -67,7 +70,7 @@ def test_a_dry_run_says_what_the_files_hold_and_writes_nothing(command, folder, 
     words, said = CALLS[command]
     assert main([command.split()[0], *words, "--check"]) == 0
     assert said in capsys.readouterr().out
-    assert sorted(path.name for path in folder.iterdir()) == ["drive.csv", "model.toml"]
+    assert sorted(path.name for path in folder.iterdir()) == ["drive.csv", "model.toml", "other.csv"]
 
 
 def test_a_wrong_file_is_one_line_and_exit_2(folder, capsys):

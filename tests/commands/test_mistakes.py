@@ -34,11 +34,16 @@ def changed(folder, name, pattern, by):
         (r"^dead_time = \S+", "dead_time = 0,003", "write a decimal point: 0.003"),
         (r"^dead_time = \S+", 'dead_time = "0,003 s"', "write a decimal point: '0.003 s'"),
         (r"^vehicle = .*\nrig = .*$", 'vehicle = "rig.toml"\nrig = "vehicle.toml"', "are exchanged"),
+        (r"^band = .*", "band = [0.5, 6000]", "reaches half the sampling frequency"),
+        (r"^band = .*", "band = [0, 30]", "begins at 0 Hz, where a free drivetrain has no response"),
+        (r"^title = .*", 'title = "compact', 'line 4: a text begins with " and does not end'),
     ],
 )
-def test_of_a_case(folder, capsys, pattern, by, said):
+@pytest.mark.parametrize("more", [["--check"], ["--out", "out"]])
+def test_of_a_case(folder, capsys, pattern, by, said, more):
+    """--check finds them, too."""
     changed(folder, "case.toml", pattern, by)
-    assert main(["match", "case.toml", "--out", "out"]) == 2
+    assert main(["match", "case.toml", *more]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert said in error
@@ -91,6 +96,38 @@ torque = {on = "a"}
 ab = {between = ["a", "b"], stiffness = 100}
 bc = {between = ["b", "c"], stiffness = 100, ratio = 2}
 """
+
+
+def test_a_manoeuvre_beyond_the_limits_is_said_before_the_match(folder, capsys):
+    changed(folder, "case.toml", r"^amplitude = .*", "amplitude = 1e5")
+    assert main(["match", "case.toml", "--check"]) == 0
+    assert "note: as planned, to move as the vehicle does, the manoeuvre takes a" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [["match", "case.toml", "--outt", "x"], ["match", "case.toml", "--ouut=x"]])
+def test_a_misspelt_option_that_has_to_be_there(folder, capsys, words):
+    assert main(words) == 2
+    assert f"did you mean '--out' instead of '{words[2].partition('=')[0]}'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("more", [["--check"], ["--out", "out"]])
+def test_recordings_that_no_diagnosis_can_use(tmp_path, monkeypatch, capsys, more):
+    """Too short, or judged by what was fitted; said before anything is computed."""
+    monkeypatch.chdir(tmp_path)
+    example = EXAMPLES / "from_recordings"
+    lines = (example / "bed.csv").read_text().splitlines()
+    Path("short.csv").write_text("\n".join(lines[:41]))
+    for recordings, said in (
+        (["short.csv"], "short.csv: has 40 samples; at least 64 are needed"),
+        ([str(example / "bed.csv"), "--holdout", str(example / "bed.csv")], "is fitted as well"),
+    ):
+        assert main(["diagnose", str(example / "rig.toml"), *recordings, *more]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_a_folder_in_place_of_a_file(folder, capsys):
+    assert main(["match", ".", "--out", "out"]) == 2
+    assert "is a directory; name a file in it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("closing", ["[shafts.ac]\nstiffness = 50", "[gears.ac]"])

@@ -69,7 +69,7 @@ BAD = {
     "target tolerance 0": (("targets", 0, "frequency_tolerance"), 0, "greater than 0"),
     "target key unknown": (("targets", 0, "tolerance"), 0.1, "damping_tolerance"),
     "empty band": (("response", "band"), [30, 0.5], "is empty"),
-    "band from 0": (("response", "band"), [0, 30], "is empty"),
+    "band from 0": (("response", "band"), [0, 30], "begins at 0 Hz"),
     "band of one": (("response", "band"), [30], "is no pair"),
     "band NaN": (("response", "band"), [0.5, float("nan")], "response.band"),
     "band in metres": (("response", "band"), ["1 m", "2 m"], "response.band"),

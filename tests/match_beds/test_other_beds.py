@@ -26,6 +26,7 @@ BEDS, SECONDS, SETTLE_S, SPEED, SPEED_SHARE = 20, 60.0, 3.0, 40.0, 0.2
 ENCODER_GAIN = 1e-3
 SOLVED_WITH = re.compile(r"takes a torque at dynamometer .*solved with ([\d.]+) N·m")
 ERROR = re.compile(r"response error to (measured|unmeasured) torques is ([\d.]+), ([\d.]+) is allowed")
+TOLERANCE = re.compile(r"response\.(tolerance|unmeasured_tolerance) = ([\d.]+)")
 TOLERANCES = {"measured": "tolerance", "unmeasured": "unmeasured_tolerance"}
 
 
@@ -102,8 +103,10 @@ def of_rig(values):
 @pytest.mark.long
 def test_what_is_called_limited_stays_so_and_is_lifted_as_the_text_says(matched, request):
     """Each limit that a sentence names, raised by 1 %; then all of them, raised as the sentences say."""
-    if "differential_beyond" in request.node.name:
-        open_ = "a tolerance that is raised weighs less in the cost of the search, so the error grows beyond it again"
+    if "5-differential_beyond" in request.node.name:
+        open_ = (
+            "with a tolerance of 0.300 the search ends at an error of 0.459, with 0.303 it finds one that is allowed"
+        )
         request.applymarker(pytest.mark.xfail(reason=open_, strict=False))
     case, result = matched
     if result.status == "matched":
@@ -124,8 +127,11 @@ def test_what_is_called_limited_stays_so_and_is_lifted_as_the_text_says(matched,
         elif named := ERROR.search(sentence):
             key = TOLERANCES[named[1]]
             raised = replace(raised, **{key: 1.01 * getattr(case, key)})
-            # what is tolerated weighs less in the cost, so an error grows a little with its tolerance
-            lifted = replace(lifted, **{key: 1.05 * float(named[2])})
+            assert float(named[2]) > 1.01 * getattr(case, key), "an error that 1 % would lift shows nothing here"
+        elif "matched anew with" in sentence:
+            lifted = replace(lifted, **{key: float(value) for key, value in TOLERANCE.findall(sentence)})
+            if "limits.opened_shafts = false" in sentence:
+                lifted = with_limit(lifted, opened_shafts=False)
         elif "limits.opened_shafts = false" in sentence:
             lifted = with_limit(lifted, opened_shafts=False)
     if raised is not case:

@@ -131,7 +131,7 @@ def test_the_terminal_has_the_verdict_and_few_lines(hand_made):
     assert len(crowded.splitlines()) <= 20
     rows = {row[0]: row[1:] for row in key_figures(result)}
     target = hand_made.targets[0]
-    assert rows[f"target mode {target.vehicle_mode} (antisymmetric)"][0] == f"{hertz(target.vehicle)} Hz"
+    assert rows[f"target mode {target.vehicle_mode}, damped (antisymmetric)"][0] == f"{hertz(target.vehicle)} Hz"
     wrapped = _fitted(crowded, 60)
     assert max(map(len, wrapped.splitlines())) <= 60
 

@@ -45,7 +45,10 @@ class Reader:
 
 @dataclass
 class VirtualBed:
-    """A bed as it is: true values of the drive, hidden effects, actuators and sensors by name, jitters (s)."""
+    """A bed as it is: true values of the drive, hidden effects, actuators and sensors by name, jitters (s).
+
+    ``wired`` names the sensor that a channel is connected to, where that is not the one that it is called by.
+    """
 
     drive: Drive
     effects: list[Hidden] = field(default_factory=list)
@@ -54,6 +57,7 @@ class VirtualBed:
     command_jitter: float = 0.0
     sampling_jitter: float = 0.0
     seed: int = 1
+    wired: dict[str, str] = field(default_factory=dict)
 
     def chain(self) -> Chain:
         """The engine's chain."""
@@ -121,7 +125,9 @@ class VirtualBed:
                         'variability="continuous"><Real start="0"/></ScalarVariable>')  # fmt: skip
             number += 1
         first = number + 1
-        for name in drive.sensors:
+        channel = {sensor: name for name, sensor in self.wired.items()}
+        for sensor in drive.sensors:
+            name = channel.get(sensor, sensor)
             rows.append(f'<ScalarVariable name="{name}" valueReference="{number}" causality="output" '
                         'variability="continuous" initial="calculated"><Real/></ScalarVariable>')  # fmt: skip
             number += 1

@@ -9,6 +9,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is imported as `plant`
@@ -16,15 +17,19 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is importe
 import numpy as np
 from matplotlib.figure import Figure
 
+from matching.bed.channels import channel_recording, plan_channels
 from matching.bed.commission import Circle, CommissionOrder, plan_speed
+from matching.bed.excite import bed_inputs
 from matching.bed.proof import plan_proof
-from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording
+from matching.bed.simulated_bed import FmuBed, FmuController, bed_system, proof_recording
 from matching.bed.verify import judge, read_recordings
 from matching.export import exported_controller, tuned_case
 from matching.match.case import Case
 from matching.match.case_file import load_case
 from matching.report import common as style
 from modelling.controller.law import SPEED_HOLD, Answer
+from modelling.recordings.read import read_recording
+from modelling.simulation.simulate import simulate
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drawn, drive_of
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "observer.toml"
@@ -131,6 +136,36 @@ def picture(rows: list[dict[str, Any]]) -> Figure:
             axes.margins(y=0.15)
         right.set_ylim(LEAST, 6)
         right.set_yticks([0.01, 0.1, 1], ["0.01", "0.1", "1"])
+    return drawn_figure
+
+
+def channels_picture() -> Figure:
+    """The check of the channels on the bed with one flange reversed: torques, and three readings next to the model."""
+    case, bed = load_case(CASE), reference_bed(load_case(CASE))
+    bed.readers["flange_left_torque"].gain = -1.0
+    plan, made = plan_channels(case), exported_controller(case)
+    with TemporaryDirectory() as folder:
+        path, recorded = bed.write(Path(folder) / "bed.fmu", case.loop["sample_time"]), Path(folder) / "recording.csv"
+        with FmuBed(path, bed_inputs(case), [sensor.name for sensor in case.rig.sensors]) as running:
+            recorded.write_text(channel_recording(running, case, made.law, made.running(), plan)[0], encoding="utf-8")
+        recording = read_recording(recorded, bed_system(case))
+    shown = ("rotor_left_speed", "motor_speed", "flange_left_torque")
+    sent = {name: recording[name] for name in plan.inputs}
+    model = simulate(bed_system(case), recording.time, sent, sensors=shown)
+    with style.styled():
+        drawn_figure = style.figure(7.2, 6.0)
+        panels = drawn_figure.subplots(1 + len(shown), 1, sharex=True)
+        for j, name in enumerate(plan.inputs):
+            panels[0].plot(recording.time, sent[name], linewidth=1.0, label=style.spaced(name), color=f"C{j}")
+        panels[0].set_ylabel("torque in N·m")
+        panels[0].legend(loc="upper right", ncols=3)
+        for axes, name in zip(panels[1:], shown, strict=True):
+            axes.plot(recording.time, recording[name], color=style.RIG, linewidth=0.8, label="read")
+            axes.plot(recording.time, model[name], "--", color=style.MATCHED, linewidth=0.8, label="model")
+            unit = "rad/s" if name.endswith("speed") else "N·m"
+            axes.set_ylabel(f"{style.spaced(name)}\nin {unit}")
+        panels[1].legend(loc="upper right", ncols=2)
+        panels[-1].set_xlabel("time in s")
     return drawn_figure
 
 

@@ -221,3 +221,8 @@ function begin(box) {
 const begin_all = () => document.querySelectorAll(".acts").forEach(begin)
 for (const fold of document.querySelectorAll("details")) fold.addEventListener("toggle", begin_all)
 begin_all()
+for (const button of document.querySelectorAll("button.all")) button.addEventListener("click", () => {
+  const folds = [...document.querySelectorAll("details")], closed = folds.some(each => !each.open)
+  for (const each of folds) each.open = closed
+  button.textContent = closed ? "Close all" : "Open all, as for printing"
+})
