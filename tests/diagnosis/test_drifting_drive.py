@@ -1,4 +1,4 @@
-"""A drive that nothing holds drifts away by whatever torque its model lacks: far from the noise by hundreds of times."""
+"""A drive that nothing holds drifts away by whatever torque its model lacks, hundreds of times the noise."""
 
 import numpy as np
 import pytest
