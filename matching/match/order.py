@@ -40,6 +40,8 @@ class OrderSettings:
         Of the way to a bound, in looking for the end of the range in which no value is worse.
     again : int
         Times that a better value on the curve of a quantity is ordered in place of what the search found.
+    parts : int
+        Of a catalogue that are all tried: of more, those next to what is found.
     lost : float
         Share of the fresh beds that has to be gained, or lost, to count by itself: fewer are an accident of the draw.
     digits : int
@@ -52,7 +54,8 @@ class OrderSettings:
     steps: int = 24
     steps_of_curve: int = 6
     halvings: int = 3
-    again: int = 2
+    again: int = 1
+    parts: int = 8
     lost: float = 0.02
     digits: int = 2
 
@@ -301,6 +304,8 @@ def _trade(
     tried(planned[number], settled)
     ends = [_end_of_no_worse(tried, settled, here, bound) for bound in (0.0, variable.span)]
     as_planned, move = curve.get(planned[number]), variable.move
+    for value in move.catalogue if len(move.catalogue) <= ORDER.parts else ():
+        tried(variable.at(value), settled)
     if as_planned is not None and not is_better(settled, as_planned):
         ends = [min(ends[0], planned[number]), max(ends[1], planned[number])]
     torque = _rated_torque(search.case, move.name)
@@ -328,6 +333,7 @@ def _end_of_no_worse(
         return here
     at_bound = tried(bound, settled)
     if at_bound is not None and not is_better(settled, at_bound):
+        tried((here + bound) / 2, settled)  # two ends that are alike may have a better value between them
         return bound
     for _ in range(ORDER.halvings):
         middle = (good + bad) / 2
