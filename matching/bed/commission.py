@@ -348,7 +348,7 @@ class Circle:
             path = self._folder / VEHICLE / "case.toml"
         try:
             number = 0
-            while number < self._order.rounds + bool(self._play):  # a round that only saw play does not count
+            while number < self._most:
                 number += 1
                 self._rounds.append(Round(number))
                 matched = self._round(path, number)
@@ -364,6 +364,11 @@ class Circle:
         return Commissioning(
             tuple(self._rounds), end, waiting, vehicle, self._last(), self._channels, again, str(self._folder)
         )
+
+    @property
+    def _most(self) -> int:
+        """Rounds at most; one that only saw free play does not count."""
+        return self._order.rounds + bool(self._play)
 
     def _found(self, **of_step: Any) -> None:
         """Add what a step found to the present round; a step that waits for a recording keeps those before it."""
@@ -401,9 +406,7 @@ class Circle:
         judged = [entry.number for entry in self._rounds if _judged(entry)]
         for number in judged[:-1]:
             name, case = f"{number}_verify", self._tuned[judged[-1]]
-            self._tell(
-                f"round {number} of {self._order.rounds} at most: judge against the vehicle of round {judged[-1]}"
-            )
+            self._tell(f"round {number} of {self._most} at most: judge against the vehicle of round {judged[-1]}")
             path = kept_recording(self._folder / name)
 
             def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
@@ -455,7 +458,7 @@ class Circle:
         if path.is_dir():
             self._found(match={"status": "as given"})
             return path
-        self._tell(f"round {number} of {self._order.rounds} at most: match")
+        self._tell(f"round {number} of {self._most} at most: match")
         case = load_case(path)
 
         def work() -> tuple[Files, dict[str, Any]]:
@@ -469,7 +472,7 @@ class Circle:
         return self._folder / name
 
     def _exported(self, case: Case, number: int) -> None:
-        self._tell(f"round {number} of {self._order.rounds} at most: export")
+        self._tell(f"round {number} of {self._most} at most: export")
 
         def work() -> tuple[Files, dict[str, Any]]:
             return {"controller.fmu": controller_fmu(exported_controller(case)).content}, {}
@@ -487,7 +490,7 @@ class Circle:
     def _checked_with(self, case: Case, number: int, share: float) -> dict[str, Any]:
         """The channels by a share of the torques of their check."""
         of_torque = "" if share == 1 else f"{share:.0%} of the torques, after a trip"
-        self._tell(f"round {number} of {self._order.rounds} at most: check the channels {of_torque}".rstrip())
+        self._tell(f"round {number} of {self._most} at most: check the channels {of_torque}".rstrip())
         name, plan = f"{number}_channels" if share == 1 else f"{number}_channels_{share:g}", plan_channels(case, share)
         exported = self._folder / f"{number}_export" / "controller.fmu"
 
@@ -516,7 +519,7 @@ class Circle:
         return self._stages.run(name, self._of_run(plan.csv() + _of_case(case)), work, lambda _: self._as_handed(name))
 
     def _verified(self, case: Case, number: int) -> dict[str, Any]:
-        self._tell(f"round {number} of {self._order.rounds} at most: run and verify")
+        self._tell(f"round {number} of {self._most} at most: run and verify")
         name = f"{number}_verify"
         exported = self._folder / f"{number}_export" / "controller.fmu"
 
@@ -569,7 +572,7 @@ class Circle:
     def _identified(self, matched: Path, number: int) -> dict[str, Any]:
         """Excite, record, diagnose."""
         case = tuned_case(matched).tuned
-        self._tell(f"round {number} of {self._order.rounds} at most: excite")
+        self._tell(f"round {number} of {self._most} at most: excite")
 
         @cache
         def plan() -> ExcitationPlan:  # some seconds, and needed only by steps that are not done
@@ -580,7 +583,7 @@ class Circle:
             lambda: ({"excite.json": strict_json(plan().to_dict()), "excitation.csv": excitation_csv(plan())}, {}),
         )  # fmt: skip
         self._recorded(case, plan, number)
-        self._tell(f"round {number} of {self._order.rounds} at most: diagnose")
+        self._tell(f"round {number} of {self._most} at most: diagnose")
         path = kept_recording(self._folder / f"{number}_record")
 
         def work() -> tuple[Files, dict[str, Any]]:
@@ -594,7 +597,7 @@ class Circle:
         )
 
     def _recorded(self, case: Case, plan: Callable[[], ExcitationPlan], number: int) -> None:
-        self._tell(f"round {number} of {self._order.rounds} at most: record")
+        self._tell(f"round {number} of {self._most} at most: record")
         name = f"{number}_record"
         excitation = (self._folder / f"{number}_excite" / "excitation.csv").read_bytes().decode()
 
