@@ -394,14 +394,17 @@ class Search:
     # --- Exchange
 
     def _exchanged(self) -> Hypothesis | None:
-        """The best hypothesis with another cause in the place of one that is likelier: it has less of χ² and variables,
-        and where more than noise is left, it meets unseen data better as well."""
+        """The best hypothesis with another cause in the place of one that is likelier: it has less of χ² and variables.
+
+        Where more than noise is left, unseen data decide: it meets them better, with a χ² that is not higher by more
+        than makes no difference."""
         best = self.state.best
         for index in range(len(best.causes)):
             for other in self._rivals(index):
-                if other.model.not_taken(other.fit) or other.cost >= best.cost:
+                if other.model.not_taken(other.fit):
                     continue
-                if at_noise(other) or self.unseen.prefers(other, best):
+                as_low = other.cost < (best.cost if at_noise(other) else best.cost * (1 + self.settings.slight_rise))
+                if as_low and (at_noise(other) or self.unseen.prefers(other, best)):
                     return _in_place(with_balanced_sensors(other, self.settings.far_from_noise), index)
         return None
 

@@ -376,6 +376,15 @@ class Relaxation(Kind):
             fast = twist - motion.lagged(twist, time_constant)
             yield Guess(({at: fast},), if_positive("stiffness", time_constant=time_constant))
 
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
+    ) -> Iterator[SimplerEffect]:
+        """A spring, where nothing in the recording is slow enough for it to relax; a damper, where nothing is fast."""
+        stiffness, damping = f"{at}.stiffness", f"{at}.damping"
+        yield SimplerEffect("wrong_parameter", stiffness, {"value": value[stiffness] + parameters["stiffness"]})
+        added = parameters["stiffness"] * parameters["time_constant"]
+        yield SimplerEffect("wrong_parameter", damping, {"value": value[damping] + added})
+
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return (0.1 * guess, 10 * guess) if key == "time_constant" else super().fit_bounds(key, guess, step)
 

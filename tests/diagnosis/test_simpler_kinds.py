@@ -27,6 +27,10 @@ DRIVE = {
             "compliance", "shafts.link", {"stiffness": 600.0, "J": 0.02},
             [("shafts.link.stiffness", 200.0), ("inertias.load.J", 1.02)],
         ),
+        (
+            "relaxation", "shafts.link", {"stiffness": 100.0, "time_constant": 0.02},
+            [("shafts.link.stiffness", 400.0), ("shafts.link.damping", 2.6)],
+        ),
     ],
 )  # fmt: skip
 def test_springs_and_inertias_in_disguise(kind: str, at: str, parameters: dict, wanted: list) -> None:
