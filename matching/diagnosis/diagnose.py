@@ -96,14 +96,19 @@ def identify_causes(
 
     Weights by noise are right for a model that can be perfect. Where a model is far from that, most of its error is
     what some torque has done long before, and only weights by what the model leaves show which torque that is: they
-    come first then, else where the best answer is far from the noise. Of two answers that is finished which meets
-    unseen data better.
+    come first then, else where the best answer is far from the noise. Of two answers that by noise is finished if it
+    comes near the noise, else that which meets unseen data better.
     """
     settings = unseen.settings
     far = largest_error(base) > settings.far_from_noise
+
+    def near_noise(best: Hypothesis) -> bool:
+        """Whether weights by noise are the right ones."""
+        return scatters_only(best) or largest_error(best.fit) < settings.left_by_model
+
     found: _Found | None = None
     for by_noise in (not far, far):
-        if found and (scatters_only(found.best) or largest_error(found.best.fit) < settings.left_by_model):
+        if found and not far and near_noise(found.best):
             break
         if found and time_is_over(settings.search_share):
             break
@@ -114,7 +119,8 @@ def identify_causes(
             if not far:
                 judge = UnseenData(unseen.blocks, replace(settings, far_from_noise=settings.left_by_model))
         other = _searched(system, begin, judge, progress, suspected)
-        found = other if found is None or unseen.prefers(other.best, found.best) else found
+        right = by_noise and near_noise(other.best)
+        found = other if found is None or right or unseen.prefers(other.best, found.best) else found
     assert found is not None
     return _finished(found, progress)
 
