@@ -23,7 +23,7 @@ from matching.diagnosis.statistics import covariance, discretisation_shift, infl
 from modelling.resources import time_is_over
 
 SHORTEST_WINDOW = 0.5  # s
-MOST_WINDOWS = 24
+MOST_WINDOWS = 80  # of longer ones χ² has other minima, however much data there are
 POOR_RATIO = 3.0  # of the median of the windows' mean squares, from which one began on the wrong flank
 MOST_FLANKS, FLANK_ITERATIONS = 3, 12  # windows begun on every flank in a round, and the iterations of each fit
 ITERATIONS, AGAIN_ITERATIONS = 30, 15
