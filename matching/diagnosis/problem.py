@@ -135,6 +135,9 @@ ENOUGH_STEPS = 25.0  # change of χ² by steps half as long: five standard devia
 MOST_STEPS = 16.0  # a sample, in which steps are halved for that
 
 
+RUNS_AWAY = 1e90  # SI: of an error so large no square overflows
+
+
 @dataclass
 class FitProblem:
     """One system, the data, and which of its parameters are free within which bounds.
@@ -243,6 +246,7 @@ class FitProblem:
         simulated = simulate_readings(self.model, self.data.segments, p, starts, self.steps_per_second)
         for segment, y in zip(self.data.segments, simulated, strict=True):
             r = np.subtract(segment.readings, y, out=y)  # in place: recordings may be long
+            np.clip(r, -RUNS_AWAY, RUNS_AWAY, out=r)
             r /= self.data.noise
             if not segment.measured.all():
                 r[:, ~segment.measured] = 0.0
