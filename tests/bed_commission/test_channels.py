@@ -139,8 +139,11 @@ def test_the_check_shows_free_play(case, controller, plan, tmp_path, gap):
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["reference", *KINDS])
 def test_on_drawn_beds_every_wrong_channel_is_named_and_no_right_one(kind, tmp_path):
-    """Rigs of six kinds, all numbers drawn; beds off by up to 10 %, with play and friction; every second is wrong."""
-    missed, false, fast = [], [], []
+    """Rigs of six kinds, all numbers drawn; beds off by up to 10 %, with play and friction; every second is wrong.
+
+    Where friction holds a part of the bed, its channel cannot be judged: then nothing is fed back. One of five at most.
+    """
+    missed, held, false, fast = [], [], [], []
     for n in range(10):
         rng = np.random.default_rng([71177, n, len(kind)])
         path = CASE if kind == "reference" else write_rig(kind, rng, tmp_path / str(n))
@@ -150,11 +153,13 @@ def test_on_drawn_beds_every_wrong_channel_is_named_and_no_right_one(kind, tmp_p
         found, largest = checked(case, exported_controller(case), plan_channels(case), bed.bed, tmp_path)
         named = {one.channel for one in found.wrong}
         if not named >= bed.expected and tuple(sorted(bed.expected)) not in map(tuple, map(sorted, found.alike)):
-            missed.append((n, wrong, bed.expected, found.sentence()))
+            unjudged = bed.expected <= {*found.unjudged} and not found.right
+            (held if unjudged else missed).append((n, wrong, bed.expected, found.sentence()))
         if named - bed.expected or not (wrong or found.right):
             false.append((n, wrong, bed.expected, found.sentence()))
         if largest > CHECK_SPEED_SHARE * case.limits["dynamometer_speed"]:
             fast.append((n, wrong, largest))
     assert not missed
+    assert len(held) <= 1
     assert not false
     assert not fast
