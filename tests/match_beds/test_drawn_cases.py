@@ -50,6 +50,8 @@ def broken(result):
         found.append("feed-forward")
     if robust.beds.worst is not None and robust.beds.worst.damping_ratio <= 0:
         found.append("worst bed")
+    if result.lash is not None and result.lash.limit_cycles and required.opened_shafts:
+        found.append("free play")
     return found
 
 
