@@ -13,7 +13,7 @@ from matching.match.match import match
 from matching.match.variables import SearchSettings
 
 pytestmark = pytest.mark.long
-EFFORT = SearchSettings(drawn=2, rounds=1, steps=1, emulated=0)
+EFFORT = SearchSettings(drawn=2, rounds=2, steps=12, emulated=0)
 
 
 def load(folder, vehicle=VEHICLE, rig=RIG, case=CASE):
