@@ -50,7 +50,9 @@ def broken(result):
         found.append("feed-forward")
     if robust.beds.worst is not None and robust.beds.worst.damping_ratio <= 0:
         found.append("worst bed")
-    if result.lash is not None and result.lash.limit_cycles and required.opened_shafts:
+    swings = result.lash is not None and result.lash.limit_cycles
+    ways = (robust.beds.opened, *robust.beds.opened_alone.values())
+    if required.opened_shafts and (swings or any(ratio <= 0 for way in ways for ratio in way.values())):
         found.append("free play")
     return found
 
