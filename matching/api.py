@@ -423,11 +423,11 @@ def order_response(
     model : System or path
         A model file.
     speed : str or ndarray
-        As of campbell.
+        As in campbell.
     torques : mapping of str to float or str
         Amplitude (N·m) by input and order, e.g. --torques "engine_torque:2=100".
     of : str, optional
-        As of campbell.
+        As in campbell.
     phases : mapping of str to float or str
         Phase (rad, or "30 deg") by input and order; 0 unless stated.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from matching.report import RESULTS
 from modelling import display
-from modelling.display import Displayed, series_frame
+from modelling.display import Displayed, series_frame, with_unit
 from modelling.errors import InputError, unknown
 
 if TYPE_CHECKING:
@@ -96,7 +95,7 @@ class SavedCurves(Displayed):
     def to_dict(self) -> dict[str, Any]:
         """The axis and every curve as lists, by name."""
         curves = {name: values.tolist() for name, values in self.curves.items()}
-        return {_parted(self.over)[0]: self.axis.tolist(), **curves}
+        return {self.over.partition(" [")[0]: self.axis.tolist(), **curves}
 
     def to_dataframe(self, table: str | None = None) -> Any:  # there is one table
         """Every curve over the axis (pandas DataFrame), a column ``name [unit]`` each."""
@@ -147,13 +146,15 @@ def figure_beside(path: Path, files: Sequence[str], name: str) -> SavedFigure:
     return SavedFigure(drawn[chosen])
 
 
-CURVES = {"simulated.csv": "simulate", "response.csv": "response"}  # what results without a result file are saved as
+CURVES = ("simulated.csv", "response.csv")  # what results without a result file are saved as
 
 
 def load_result(path: Path) -> SavedResult | SavedCurves:
     """See :func:`matching.api.load_result`."""
     known = (*RESULTS, *CURVES)
     found = [path] if path.is_file() else [path / name for name in known if (path / name).is_file()]
+    if len(found) > 1:  # curves beside a result file are of that result
+        found = [each for each in found if each.name not in CURVES] or found
     if len(found) > 1:
         raise InputError(str(path), f"holds {len(found)} results", f"name one of {', '.join(map(str, found))}")
     if not found or found[0].name not in known:
@@ -170,25 +171,13 @@ def load_result(path: Path) -> SavedResult | SavedCurves:
 
 
 def _curves(path: Path) -> SavedCurves:
-    import numpy as np
+    from modelling.recordings.readers import read_table
 
-    with path.open(encoding="utf-8", newline="") as file:
-        heads = next(csv.reader(file), [])
-        try:
-            values = np.loadtxt(file, delimiter=",", ndmin=2)
-        except ValueError as fault:
-            raise InputError(str(path), f"is no table of numbers: {fault}", "save the result again") from None
-    if values.shape[1] != len(heads) or len(heads) < 2:
+    axis, *curves = read_table(path).columns
+    if not curves:
         raise InputError(str(path), "has no curves", "save the result again")
-    named = [_parted(head) for head in heads[1:]]
-    curves = {name: column for (name, _), column in zip(named, values.T[1:], strict=True)}
-    return SavedCurves(path, heads[0], values[:, 0], curves, dict(named))
-
-
-def _parted(head: str) -> tuple[str, str]:
-    """Name and unit of a column."""
-    name, _, unit = head.partition(" [")
-    return name, unit.removesuffix("]")
+    values, units = ({own.name: getattr(own, what) for own in curves} for what in ("values", "unit"))
+    return SavedCurves(path, with_unit(axis.name, axis.unit), axis.values, values, units)
 
 
 @display.html.register

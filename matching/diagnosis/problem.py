@@ -260,7 +260,7 @@ class FitProblem:
         return weighted @ signature / max(float(signature @ signature), 1e-300), signature
 
     def beyond_noise(self, chi_square: float) -> float:
-        """The misfit beyond noise in a χ²; all of it where what the model leaves is the weight."""
+        """How much of a χ² is more than noise: all of it where sensors are weighted by what the model leaves."""
         return chi_square - (self.data.readings_count if self.weighting is None else 0)
 
     def by_sensor(self, residual: np.ndarray) -> list[np.ndarray]:

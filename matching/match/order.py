@@ -41,7 +41,7 @@ class OrderSettings:
     again : int
         Times that a better value on the curve of a quantity is ordered in place of what the search found.
     parts : int
-        Of a catalogue that are all tried: of more, those next to what is found.
+        Number of parts of a catalogue up to which every one is tried; of a longer one those next to the value found.
     lost : float
         Share of the fresh beds that has to be gained, or lost, to count by itself: fewer are an accident of the draw.
     digits : int
@@ -236,8 +236,8 @@ def _bought(
 ) -> Delivered:  # fmt: skip
     """The setting with every quantity that moved, by number, at a value that can be bought.
 
-    Of a catalogue the parts next to what was found are tried, one quantity after another, with everything else tuned
-    for each; elsewhere a value is rounded, and kept as it is where a requirement would be missed.
+    Where there is a catalogue, the parts next to the value found are tried, one quantity after another, with everything
+    else tuned for each; without one the value is rounded, and kept as it is where a requirement would be missed.
     """
     listed = [i for i in moved if search.variables[i].move.catalogue]
     rounded = {i: _rounded(search.variables[i], float(settled.end.x[i])) for i in moved if i not in listed}

@@ -125,20 +125,21 @@ def _beyond(case: Case, controller: SampledController) -> tuple[Bed, np.ndarray,
     k, n = len(cuts), sum(len(space.A) for space in spaces)
     begins = np.cumsum([0, *(len(space.A) for space in spaces)])
 
-    def row(name: str) -> np.ndarray:
-        """What a sensor reads (n,); nothing where it stands on the specimen."""
+    def placed(name: str, names: str, vector: str) -> np.ndarray:
+        """A vector of a part (x,) at the part's place among all states (n,); zeros where no part has that name."""
         made = np.zeros(n)
         for begin, space in zip(begins, spaces, strict=False):
-            if name in space.outputs:
-                made[begin : begin + len(space.A)] = space.output(name)
+            if name in getattr(space, names):
+                made[begin : begin + len(space.A)] = getattr(space, vector)(name)
         return made
 
+    def row(name: str) -> np.ndarray:
+        """What a sensor reads (n,); nothing where it stands on the specimen."""
+        return placed(name, "outputs", "output")
+
     def column(name: str) -> np.ndarray:
-        made = np.zeros(n)
-        for begin, space in zip(begins, spaces, strict=False):
-            if name in space.inputs:
-                made[begin : begin + len(space.A)] = space.input(name)
-        return made
+        """What an input does (n,)."""
+        return placed(name, "inputs", "input")
 
     lag, sensor_lag = (loop.lags(name) for name in ("inverter_lag", "torque_sensor_lag"))
     A = block_diag(*(space.A for space in spaces), -np.diag(1 / lag), -np.diag(1 / sensor_lag))

@@ -150,6 +150,8 @@ def test_speeds_with_units_and_the_commands(tmp_path, capsys):
     names = {"campbell.json", "campbell.svg", "report.html", "response.json", "response.csv", "response.svg"}
     assert names == {path.name for path in out.iterdir()}
     assert rm.load_result(out / "campbell.json").crossings[0].order == 4.0
+    (out / "campbell.json").unlink()
+    assert rm.load_result(out).critical[0].order == 2.0  # its curves lie beside it
 
 
 @pytest.mark.parametrize(
