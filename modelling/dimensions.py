@@ -64,16 +64,16 @@ def _with_shaft(data: dict[str, Any], name: str, table: Mapping[str, Any], place
         if key not in table and start is None:
             raise InputError(place, f"{key!r} is missing", f"give a number in {unit}, or stiffness")
         sizes[key] = quantity(table.get(key, start), unit, f"{place}.{key}")
-        least = sizes[key].value if sizes[key].lower is None else sizes[key].lower
+        least = sizes[key].ends[0]
         if least < 0 or (least == 0 and key not in ("inner_diameter", "density")):
             raise InputError(f"{place}.{key}", f"{least:g} is not possible", "greater than 0 is needed")
     inner, outer = sizes["inner_diameter"], sizes["diameter"]
-    if _ends(inner)[1] >= _ends(outer)[0]:
+    if inner.ends[1] >= outer.ends[0]:
         raise InputError(f"{place}.inner_diameter", "is not smaller than the diameter", "exchange them")
     rest = {key: value for key, value in table.items() if key not in OF_A_SHAFT}
     stiffness = _over_range(_stiffness, sizes, rising=("diameter", "shear_modulus"))
     inertia = _over_range(_inertia, sizes, rising=("diameter", "density", "length"))
-    made = {**data, "shafts": {**data["shafts"], name: {**rest, "stiffness": _written(stiffness)}}}
+    made = {**data, "shafts": {**data["shafts"], name: {**rest, "stiffness": stiffness.written()}}}
     ends, inertias = table.get("between"), data.get("inertias")
     if isinstance(ends, list) and isinstance(inertias, dict) and inertia.value > 0:
         for end in ends:  # half of it at each end
@@ -81,7 +81,7 @@ def _with_shaft(data: dict[str, Any], name: str, table: Mapping[str, Any], place
             if isinstance(own, dict) and "J" in own:
                 where = f"{place.partition(': ')[0]}: inertias.{end}.J"
                 with_half = _sum(quantity(made["inertias"][end]["J"], QUANTITY_UNITS["J"], where), inertia)
-                made["inertias"] = {**made["inertias"], end: {**made["inertias"][end], "J": _written(with_half)}}
+                made["inertias"] = {**made["inertias"], end: {**made["inertias"][end], "J": with_half.written()}}
     return made
 
 
@@ -101,7 +101,7 @@ def _over_range(law: Any, sizes: Mapping[str, Quantity], rising: tuple[str, ...]
     if not any(size.uncertain for size in sizes.values()):
         return Quantity(value)
     low, high = (
-        law(**{key: _ends(size)[end if key in rising else 1 - end] for key, size in sizes.items()}) for end in (0, 1)
+        law(**{key: size.ends[end if key in rising else 1 - end] for key, size in sizes.items()}) for end in (0, 1)
     )
     return Quantity(value, low, high)
 
@@ -110,20 +110,8 @@ def _sum(own: Quantity, of_shaft: Quantity) -> Quantity:
     value = own.value + of_shaft.value / 2
     if not (own.uncertain or of_shaft.uncertain):
         return Quantity(value)
-    low, high = (_ends(own)[end] + _ends(of_shaft)[end] / 2 for end in (0, 1))
+    low, high = (own.ends[end] + of_shaft.ends[end] / 2 for end in (0, 1))
     return Quantity(value, low, high)
-
-
-def _ends(size: Quantity) -> tuple[float, float]:
-    if size.lower is None or size.upper is None:
-        return size.value, size.value
-    return size.lower, size.upper
-
-
-def _written(size: Quantity) -> float | dict[str, float]:
-    if size.lower is None or size.upper is None:
-        return size.value
-    return {"value": size.value, "lower": size.lower, "upper": size.upper}
 
 
 def _with_efficiency(data: dict[str, Any], name: str, table: Mapping[str, Any], place: str) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -214,9 +213,9 @@ def _joined(effect: Effect) -> dict[str, Any]:
     for key, value in effect.parameters:
         array, _, number = key.rpartition("_")
         if array in effect.law.arrays and number.isdecimal():
-            out.setdefault(array, []).append(_written(value))
+            out.setdefault(array, []).append(value.written())
         else:
-            out[key] = _written(value)
+            out[key] = value.written()
     return out
 
 
@@ -334,14 +333,7 @@ def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
     order = ("between", "cage", "left", "right", "on", "measures", "reference", "of", "uncertainty", *QUANTITY_UNITS)
     fields = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
     return {
-        key: _written(value) if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value
+        key: value.written() if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value
         for key, value in fields.items()
         if not (key in ("drag", "damping") and value == Quantity(0.0))
     }
-
-
-def _written(value: Quantity) -> float | dict[str, float]:
-    if value.lower is None or value.upper is None:
-        return value.value
-    assert math.isfinite(value.lower)
-    return {"value": value.value, "lower": value.lower, "upper": value.upper}

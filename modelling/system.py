@@ -57,6 +57,17 @@ class Quantity:
         """Whether it may be identified."""
         return self.lower is not None
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Of its range; twice the value where it has none."""
+        return (self.value, self.value) if self.lower is None or self.upper is None else (self.lower, self.upper)
+
+    def written(self) -> float | dict[str, float]:
+        """As a model file has it."""
+        if self.lower is None or self.upper is None:
+            return self.value
+        return {"value": self.value, "lower": self.lower, "upper": self.upper}
+
     def designed(self, value: float) -> Quantity:
         """The same quantity designed with another value: its bounds stay as far from it as before, relatively."""
         if self.lower is None or self.upper is None or self.value == 0:

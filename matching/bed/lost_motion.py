@@ -1,8 +1,8 @@
 """Free play as the check of the channels shows it: small torques from rest run through it again and again.
 
 The recording under torques from rest is compared with the model, with free play in one shaft after another and with dry
-friction. What is found enters the case at once: matched closed, and kept closed by a mean torque, the bed is linear,
-and nothing need be searched for among all effects.
+friction. What is found enters the case at once. The bed is matched with its play closed, and a mean torque keeps it
+so: the bed is linear then, and nothing need be searched for among all effects.
 """
 
 from __future__ import annotations
