@@ -120,8 +120,8 @@ def _with_dependents(system: System, place: str) -> list[str]:
             for part in parts:
                 if name in part.between:
                     gone += _with_dependents(system, f"{own}.{part.name}")
-        gone += [f"differentials.{part.name}" for part in system.differentials
-                 if name in (part.cage, part.left, part.right)]  # fmt: skip
+        gone += [f"differentials.{part.name}" for part in system.differentials if name in part.ends]
+        gone += [f"planetary_gears.{part.name}" for part in system.planetary_gears if name in part.ends]
         gone += [f"inputs.{part.name}" for part in system.inputs if part.on == name]
     if table in ("inertias", "shafts"):
         of_shaft = table == "shafts"
@@ -246,8 +246,11 @@ def _in_model(content: Mapping[str, Any], table: str, old: str, new: str) -> dic
 
     if table == "inertias":
         same(("reference",), content.get("reference"))
-        ends = {"shafts": ("between",), "gears": ("between",), "differentials": ("cage", "left", "right")}
-        for own, keys in (ends | {"inputs": ("on",)}).items():
+        ends = {
+            "shafts": ("between",), "gears": ("between",), "differentials": ("cage", "left", "right"),
+            "planetary_gears": ("sun", "carrier", "ring"), "inputs": ("on",),
+        }  # fmt: skip
+        for own, keys in ends.items():
             for name, part in content.get(own, {}).items():
                 for key in keys:
                     same((own, name, key), part.get(key))
