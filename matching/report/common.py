@@ -186,7 +186,12 @@ def component(name: str) -> str:
 def sentence(parts: Sequence[str]) -> str:
     """Parts joined as in a sentence: a, b and c."""
     parts = list(parts)
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
+    return parts[0] if len(parts) == 1 else f"{enumerated(parts[:-1])} and {parts[-1]}" if parts else ""
+
+
+def enumerated(parts: Sequence[str]) -> str:
+    """Parts one after another: a, b, c; with semicolons where one has a comma of its own."""
+    return ("; " if any("," in part for part in parts) else ", ").join(parts)
 
 
 # --- One look for every figure: fixed colours that colour-blind readers tell apart, figures without pyplot state.
