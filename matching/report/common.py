@@ -29,6 +29,7 @@ from sympy.printing.mathml import MathMLPresentationPrinter
 
 from modelling.equations.lagrange import Sign, derive, known_zeros, signs
 from modelling.system import System
+from modelling.units import printed
 
 # --- Tables that a page lets its reader save (CSV).
 
@@ -138,8 +139,8 @@ def percent(share: float | None, digits: int = 2) -> str:
 
 
 def unit(si: str) -> str:
-    """A unit of the files as it is printed."""
-    return _UNIT_SIGNS.get(si, si.replace("*", "·").replace("^2", "²").replace("^3", "³"))
+    """A unit of the files as it is printed; nothing for a pure number."""
+    return _UNIT_SIGNS.get(si, printed(si).replace("^2", "²").replace("^3", "³"))
 
 
 def amount(value: float | None, si: str, digits: int = 4) -> str:

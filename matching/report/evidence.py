@@ -19,7 +19,6 @@ from matching.uncertainty.budget import InputQuantity
 from matching.uncertainty.propagate import written
 from matching.uncertainty.result import MeasurandResult, Row, Uncertainty
 from modelling.fidelity.measures import delay_fidelity
-from modelling.units import printed
 from modelling.writing import file_stem
 
 # --- Figures of a fidelity case: fidelity over delay (Fig. 6), what is lost to which cause, and at which frequencies.
@@ -316,13 +315,12 @@ def _branches(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
 
 
 def _unit(result: MeasurandResult) -> str:
-    text = result.measurand.unit.text
-    return "" if text == "1" else f" {printed(text)}"
+    return f" {printed_unit(result.measurand.unit.text)}".rstrip()
 
 
 def _axis_unit(result: MeasurandResult) -> str:
-    text = result.measurand.unit.text
-    return "" if text == "1" else f" in {printed(text)}"
+    text = printed_unit(result.measurand.unit.text)
+    return f" in {text}" if text else ""
 
 
 # --- The report of an uncertainty budget: the result as it is reported, what to improve first.
