@@ -476,8 +476,8 @@ def standstill(
     back = round((PULSE_S[1] - PULSE_S[0]) / law.sample_time)
     both = {name: torque - np.roll(torque, back) for name, torque in pulse.items()}
     runs = [BedRun(Imperfection("", encoders=encoders), both, known) for encoders in (True, False)]
-    case, cuts = with_cut_torques(case)
-    torques_read = [one.torque_sensor or cut for one, cut in zip(case.loop.dynamometers, cuts, strict=True)]
+    case, _ = with_cut_torques(case)
+    torques_read = [one.torque_sensor or shaft_torque(one.follows) for one in case.loop.dynamometers]
     counting, exact = bed_motions(case, law, runs, torques_read)
     if counting is None or exact is None:
         return None
@@ -615,8 +615,11 @@ def errors_in_time(
 def with_cut_torques(case: Case) -> tuple[Case, list[str]]:
     """The case with a sensor of the torque at each cut in vehicle and rig, and their names: models may have none."""
     added = [Sensor(shaft_torque(cut.shaft), "torque", cut.shaft) for cut in case.residual_vehicle.interfaces]
+    names = [sensor.name for sensor in added]
+    if {sensor.name for sensor in case.rig.sensors}.issuperset(names):
+        return case, names
     vehicle, rig = (replace(system, sensors=(*system.sensors, *added)) for system in (case.vehicle, case.rig))
-    return replace(case, vehicle=vehicle, rig=rig), [sensor.name for sensor in added]
+    return replace(case, vehicle=vehicle, rig=rig), names
 
 
 def _simulated(
