@@ -177,7 +177,7 @@ def match(
     # where adapters are ordered as well, a whole match more takes too long for a sentence
     of_rig = any(move.name.startswith(RIG) for move in problem.moves)
     if ordering and settings.remedies and not short and not of_rig and any(too_large(case, error)):
-        given = replace(settings, remedies=False)
+        given = replace(settings, remedies=False, decides=True)
         limited = replace(case, limits={**case.limits, **relaxed.limits})
         said = _with_larger_tolerances(limited, result, lambda one: match(one, seed, beds=beds, settings=given))
         tell("larger tolerances")
