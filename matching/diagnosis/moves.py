@@ -21,9 +21,11 @@ from matching.diagnosis.hypotheses import (
     Hypothesis,
     at_noise,
     final_fit,
+    is_simpler,
     largest_error,
     scatters_only,
     share_explained,
+    simpler_kinds,
     with_balanced_sensors,
     with_sharpest_friction,
 )
@@ -115,6 +117,7 @@ class Search:
         self.settings = settings = unseen.settings
         self.left, self.windowed = settings.refits, settings.windowed
         self.in_place: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # by the causes beside it
+        self.simpler: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # the same: simpler kinds of what was named there
         self.done: dict[tuple, tuple[Hypothesis, Any]] = {}  # with the hypothesis: no other takes its identity
         screening = Screening(base_fit)
         recorded = recorded_range(system, base_fit.problem.data, screening.motion)
@@ -158,7 +161,8 @@ class Search:
             accepted = self.first_accepted(fitted) or self.first_accepted(self.pairs())
             if accepted is None:
                 return
-            state.best = self._shared(with_balanced_sensors(accepted, self.settings.far_from_noise))
+            accepted = with_balanced_sensors(accepted, self.settings.far_from_noise)
+            state.best = self._shared(self.simplified(accepted))
 
     def _settle(self, finished: Callable[[Hypothesis], Hypothesis]) -> None:
         """Share, simplify, drop and exchange until nothing changes."""
@@ -166,7 +170,7 @@ class Search:
         for _ in range(self.settings.moves):
             changed = self._shared(state.best)
             if changed is state.best:
-                changed = self._once(simplified, state.best)
+                changed = self.simplified(state.best)
             if changed is state.best:
                 changed = self._dropped() or self._exchanged() or state.best
             if changed is state.best:
@@ -323,7 +327,7 @@ class Search:
             if not self._worthwhile(hypothesis):
                 return None
             if len(hypothesis.causes) > 1 and hypothesis.model.not_taken(hypothesis.fit) == "not_physical":
-                hypothesis = simplified(hypothesis)  # the further cause has left an earlier one too little to be itself
+                hypothesis = self.simplified(hypothesis)  # the further cause has left an earlier one too little
             if hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit):
                 continue
             if self.unseen.accepts(hypothesis, self.state.best):
@@ -360,6 +364,42 @@ class Search:
                 continue
             out.append(Hypothesis(model, fit, pair.reduction))
         return self._sharpened(out)
+
+    # --- Simplify
+
+    def simplified(self, hypothesis: Hypothesis) -> Hypothesis:
+        """A hypothesis with simpler kinds in the place of causes that have one which explains as much: both are fitted,
+        and the simpler one is a rival from then on where it is not taken."""
+        for index, cause in enumerate(hypothesis.causes):
+            values = {key: hypothesis.fit.values[name] for key, name in cause.names().items()}
+            impossible = not EFFECTS[cause.kind].possible(values)
+            for simpler in self._once(self._simpler, hypothesis, index):
+                if impossible or self._explains_as_much(simpler, hypothesis):
+                    return self.simplified(simpler)
+        return hypothesis
+
+    def _simpler(self, hypothesis: Hypothesis, index: int) -> list[Hypothesis]:
+        """A hypothesis with simpler kinds in the place of one of its causes, fitted; as rivals of that as well."""
+        beside = tuple(cause for i, cause in enumerate(hypothesis.causes) if i != index)
+        out = []
+        for model in compilable(list(simpler_models(hypothesis, index))):
+            try:
+                fit = fit_extended(model, hypothesis.fit)
+            except FitError as reason:
+                self.state.failed.setdefault((model.causes[-1].kind, model.causes[-1].at), str(reason))
+                continue
+            out.append(with_sharpest_friction(Hypothesis(model, fit, hypothesis.screened)))
+        self.simpler.setdefault(beside, []).extend(out)
+        return out
+
+    def _explains_as_much(self, simpler: Hypothesis, hypothesis: Hypothesis) -> bool:
+        """Whether a kind yields to a simpler one: that is as likely for fewer variables, or, where more than noise is
+        left, unseen data are not met better without it beyond chance."""
+        saved = len(hypothesis.fit.v) - len(simpler.fit.v)
+        price = float(np.log(hypothesis.fit.problem.data.readings_count)) * hypothesis.chi_square_per_reading
+        if simpler.chi_square < hypothesis.chi_square + saved * price:
+            return True
+        return not at_noise(hypothesis) and not self.unseen.accepts(hypothesis, simpler)
 
     # --- Drop
 
@@ -404,7 +444,8 @@ class Search:
                 if other.model.not_taken(other.fit):
                     continue
                 as_low = other.cost < (best.cost if at_noise(other) else best.cost * (1 + self.settings.slight_rise))
-                if as_low and (at_noise(other) or self.unseen.prefers(other, best)):
+                better = self.unseen.accepts if is_simpler(best.causes[index], other) else self.unseen.prefers
+                if as_low and (at_noise(other) or better(other, best)):
                     return _in_place(with_balanced_sensors(other, self.settings.far_from_noise), index)
         return None
 
@@ -418,9 +459,9 @@ class Search:
             candidates = [] if rest is None else self.screened(rest)[1][: self.settings.exchanged]
             self.in_place[beside] = [] if rest is None else self.refitted(rest, candidates)
         by_noise = best.fit.problem.weighting is None
-        others = [
-            self._once(weighted, other, by_noise) for other in self.in_place[beside] if other.places != best.places
-        ]
+        known = distinct([*self.simpler.get(beside, []), *self.in_place[beside]])
+        others = [self._once(weighted, other, by_noise) for other in known if other.places != best.places]
+        others.sort(key=lambda other: other.cost)
         if at_noise(best):
             near = [o for o in others if o.cost < best.cost + self.settings.out_of_question]
             fine = [self._once(final_fit, other) for other in near[: self.settings.fine_rivals]]
@@ -489,36 +530,17 @@ def _in_place(hypothesis: Hypothesis, index: int) -> Hypothesis:
     return replace(hypothesis, model=replace(hypothesis.model, causes=causes))
 
 
-def simplified(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis with simpler kinds that behave alike at its values in the place of causes, where these are as likely
-    for fewer parameters, or the values are impossible: a further cause has taken what the simpler one left when it was
-    searched for."""
-    for cause in hypothesis.causes:
-        index = hypothesis.causes.index(cause)
-        price = float(np.log(hypothesis.fit.problem.data.readings_count)) * hypothesis.chi_square_per_reading
-        for model in _simpler_models(hypothesis, index):
-            try:
-                simpler = Hypothesis(model, fit_extended(model, hypothesis.fit), hypothesis.screened)
-            except FitError:
-                continue
-            saved = len(hypothesis.fit.v) - len(simpler.fit.v)
-            meant = EFFECTS[cause.kind].possible({k: hypothesis.fit.values[name] for k, name in cause.names().items()})
-            if saved > 0 and (not meant or simpler.chi_square < hypothesis.chi_square + saved * price):
-                return simplified(with_sharpest_friction(simpler))
-    return hypothesis
-
-
-def _simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel]:
-    """Models with simpler kinds in the place of a cause."""
+def simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel]:
+    """Models with simpler kinds, which behave alike at its values, in the place of a cause."""
     cause, fit, system = hypothesis.causes[index], hypothesis.fit, hypothesis.model.base
-    p, _ = fit.problem.unpack(fit.v)
-    value = dict(zip(fit.problem.model.parameters, (float(x) for x in p), strict=True))
-    parameters = {key: fit.values[name] for key, name in cause.names().items()}
     rest = hypothesis.model.without_cause(index, fit)
     present = {(other.kind, other.at) for other in rest.causes}
-    for simpler in EFFECTS[cause.kind].simpler(cause.at, parameters, value, system):
+    for simpler in simpler_kinds(hypothesis, index):
         kind, at = simpler.kind, simpler.at
-        if (kind, at) not in present and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain):
+        fewer = len(simpler.parameters) < len(cause.keys)
+        if fewer and (kind, at) not in present and not (
+            EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain
+        ):
             yield rest.with_cause(kind, at, simpler.parameters, fit.problem.data.sampling_interval)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.hypotheses import Hypothesis, at_noise
+from matching.diagnosis.hypotheses import Hypothesis, at_noise, is_simpler
 from matching.diagnosis.latent import free_force
 from matching.diagnosis.moves import Selection
 from matching.diagnosis.result import (
@@ -54,9 +54,14 @@ class RatedCause:
 
 
 def rate_rivals(selected: Selection, index: int, unseen: UnseenData) -> list[RatedCause]:
-    """A cause of the best hypothesis and its rivals with their shares, largest first; the selection stays as it is."""
+    """A cause of the best hypothesis and its rivals with their shares, largest first; the selection stays as it is.
+
+    Of a cause that explains as much as a kind which holds it as a special case, that kind is no rival.
+    """
     best, cause = selected.best, selected.best.causes[index]
     others = [other for other in selected.rivals[index] if not other.model.not_taken(other.fit)]
+    if not at_noise(best):
+        others = [o for o in others if not is_simpler(cause, o) or unseen.accepts(o, best)]
     hypotheses = [best, *others]
     if at_noise(best):
         shares = evidence_shares(np.array([h.cost for h in hypotheses]) / chi_square_inflation(best))
