@@ -64,6 +64,8 @@ class Selection:
         Decrease of χ² that the best of all candidates seldom reaches in pure noise.
     rivals : list of list of Hypothesis
         For each cause of ``best``: hypotheses with another cause in its place, best first.
+    compared : list of Hypothesis
+        For each cause of ``best``: the best hypothesis, fitted as far as its rivals are.
     with_one_cause : list of Hypothesis
         All that were fitted, taken or not, best first.
     failed : dict of (str, str) to str
@@ -76,6 +78,7 @@ class Selection:
     screened: list[ScreenedCandidate]
     noise_threshold: float
     rivals: list[list[Hypothesis]] = field(default_factory=list)
+    compared: list[Hypothesis] = field(default_factory=list)
     with_one_cause: list[Hypothesis] = field(default_factory=list)
     failed: dict[tuple[str, str], str] = field(default_factory=dict)
 
@@ -147,6 +150,7 @@ class Search:
         self._settle(final_fit)
         self.progress("rivals")
         state.rivals = [self._rivals(index) for index in range(len(state.best.causes))]
+        state.compared = [self._compared(index) for index in range(len(state.best.causes))]
         if not state.best.causes:
             state.base = state.best
         return state
@@ -165,11 +169,13 @@ class Search:
             state.best = self._shared(self.simplified(accepted))
 
     def _settle(self, finished: Callable[[Hypothesis], Hypothesis]) -> None:
-        """Share, simplify, drop and exchange until nothing changes."""
+        """Share, simplify, drop and exchange until nothing changes; where the time is up, a cause is only dropped."""
         state = self.state
         for _ in range(self.settings.moves):
-            changed = self._shared(state.best)
-            if changed is state.best:
+            changed = state.best
+            if not self._late():
+                changed = self._shared(state.best)
+            if changed is state.best and not self._late():
                 changed = self.simplified(state.best)
             if changed is state.best:
                 changed = self._dropped() or self._exchanged() or state.best
@@ -177,10 +183,14 @@ class Search:
                 return
             state.best = finished(changed)
 
+    def _late(self) -> bool:
+        """Whether the time for the search is up."""
+        return time_is_over(self.settings.search_share)
+
     def _take(self) -> bool:
         """Take one refit; whether there was one: a count, so that no answer depends on the machine, unless the caller
         limits the time."""
-        if time_is_over(self.settings.search_share):
+        if self._late():
             self.left = 0
         self.left -= 1
         return self.left >= 0
@@ -306,7 +316,7 @@ class Search:
         out = sorted(hypotheses, key=lambda hypothesis: hypothesis.cost)
         near = self.settings.near_ratio * out[0].cost if out else 0.0
         for i, hypothesis in enumerate(out[: self.settings.near_best]):
-            if hypothesis.cost < near and not time_is_over(self.settings.search_share):
+            if hypothesis.cost < near and not self._late():
                 out[i] = replace(hypothesis, fit=self._finished(with_sharper_friction(self._finished(hypothesis.fit))))
         out.sort(key=lambda hypothesis: hypothesis.cost)
         out[:1] = [with_sharpest_friction(hypothesis) for hypothesis in out[:1]]
@@ -439,7 +449,7 @@ class Search:
         Where more than noise is left, unseen data decide: it meets them better, with a χ² that is not higher by more
         than makes no difference."""
         best = self.state.best
-        for index in range(len(best.causes)):
+        for index in range(0 if self._late() else len(best.causes)):
             for other in self._rivals(index):
                 if other.model.not_taken(other.fit):
                     continue
@@ -459,14 +469,27 @@ class Search:
             candidates = [] if rest is None else self.screened(rest)[1][: self.settings.exchanged]
             self.in_place[beside] = [] if rest is None else self.refitted(rest, candidates)
         by_noise = best.fit.problem.weighting is None
-        known = distinct([*self.simpler.get(beside, []), *self.in_place[beside]])
-        others = [self._once(weighted, other, by_noise) for other in known if other.places != best.places]
+        known = [self._once(weighted, other, by_noise) for other in self._in_place_of(beside)]
+        others = [other for other in known if other.places != best.places]
         others.sort(key=lambda other: other.cost)
         if at_noise(best):
             near = [o for o in others if o.cost < best.cost + self.settings.out_of_question]
             fine = [self._once(final_fit, other) for other in near[: self.settings.fine_rivals]]
             others = sorted([*fine, *(o for o in others if o not in near)], key=lambda other: other.cost)
         return others
+
+    def _compared(self, index: int) -> Hypothesis:
+        """The best hypothesis as it was fitted beside the rivals of one of its causes: one that went on longer would
+        leave less than they for that alone."""
+        best = self.state.best
+        beside = tuple(cause for i, cause in enumerate(best.causes) if i != index)
+        by_noise = best.fit.problem.weighting is None
+        same = [other for other in self._in_place_of(beside) if other.places == best.places]
+        return self._once(weighted, same[0], by_noise) if same and not at_noise(best) else best
+
+    def _in_place_of(self, beside: tuple[Cause, ...]) -> list[Hypothesis]:
+        """What was fitted beside some causes, simpler kinds of it included."""
+        return distinct([*self.simpler.get(beside, []), *self.in_place.get(beside, [])])
 
     def _once(self, what: Callable[..., Any], hypothesis: Hypothesis, *given: Any) -> Any:
         """What a function makes of a hypothesis, made once."""
@@ -538,8 +561,10 @@ def simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel
     for simpler in simpler_kinds(hypothesis, index):
         kind, at = simpler.kind, simpler.at
         fewer = len(simpler.parameters) < len(cause.keys)
-        if fewer and (kind, at) not in present and not (
-            EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain
+        if (
+            fewer
+            and (kind, at) not in present
+            and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain)
         ):
             yield rest.with_cause(kind, at, simpler.parameters, fit.problem.data.sampling_interval)
 
