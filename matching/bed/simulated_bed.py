@@ -130,7 +130,8 @@ def names_in_system(case: Case) -> dict[str, str]:
         if quantity.name.startswith("rig."):
             names[quantity.name] = _as_recorded(quantity.name.removeprefix("rig."))
     names["loop.dead_time"] = f"{commands}.{DeadTime.kind}.delay"
-    names["loop.torque_sensor_lag"] = f"{_torques(case)}.{Lag.kind}.time_constant"
+    if loop.flanges:
+        names["loop.torque_sensor_lag"] = f"{_torques(case)}.{Lag.kind}.time_constant"
     names["loop.inverter_lag"] = f"{commands}.{Lag.kind}.time_constant"
     for dynamometer in loop.dynamometers:
         names[f"dynamometers.{dynamometer.name}.torque_gain"] = (
@@ -151,13 +152,15 @@ def bed_system(case: Case) -> System:
         name.removeprefix("rig."): around(quantity.value, quantity.half_width)
         for name, quantity in box.items() if name.startswith("rig.")
     }  # fmt: skip
-    commands, torques = _commands(case), _torques(case)
+    commands = _commands(case)
     delay, hold = box.get("loop.dead_time"), loop["dead_time"] - loop.command_delay()
     effects = [
         Effect(DeadTime.kind, commands, (("delay", _shifted(delay, loop["dead_time"], hold)),)),
         Effect(Lag.kind, commands, (("time_constant", _of(box, "loop.inverter_lag", loop["inverter_lag"])),)),
-        Effect(Lag.kind, torques, (("time_constant", _of(box, "loop.torque_sensor_lag", loop["torque_sensor_lag"])),)),
     ]
+    if loop.flanges:
+        lag = _of(box, "loop.torque_sensor_lag", loop["torque_sensor_lag"])
+        effects.append(Effect(Lag.kind, _torques(case), (("time_constant", lag),)))
     for dynamometer in loop.dynamometers:
         gain = _of(box, f"dynamometers.{dynamometer.name}.torque_gain", dynamometer.torque_gain)
         effects.append(Effect(InputGain.kind, f"inputs.{dynamometer.torque_input}", (("factor", gain),)))
@@ -169,7 +172,7 @@ def _commands(case: Case) -> str:
 
 
 def _torques(case: Case) -> str:
-    return shared_place(f"sensors.{dynamometer.torque_sensor}" for dynamometer in case.loop.dynamometers)
+    return shared_place(f"sensors.{flange}" for flange in case.loop.flanges)
 
 
 def _of(box: dict[str, Uncertain], name: str, value: float) -> Quantity:
