@@ -56,7 +56,7 @@ def model_words(system: System) -> str:
         counted(len(getattr(system, table)), word)
         for table, word in (
             ("inertias", "inertia"), ("shafts", "shaft"), ("gears", "gear"), ("differentials", "differential"),
-            ("inputs", "input"), ("sensors", "sensor"), ("effects", "effect"),
+            ("planetary_gears", "planetary gear"), ("inputs", "input"), ("sensors", "sensor"), ("effects", "effect"),
         )
         if getattr(system, table)
     ]  # fmt: skip

@@ -7,6 +7,7 @@ MODEL = {
     "shafts": "springs with dampers between two inertias",
     "gears": "rigid and ideal ratios between two inertias",
     "differentials": "ideal differentials: a cage that drives two sides",
+    "planetary_gears": "ideal planetary gears whose three members all turn; with one held it is one of the gears",
     "inputs": "torques on inertias",
     "sensors": "what is measured",
     "effects": "a list of what goes beyond the linear chain",
@@ -32,6 +33,12 @@ MODEL_TABLES = {
         "efficiency_reverse": "the same where the second end drives; as efficiency unless stated",
     },
     "differentials": {"cage": "the driven inertia", "left": "first output", "right": "second output"},
+    "planetary_gears": {
+        "sun": "inertia of the sun",
+        "carrier": "inertia of the carrier, with that of the planets about the axis",
+        "ring": "inertia of the ring",
+        "ratio": "teeth of the ring over teeth of the sun: (1 + ratio)·carrier = sun + ratio·ring",
+    },
     "inputs": {
         "on": "the inertia that the torque (N·m) acts on, or whose motion is imposed",
         "measures": "`torque`, or `speed` or `angle` of an imposed motion; unless stated torque, or imposed speed",

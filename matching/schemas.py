@@ -42,7 +42,7 @@ PAIR: Schema = {"type": "array", "items": TEXT, "minItems": 2, "maxItems": 2}
 READINGS: Schema = {"type": "array", "items": NUMBER}
 COMPONENTS = {
     "inertias": system.Inertia, "shafts": system.Shaft, "gears": system.Gear, "differentials": system.Differential,
-    "inputs": system.Input, "sensors": system.Sensor,
+    "planetary_gears": system.PlanetaryGear, "inputs": system.Input, "sensors": system.Sensor,
 }  # fmt: skip
 
 

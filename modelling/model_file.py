@@ -12,7 +12,19 @@ from modelling.dimensions import OF_A_GEAR, OF_A_SHAFT, without_dimensions
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind, place_in_file, shared_place
 from modelling.errors import InputError, unknown
-from modelling.system import TABLES, Differential, Effect, Gear, Inertia, Input, Quantity, Sensor, Shaft, System
+from modelling.system import (
+    TABLES,
+    Differential,
+    Effect,
+    Gear,
+    Inertia,
+    Input,
+    PlanetaryGear,
+    Quantity,
+    Sensor,
+    Shaft,
+    System,
+)
 from modelling.toml import check_file, check_keys, read_toml, text, title
 from modelling.topology import connected_parts, joints, speed_ratios
 from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
@@ -24,6 +36,7 @@ KEYS = {
     "shafts": {"between", "ratio", "stiffness", "damping"},
     "gears": {"between", "ratio"},
     "differentials": {"cage", "left", "right"},
+    "planetary_gears": {"sun", "carrier", "ring", "ratio"},
     "inputs": {"on", "measures", "reference"},
     "sensors": {"measures", "of", "uncertainty"},
 }
@@ -69,6 +82,7 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
             shafts=tuple(_parts(data, "shafts", where, _shaft)),
             gears=tuple(_parts(data, "gears", where, _gear)),
             differentials=tuple(_parts(data, "differentials", where, _differential)),
+            planetary_gears=tuple(_parts(data, "planetary_gears", where, _planetary_gear)),
             inputs=tuple(_parts(data, "inputs", where, _input)),
             sensors=tuple(_parts(data, "sensors", where, _sensor)),
             mirror=_mirror(data.get("mirror", {}), f"{where}: mirror"),
@@ -136,6 +150,11 @@ def _gear(name: str, table: dict, place: str) -> Gear:
 
 def _differential(name: str, table: dict, place: str) -> Differential:
     return Differential(name, *(text(table, key, place) for key in ("cage", "left", "right")))
+
+
+def _planetary_gear(name: str, table: dict, place: str) -> PlanetaryGear:
+    sun, carrier, ring = (text(table, key, place) for key in ("sun", "carrier", "ring"))
+    return PlanetaryGear(name, sun, carrier, ring, _needed(table, "ratio", place))
 
 
 def _input(name: str, table: dict, place: str) -> Input:
@@ -225,7 +244,7 @@ def _exists(name: str, base: System) -> bool:
     return any(part.name == own for part in getattr(base, table, ()) if table in COMPONENTS)
 
 
-COMPONENTS = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
+COMPONENTS = TABLES
 
 
 def _effect_place(table: dict, possible: Collection[str], place: str, base: System) -> str:
@@ -330,7 +349,8 @@ def dumps(system: System) -> str:
 
 
 def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
-    order = ("between", "cage", "left", "right", "on", "measures", "reference", "of", "uncertainty", *QUANTITY_UNITS)
+    members = ("between", "cage", "left", "right", "sun", "carrier", "ring")
+    order = (*members, "on", "measures", "reference", "of", "uncertainty", *QUANTITY_UNITS)
     fields = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
     return {
         key: value.written() if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value

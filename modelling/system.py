@@ -84,8 +84,8 @@ class Quantity:
 
 # --- The components of a drivetrain: inertias, what connects them, inputs, sensors, and effects on them.
 
-TABLES = ("inertias", "shafts", "gears", "differentials", "inputs", "sensors")
-TABLES_WITH_QUANTITIES = ("inertias", "shafts", "gears")
+TABLES = ("inertias", "shafts", "gears", "differentials", "planetary_gears", "inputs", "sensors")
+TABLES_WITH_QUANTITIES = ("inertias", "shafts", "gears", "planetary_gears")
 
 
 @dataclass(frozen=True)
@@ -129,6 +129,31 @@ class Differential:
     left: str
     right: str
 
+    @property
+    def ends(self) -> tuple[str, str, str]:
+        """Cage, left and right."""
+        return self.cage, self.left, self.right
+
+
+@dataclass(frozen=True)
+class PlanetaryGear:
+    """An ideal planetary gear whose members all turn: (1 + ratio)·speed(carrier) = speed(sun) + ratio·speed(ring).
+
+    ``ratio`` is the number of teeth of the ring over that of the sun (Willis). The planets' inertia about the axis
+    belongs to the carrier.
+    """
+
+    name: str
+    sun: str
+    carrier: str
+    ring: str
+    ratio: Quantity
+
+    @property
+    def ends(self) -> tuple[str, str, str]:
+        """Carrier, sun and ring."""
+        return self.carrier, self.sun, self.ring
+
 
 @dataclass(frozen=True)
 class Input:
@@ -160,6 +185,9 @@ class Sensor:
     def unit(self) -> str:
         """SI unit of the reading."""
         return SENSOR_UNITS[self.measures]
+
+
+Component = Inertia | Shaft | Gear | Differential | PlanetaryGear | Input | Sensor
 
 
 @dataclass(frozen=True)
@@ -217,7 +245,7 @@ class Components:
 
     Attributes
     ----------
-    inertias, shafts, gears, differentials, inputs, sensors, effects : tuple
+    inertias, shafts, gears, differentials, inputs, sensors, effects, planetary_gears : tuple
         The components.
     mirror : tuple of pairs of str
         Names of inertias that left/right symmetry swaps.
@@ -238,6 +266,7 @@ class Components:
     title: str = ""
     reference: str = ""
     operating_point: OperatingPoint | None = None
+    planetary_gears: tuple[PlanetaryGear, ...] = ()
 
     @functools.cached_property
     def imposed_by(self) -> dict[str, Kind]:
@@ -332,8 +361,10 @@ def check(system: Components) -> None:
         _ends(f"gears.{gear.name}.between", gear.between, inertias)
         _ratio(f"gears.{gear.name}.ratio", gear.ratio)
     for differential in system.differentials:
-        ends = (differential.cage, differential.left, differential.right)
-        _ends(f"differentials.{differential.name}", ends, inertias)
+        _ends(f"differentials.{differential.name}", differential.ends, inertias)
+    for planetary in system.planetary_gears:
+        _ends(f"planetary_gears.{planetary.name}", planetary.ends, inertias)
+        _sign(f"planetary_gears.{planetary.name}.ratio", planetary.ratio, positive=True)
     for source in system.inputs:
         if source.on not in inertias:
             raise unknown(source.on, list(inertias), f"inputs.{source.name}.on")
@@ -582,7 +613,7 @@ class System(Components):
         """The parameters that have a range, by name."""
         return {name: quantity for name, quantity in self.parameters.items() if quantity.uncertain}
 
-    def __getitem__(self, place: str) -> Inertia | Shaft | Gear | Differential | Input | Sensor | Quantity:
+    def __getitem__(self, place: str) -> Component | Quantity:
         """The component at ``table.name``, or the quantity ``table.name.quantity``.
 
         Raises

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-JOINTS = ("gears", "differentials", "shafts")  # tables of what makes inertias turn together
+JOINTS = ("gears", "differentials", "planetary_gears", "shafts")  # tables of what makes inertias turn together
 
 
 class Tables(Protocol):
@@ -27,22 +27,26 @@ class Tables(Protocol):
 
     @property
     def differentials(self) -> Sequence[Any]:
-        """With name, cage, left and right."""
+        """With name and ends: cage, left and right."""
+
+    @property
+    def planetary_gears(self) -> Sequence[Any]:
+        """With name and ends: carrier, sun and ring."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A shaft, a gear or a differential.
+    """A shaft, a gear, a differential or a planetary gear.
 
     Attributes
     ----------
     place : str
         ``shafts.link``.
     ends : tuple of str
-        First and second inertia; of a differential cage, left and right.
+        First and second inertia; of a differential cage, left and right, of a planetary gear carrier, sun and ring.
     ratio : float
-        Speed of the first end over that of every other end, where no shaft is twisted and no differential turns its
-        sides against each other.
+        Speed of the first end over that of every other end, where no shaft is twisted and no differential or planetary
+        gear turns its members against each other.
     """
 
     place: str
@@ -51,8 +55,13 @@ class Joint:
 
     @property
     def rigid(self) -> bool:
-        """Whether it couples speeds exactly: a gear or a differential."""
+        """Whether it couples speeds exactly: no shaft."""
         return not self.place.startswith("shafts.")
+
+    @property
+    def divides(self) -> bool:
+        """Whether it divides a motion: a differential or a planetary gear."""
+        return self.place.startswith(("differentials.", "planetary_gears."))
 
     def speed_per_speed(self, of: str, by: str) -> float:
         """Speed of one end where another turns by 1."""
@@ -63,7 +72,8 @@ class Joint:
 def joints(system: Tables, *tables: str, without: Collection[str] = ()) -> list[Joint]:
     """Joints of a drivetrain, of the ``tables`` named or of all; ``without`` are places that are left out."""
     every = [Joint(f"gears.{part.name}", part.between, part.ratio.value) for part in system.gears]
-    every += [Joint(f"differentials.{part.name}", (part.cage, part.left, part.right)) for part in system.differentials]
+    every += [Joint(f"differentials.{part.name}", part.ends) for part in system.differentials]
+    every += [Joint(f"planetary_gears.{part.name}", part.ends) for part in system.planetary_gears]
     every += [
         Joint(f"shafts.{part.name}", part.between, 1.0 if part.ratio is None else part.ratio.value)
         for part in system.shafts

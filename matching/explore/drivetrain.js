@@ -113,6 +113,15 @@ export function render({ model }) {
   }
   box.addEventListener('click', pick)
   box.addEventListener('keydown', (event) => { if (event.key === 'Enter' || event.key === ' ') pick(event) })
+  const takeBack = (event) => {  // of several drawings on a page, the first one answers
+    if (!whole.isConnected) return document.removeEventListener('keydown', takeBack)
+    const typing = /^(INPUT|TEXTAREA|SELECT)$/.test(event.composedPath()[0].tagName)
+    if (!(event.ctrlKey || event.metaKey) || event.key !== 'z' || typing || event.defaultPrevented) return
+    if (!whole.checkVisibility()) return
+    event.preventDefault()
+    model.undone += 1
+  }
+  if (model.reacts) document.addEventListener('keydown', takeBack)
   model.on('svg', draw)
   model.on('marks', mark)
   draw()

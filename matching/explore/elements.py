@@ -60,7 +60,7 @@ class DrivetrainView(JSComponent):
     """A drawing whose parts can be picked by mouse and keys: as wide as the page, larger on request.
 
     ``svg`` and ``marks`` are those of :mod:`matching.report.drivetrain`; ``picked`` is the last part, with a count that
-    makes it new; without ``reacts`` no part is a button.
+    makes it new; without ``reacts`` no part is a button. ``undone`` counts Ctrl-Z outside a field.
     """
 
     label = param.String(default="the drivetrain")
@@ -68,6 +68,7 @@ class DrivetrainView(JSComponent):
     marks = param.Dict(default={})
     reacts = param.Boolean(default=False)
     picked = param.String(default="")
+    undone = param.Integer(default=0)
     _esm = beside_this("drivetrain.js")
     _stylesheets = [beside_this("drivetrain.css")]
 
@@ -109,6 +110,7 @@ class Alive(JSComponent):
 # --- Pieces that every tab uses: headings, messages, tables, the box with command and Python.
 
 WIDE = "stretch_width"
+AS_HIGH_AS_CONTENT = {"max-height": "none"}
 # Panes have a shadow tree of their own, which the style sheet of the page does not reach.
 PANE_STYLE = beside_this("pane.css")
 
@@ -134,7 +136,7 @@ def plain_button(name: str, *, visible: bool = True) -> pn.widgets.Button:
     return pn.widgets.Button(
         name=name,
         visible=visible,
-        stylesheets=[":host { min-width: max-content; } button { border: 1px solid var(--line); }"],
+        stylesheets=[":host { min-width: max-content; } .bk-btn { border: 1px solid #7a8591 !important; }"],
     )
 
 
@@ -174,12 +176,15 @@ def report_frame(title: str, *, address: str = "", page: str = "") -> str:
 
 
 def beside(main: Sequence[Any], side: Sequence[Any]) -> Any:
-    """Fields at the side of what they change, below it on a narrow screen."""
-    wide = {"flex": "1 1 600px", "min-width": "min(100%, 340px)"}
-    narrow = {"flex": "0 1 340px", "min-width": "min(100%, 320px)"}
+    """Fields at the side of what they change, below it on a narrow screen.
+
+    As high as their content: the layout's own limit, the height of the window, would let what follows lie over them.
+    """
+    wide = {"flex": "1 1 600px", "min-width": "min(100%, 340px)"} | AS_HIGH_AS_CONTENT
+    narrow = {"flex": "0 1 340px", "min-width": "min(100%, 320px)"} | AS_HIGH_AS_CONTENT
     return pn.FlexBox(
         pn.Column(*main, styles=wide), pn.Column(*side, styles=narrow), flex_wrap="wrap", gap="0 20px",
-        align_items="flex-start", sizing_mode=WIDE,
+        align_items="flex-start", sizing_mode=WIDE, styles=AS_HIGH_AS_CONTENT,
     )  # fmt: skip
 
 

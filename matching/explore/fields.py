@@ -160,7 +160,7 @@ class Editing:
         self.entries = Entries(self._enter, width)
         self.undo = plain_button("Undo")
         self.save = pn.widgets.Button(name="Save", button_type="primary", width=100)
-        self.undo.on_click(lambda _: self.do(self._undo))
+        self.undo.on_click(lambda _: self.undo_last())
         self.save.on_click(lambda _: self.do(self._save))
 
     def buttons(self) -> Any:
@@ -177,6 +177,10 @@ class Editing:
             return False
         self.message.say(words)
         return True
+
+    def undo_last(self) -> None:
+        """Take the last change back, as *Undo* does."""
+        self.do(self._undo)
 
     def all_taken(self) -> None:
         """Check that every field shows what the file would hold."""

@@ -159,9 +159,17 @@ class ModelDocument(Document):
 
     @property
     def other_parts(self) -> tuple[list[str], list[str]]:
-        """Parts that were added and removed since the file was saved, as ``shafts.link``."""
-        before, after = list(self._saved.places()), list(self.system.places())
+        """Parts and effects that were added and removed since the file was saved, as ``shafts.link``."""
+        before, after = (
+            [*system.places(), *(f"{effect.at}.{effect.kind}" for effect in system.effects)]
+            for system in (self._saved, self.system)
+        )
         return [name for name in after if name not in before], [name for name in before if name not in after]
+
+    @property
+    def unsaved(self) -> int:
+        """How many quantities, parts and effects differ from the file; at least one where its text does."""
+        return max(len(self.changes) + sum(map(len, self.other_parts)), int(self.changed))
 
     @property
     def changed_parts(self) -> frozenset[str]:
@@ -176,6 +184,12 @@ class ModelDocument(Document):
     def set_text(self, name: str, text: str) -> None:
         """Set a quantity to what a user wrote: a number in SI, or a number with a unit."""
         self._set(name, number_or_text(text))
+
+    def set_title(self, text: str) -> None:
+        """Give the model another title; an empty one takes it away."""
+        bare = text.strip()
+        if bare or self.system.title:
+            self.take(self.replaced(("title",), bare) if bare else self.without(("title",)))
 
     def set_value(self, name: str, value: float) -> None:
         """Set a quantity to a value in SI; it is written in the unit that the file has for it."""
@@ -380,6 +394,17 @@ def starter(out: Path) -> list[Path]:
 
 MOST_LISTED = 300  # files that are offered: a longer list is not read; a path can be typed
 TEMPLATES = {"case": "case.toml", "model": "vehicle.toml", "budget": "budget.toml", "fidelity case": "fidelity.toml"}
+EMPTY = "empty model"  # to draw from the first inertia on
+EMPTY_MODEL = """[inertias.motor]
+J = 0.1                                 # kg·m²
+
+[inputs.motor_torque]
+on = "motor"
+
+[sensors.motor_speed]
+measures = "speed"
+of = "motor"
+"""
 
 
 def within(home: Path, name: str) -> Path:
@@ -412,8 +437,11 @@ def new_file(home: Path, kind: str, name: str) -> Path:
         return place / TEMPLATES[kind]
     place = place.with_suffix(".toml")
     _check_new(place)
-    text = files("matching").joinpath("starter", TEMPLATES[kind]).read_text(encoding="utf-8")
-    write_all(place.parent, {place.name: text.partition("\n")[2]})  # without the line that names a schema beside it
+    if kind == EMPTY:
+        text = EMPTY_MODEL
+    else:  # without the line that names a schema beside it
+        text = files("matching").joinpath("starter", TEMPLATES[kind]).read_text(encoding="utf-8").partition("\n")[2]
+    write_all(place.parent, {place.name: text})
     return place
 
 
@@ -434,8 +462,8 @@ def save_as(workspace: Workspace, kind: str, name: str) -> Path:
         return place / "case.toml"
     place = place.with_suffix(".toml")
     _check_new(place)
-    known = {"model": workspace.models.get("model"), "budget": workspace.budget, "fidelity case": workspace.fidelity}
-    document = known[kind]
+    known = {"budget": workspace.budget, "fidelity case": workspace.fidelity}
+    document = known[kind] if kind in known else workspace.models.get("model")
     if document is None:
         raise InputError("", f"no {kind} is open", "open one")
     write_all(place.parent, {place.name: document.text})

@@ -30,10 +30,11 @@ from matching.explore.elements import (
 from matching.explore.fields import Editing, Entry, lay_out
 from matching.explore.files import Document, Workspace, part_of, write_case, write_model
 from matching.explore.live import WhatIf, largest_shares
-from matching.explore.parts import ADDABLE, add_part, remove_part, rename_part
+from matching.explore.parts import ADDABLE, add_effect, add_part, effects_for, remove_effect, remove_part, rename_part
 from matching.explore.signals import MeasuredCurves, measured_curves, read_as_suggested
 from matching.report.common import amount, hertz, number, spaced, unit
 from matching.report.drivetrain import LEGEND, Sketch, case_drawings, drawing, marks, sketch
+from modelling.effects.effect import members
 from modelling.errors import InputError
 from modelling.escape import html
 
@@ -57,6 +58,8 @@ def sketches(workspace: Workspace) -> dict[str, Sketch]:
     return workspace.sketches
 
 
+TITLE = "title"  # of a model, among the fields of its parts
+
 # --- The tab *Drivetrain*: the drawing, the values of a part, changes that are marked, undone and saved.
 
 
@@ -71,29 +74,36 @@ class DrivetrainTab:
             role: DrivetrainView(label=f"the {spaced(role)}", reacts=True, sizing_mode=WIDE)
             for role in workspace.models
         }
+        self.titles = {role: heading(self._title(role)) for role in workspace.models}
         self.editing = Editing(self._enter, self._undo, self._documents, self._after_change, width=300)
         self.chooser = pn.widgets.Select(name="Part", groups=self._groups(), width=300)
         self.values = pn.Column(sizing_mode=WIDE)
         self.changes = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
         for role, view in self.views.items():
             view.param.watch(partial(self._picked, role), "picked")
+            view.param.watch(lambda _: self.editing.undo_last(), "undone")
         self.chooser.param.watch(lambda event: self.select(*event.new), "value")
         self.same = EquivalentBox(self._equivalent())
         self.kind = pn.widgets.Select(name="Add", options=list(ADDABLE), width=250)
         self.named = pn.widgets.TextInput(name="called", width=180)
         self.other = pn.widgets.Select(name="and, for a shaft or gear", width=250)
-        self.add, self.remove, self.rename = (
-            plain_button(name) for name in ("Add", "Remove the part", "Rename the part")
-        )
         self.new_name = pn.widgets.TextInput(name="New name", width=180)
-        self.add.on_click(lambda _: self.editing.do(self._add))
-        self.remove.on_click(lambda _: self.editing.do(self._remove))
-        self.rename.on_click(lambda _: self.editing.do(self._rename))
+        self.effect = pn.widgets.Select(name="Effect to add", width=250)
+        self.effect_values = pn.Column(sizing_mode=WIDE)
+        self.there = pn.widgets.Select(name="Effect of the part", width=250)
+        self.effect.param.watch(lambda _: self._ask_for_values(), "value")
+        self.add, self.remove, self.rename, self.add_effect, self.remove_effect = (
+            self._button(name, act)
+            for name, act in (
+                ("Add", self._add), ("Remove the part", self._remove), ("Rename the part", self._rename),
+                ("Add the effect", self._add_effect), ("Remove the effect", self._remove_effect),
+            )
+        )  # fmt: skip
         self.select(*self.chooser.value)
 
     def panel(self) -> Any:
         """The tab's content."""
-        drawings = [part for role, view in self.views.items() for part in (heading(self._title(role), 2), view)]
+        drawings = [part for role, view in self.views.items() for part in (self.titles[role], view)]
         how = paragraph(f"{LEGEND[0].upper()}{LEGEND[1:]}.")
         head = opening(
             "Drivetrain", "What turns, and what connects it. Click a part to change its values; save them to its file.",
@@ -103,8 +113,44 @@ class DrivetrainTab:
             heading("Values", 2), self.chooser, self.values, self.editing.message, self.changes,
             heading("Parts", 2), paragraph("A new part sits at the chosen part. With a part goes what hangs on it."),
             self.kind, self.named, self.other, self.add, self.new_name, pn.FlexBox(self.rename, self.remove),
+            heading("Effects", 2), paragraph("Free play, friction, delays and others, at the chosen part."),
+            self.effect, self.effect_values, self.add_effect, self.there, self.remove_effect,
         ]  # fmt: skip
         return pn.Column(head, beside([*drawings, how], fields), self.same, sizing_mode=WIDE)
+
+    def _button(self, name: str, act: Callable[[], str]) -> pn.widgets.Button:
+        button = plain_button(name)
+        button.on_click(lambda _: self.editing.do(act))
+        return button
+
+    def _offer_effects(self) -> None:
+        """The effects that the chosen part may get, and those that it has."""
+        system = self.workspace.models[self._role].system
+        offer(self.effect, {spaced(kind): kind for kind in effects_for(system, self._part)})
+        own = [effect for effect in system.effects if self._part in members(effect.at)]
+        offer(self.there, {spaced(effect.kind): (effect.kind, effect.at) for effect in own})
+        for shown, needed in ((self.effect, self.add_effect), (self.there, self.remove_effect)):
+            shown.visible = needed.visible = bool(shown.options)
+        self._ask_for_values()
+
+    def _ask_for_values(self) -> None:
+        """Fields for what the chosen effect needs."""
+        needed = effects_for(self.workspace.models[self._role].system, self._part).get(self.effect.value, {})
+        names = [f"{spaced(key)} [{unit(si) or '1'}]" for key, si in needed.items()]
+        if [field.name for field in self.effect_values] != names:
+            self.effect_values[:] = [pn.widgets.TextInput(name=name, width=180) for name in names]
+
+    def _add_effect(self) -> str:
+        document, kind = self.workspace.models[self._role], self.effect.value
+        needed = effects_for(document.system, self._part).get(kind, {})
+        typed = {key: field.value for key, field in zip(needed, self.effect_values, strict=True)}
+        add_effect(document, kind, self._part, typed)
+        return f"{spaced(kind)} was added to {spaced(self._part.replace('.', ' '))}; not saved yet"
+
+    def _remove_effect(self) -> str:
+        kind, at = self.there.value
+        remove_effect(self.workspace.models[self._role], kind, at)
+        return f"{spaced(kind)} was removed; not saved yet"
 
     def _add(self) -> str:
         at = self._part.partition(".")[2]
@@ -127,6 +173,7 @@ class DrivetrainTab:
             self.chooser.value = (role, part)
             return
         offer(self.other, {spaced(own.name): own.name for own in self.workspace.models[role].system.inertias})
+        self._offer_effects()
         lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
 
@@ -137,6 +184,7 @@ class DrivetrainTab:
             drawn, document = self._sketches[role], self.workspace.models[role]
             chosen = self._part if role == self._role else ""
             view.param.update(svg=drawn.svg, marks=marks(drawn, chosen, document.changed_parts))
+            self.titles[role].object = f"<h2>{html(self._title(role))}</h2>"
         rows = [
             html(
                 f"{spaced(role)}: {name}: {amount(before, document.system.units[name])} → "
@@ -148,6 +196,8 @@ class DrivetrainTab:
         for role, document in self.workspace.models.items():
             for word, places in zip(("new", "removed"), document.other_parts, strict=True):
                 rows += [html(f"{spaced(role)}: {word}: {place}") for place in places]
+            if document.changed and not any(row.startswith(spaced(role)) for row in rows):
+                rows.append(html(f"{spaced(role)}: its text"))
         listed = "".join(f"<li>{row}</li>" for row in rows)
         self.same.set(self._equivalent())
         self.changes.object = f"<p>Not saved:</p><ul>{listed}</ul>" if rows else "<p>Everything is saved.</p>"
@@ -163,6 +213,7 @@ class DrivetrainTab:
                 self.chooser.param.update(groups=groups, value=(self._role, self._part))
             self.chooser.param.trigger("groups", "value")
             offer(self.other, {spaced(own.name): own.name for own in self.workspace.models[self._role].system.inertias})
+        self._offer_effects()
         lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
 
@@ -194,11 +245,14 @@ class DrivetrainTab:
             )
             label = f"{spaced(name.removeprefix(self._part + '.').replace('.', ' '))} [{si or '1'}]{between}"
             entries.append(Entry((self._role, name), label, document.written(name)))
-        return entries
+        return [*entries, Entry((self._role, TITLE), f"title of the {self._role}", document.system.title)]
 
     def _enter(self, place: tuple[str, str], text: str) -> str:
         role, name = place
         document = self.workspace.models[role]
+        if name == TITLE:
+            document.set_title(text)
+            return f"The title of the {role} is {text.strip() or 'empty'}"
         document.set_text(name, text)
         return f"{name} is {text}" + ("" if name in document.changes else ", as in the file")
 

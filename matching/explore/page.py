@@ -45,6 +45,7 @@ from matching.explore.elements import (
 )
 from matching.explore.fields import Editing, Entry, lay_out
 from matching.explore.files import (
+    EMPTY,
     TEMPLATES,
     CaseForm,
     Document,
@@ -535,7 +536,7 @@ class FilesBar:
     def __init__(self, workspace: Workspace, opened: Callable[[], None]):
         self.workspace, self._opened = workspace, opened
         self.file = pn.widgets.Select(name="File of this folder", options=listed(workspace.home), width=225)
-        self.kind = pn.widgets.Select(name="Kind", options=list(TEMPLATES), width=225)
+        self.kind = pn.widgets.Select(name="Kind", options=[*TEMPLATES, EMPTY], width=225)
         self.name = pn.widgets.TextInput(name="Name in this folder", width=225)
         self.open, self.new, self.copy = (plain_button(name) for name in ("Open", "New", "Save as"))
         self.message = Message()
@@ -711,7 +712,7 @@ def _state_of(step: str, workspace: Workspace) -> str:
         return f"running, {running.seconds:.0f} s"
     done = next((task.ended for task in tasks if task is not None and task.ended.code == 0), None)
     if step == "Drivetrain":
-        changes = sum(len(document.changes) for document in workspace.models.values())
+        changes = sum(document.unsaved for document in workspace.models.values())
         return f"{counted(changes, 'change')}, not saved" if changes else "saved"
     if step == "Measurement":
         waits = workspace.recordings[0].name if workspace.recordings else "needs a recording"

@@ -8,7 +8,9 @@ from typing import Any
 
 import tomlkit
 
-from matching.explore.files import Document, Keys, ModelDocument, Workspace, edited
+from matching.explore.files import Document, Keys, ModelDocument, Workspace, edited, number_or_text
+from modelling.effects import EFFECTS
+from modelling.effects.effect import place_in_file
 from modelling.errors import InputError
 from modelling.system import System
 
@@ -118,14 +120,60 @@ def _with_dependents(system: System, place: str) -> list[str]:
             for part in parts:
                 if name in part.between:
                     gone += _with_dependents(system, f"{own}.{part.name}")
-        gone += [f"differentials.{part.name}" for part in system.differentials
-                 if name in (part.cage, part.left, part.right)]  # fmt: skip
+        gone += [f"differentials.{part.name}" for part in system.differentials if name in part.ends]
+        gone += [f"planetary_gears.{part.name}" for part in system.planetary_gears if name in part.ends]
         gone += [f"inputs.{part.name}" for part in system.inputs if part.on == name]
     if table in ("inertias", "shafts"):
         of_shaft = table == "shafts"
         gone += [f"sensors.{part.name}" for part in system.sensors
                  if part.of == name and (part.measures == "torque") == of_shaft]  # fmt: skip
     return list(dict.fromkeys(gone))
+
+
+# --- Effects at a part.
+
+
+def effects_for(system: System, place: str) -> dict[str, dict[str, str]]:
+    """Kinds of effect that can be added at a part by typing numbers: SI units of what each needs, by its key.
+
+    Tables, effects with a value for every recording, and those of two places are written in the file.
+    """
+    there = {effect.kind for effect in system.effects if effect.at == place}
+    kinds = {kind: law for kind, law in EFFECTS.items() if not (law.arrays or law.follows or law.by_recording)}
+    return {
+        kind: {key: law.unit(key, place, system) for key, own in law.parameters.items() if not own.optional}
+        for kind, law in kinds.items()
+        if kind not in there and place in law.places(system)
+    }
+
+
+def add_effect(document: ModelDocument, kind: str, place: str, values: Mapping[str, str]) -> None:
+    """Add an effect at a part with the values that were typed, by key.
+
+    Raises
+    ------
+    InputError
+        If a value is missing or wrong, or the model is none with the effect; then nothing changes.
+    """
+    if missing := [key for key in effects_for(document.system, place).get(kind, {}) if not values.get(key, "").strip()]:
+        raise InputError(f"{place}.{kind}.{missing[0]}", "is empty", "enter a value, with its unit or in the one shown")
+    table = tomlkit.table()
+    table.update({"kind": kind, "at": place} | {key: number_or_text(text) for key, text in values.items()})
+    text = tomlkit.parse(document.text)
+    text.setdefault("effects", tomlkit.aot()).append(table)
+    document.take(tomlkit.dumps(text))
+
+
+def remove_effect(document: ModelDocument, kind: str, at: str) -> None:
+    """Remove the effect of a kind at a place."""
+    text = tomlkit.parse(document.text)
+    effects: Any = text["effects"]
+    for number in range(len(effects) - 1, -1, -1):
+        if (effects[number]["kind"], effects[number]["at"]) == (kind, place_in_file(at)):
+            del effects[number]
+    if not effects:
+        del text["effects"]
+    document.take(tomlkit.dumps(text))
 
 
 # --- A part with another name, in every open file that names it.
@@ -198,8 +246,11 @@ def _in_model(content: Mapping[str, Any], table: str, old: str, new: str) -> dic
 
     if table == "inertias":
         same(("reference",), content.get("reference"))
-        ends = {"shafts": ("between",), "gears": ("between",), "differentials": ("cage", "left", "right")}
-        for own, keys in (ends | {"inputs": ("on",)}).items():
+        ends = {
+            "shafts": ("between",), "gears": ("between",), "differentials": ("cage", "left", "right"),
+            "planetary_gears": ("sun", "carrier", "ring"), "inputs": ("on",),
+        }  # fmt: skip
+        for own, keys in ends.items():
             for name, part in content.get(own, {}).items():
                 for key in keys:
                     same((own, name, key), part.get(key))

@@ -129,9 +129,10 @@ class BehindCut:
         """Twist of every joint per angle of each inertia (j, n), and a basis (n, m) of motions that twist none."""
         rows = np.zeros((len(self.joints), len(self.inertias)))
         for row, joint in zip(rows, self.joints, strict=True):
-            row[self.inertias.index(joint.ends[0])] = 1 / values.get(f"rig.{joint.place}.ratio", 1.0)
-            for end in joint.ends[1:]:
-                row[self.inertias.index(end)] = -1 / (len(joint.ends) - 1)
+            ratio = values.get(f"rig.{joint.place}.ratio", 1.0)
+            shares = (-1.0, 1 / (1 + ratio), ratio / (1 + ratio)) if joint.divides else (-1 / ratio, 1.0)
+            for end, share in zip(joint.ends, shares, strict=True):
+                row[self.inertias.index(end)] = -share
         return rows, null_space(rows) if len(rows) else np.eye(len(self.inertias))
 
     def _shares(self, rows: np.ndarray, values: Mapping[str, float]) -> np.ndarray:

@@ -44,11 +44,14 @@ from modelling.units import QUANTITY_UNITS
 MOST_INERTIAS = 80  # more are no drawing any more
 
 
+DIVIDING = ("differentials", "planetary_gears")  # tables of what divides a motion between two others
+
+
 @dataclass(frozen=True)
 class Joint:
-    """A shaft, gear or differential: its table and name, the end nearer to the root, the other ends, and its lane.
+    """What connects inertias: its table and name, the end nearer to the root, the other ends, and its lane.
 
-    A differential has no lane of its own: it stands in that of its near end.
+    What divides has no lane of its own: it stands in that of its near end.
     """
 
     table: str
@@ -56,6 +59,11 @@ class Joint:
     near: str
     far: tuple[str, ...]
     lane: float = 0.0
+
+    @property
+    def divides(self) -> bool:
+        """Whether it is a differential or a planetary gear."""
+        return self.table in DIVIDING
 
 
 @dataclass(frozen=True)
@@ -169,8 +177,8 @@ def _with_lanes(tree: _Tree, lane: dict[str, float]) -> Layout:
     busy = {name for name, below in tree.children.items() if not ends.issuperset(below)}
     following, placed = max(lane.values()) + 1, list[Joint]()
     for joint in tree.joints:
-        its_lane = lane[joint.near if joint.table == "differentials" else joint.far[0]]
-        if joint in tree.again and joint.table != "differentials":
+        its_lane = lane[joint.near if joint.divides else joint.far[0]]
+        if joint in tree.again and not joint.divides:
             its_lane = lane[joint.near]
             if joint.near in busy:
                 its_lane, following = following, following + 1
@@ -180,7 +188,7 @@ def _with_lanes(tree: _Tree, lane: dict[str, float]) -> Layout:
         placed.append(replace(joint, lane=its_lane))
     column, lane = dict(tree.column), dict(lane)
     for name in ends:
-        arriving = [joint.lane for joint in placed if name in joint.far and joint.table != "differentials"]
+        arriving = [joint.lane for joint in placed if name in joint.far and not joint.divides]
         lane[name] = (min(arriving) + max(arriving)) / 2 if arriving else lane[name]
         while any(
             column[name] == column[other] and abs(lane[name] - lane[other]) < 1 for other in lane if other != name
@@ -192,9 +200,7 @@ def _with_lanes(tree: _Tree, lane: dict[str, float]) -> Layout:
 def _connections(system: System) -> list[tuple[str, str, tuple[str, ...]]]:
     connections = [("shafts", part.name, tuple(part.between)) for part in system.shafts]
     connections += [("gears", part.name, tuple(part.between)) for part in system.gears]
-    return connections + [
-        ("differentials", part.name, (part.cage, part.left, part.right)) for part in system.differentials
-    ]
+    return connections + [(table, part.name, part.ends) for table in DIVIDING for part in getattr(system, table)]
 
 
 def _lanes(roots: list[str], children: dict[str, list[str]], order: list[str]) -> dict[str, float]:
@@ -272,6 +278,15 @@ def differential(axes: Axes, x: float, y: float) -> None:
         axes.plot(
             [x + 0.09 * corner[0], x + 0.09 * other[0]], [y + 0.09 * corner[1], y + 0.09 * other[1]], zorder=4, **LINE
         )
+
+
+def planetary_gear(axes: Axes, x: float, y: float) -> None:
+    """Ring, sun and three planets."""
+    axes.add_patch(Circle((x, y), 0.24, facecolor="white", edgecolor=INK, linewidth=1.1, zorder=3))
+    axes.add_patch(Circle((x, y), 0.08, facecolor="white", edgecolor=INK, linewidth=1.1, zorder=4))
+    for turn in (0.25, 0.25 + 1 / 3, 0.25 + 2 / 3):
+        planet = (x + 0.16 * np.cos(2 * np.pi * turn), y + 0.16 * np.sin(2 * np.pi * turn))
+        axes.add_patch(Circle(planet, 0.08, facecolor="white", edgecolor=INK, linewidth=1.1, zorder=4))
 
 
 def dynamometer_symbol(axes: Axes, x: float, y: float, half: float, colour: str) -> None:
@@ -452,13 +467,13 @@ def _inertia(axes: Axes, drawn: Drawing, name: str) -> None:
 
 def _joint(axes: Axes, drawn: Drawing, joint: Joint) -> None:
     x, y = drawn.place(joint.near)
-    if joint.table == "differentials":
+    if joint.divides:
         middle = x + ELBOW + 0.3
         line(axes, (x, y), (middle, y))
         for end in joint.far:
             to_x, to_y = drawn.place(end)
             line(axes, (middle, y), (middle, to_y), (to_x, to_y))
-        differential(axes, middle, y)
+        (differential if joint.table == "differentials" else planetary_gear)(axes, middle, y)
         beside = middle + 0.3 + LETTER * len(joint.name) / 2  # between the branches
         _text(axes, beside, y - 0.07, spaced(joint.name), va="bottom")
         return
@@ -582,6 +597,7 @@ def _figure(drawings: list[tuple[str, str, Drawing]], legend: str | None = "") -
 AROUND = 4.0  # points between a part and the frame that marks it
 WORDS = {
     "inertias": "inertia", "shafts": "shaft", "gears": "gear", "differentials": "differential",
+    "planetary_gears": "planetary gear",
 }  # fmt: skip
 LARGEST_OPACITY = 0.6  # of the colour for energy, so that texts on it stay readable
 LEAST_SHARE = 0.005  # of the energy, below which a part is not coloured

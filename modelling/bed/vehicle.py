@@ -165,7 +165,7 @@ def cut(vehicle: System, rig: System) -> ResidualVehicle:
 
 def _interfaces(vehicle: System, rig: System, only: set[str]) -> Iterable[Interface]:
     shared = {shaft.name: shaft for shaft in rig.shafts}
-    for joint in joints(vehicle, "gears", "differentials"):
+    for joint in joints(vehicle, "gears", "differentials", "planetary_gears"):
         ends = set(joint.ends)
         if ends & only and ends - only:
             raise InputError(
@@ -213,7 +213,8 @@ def _part(vehicle: System, group: set[str], interfaces: list[Interface]) -> Syst
         inertias=tuple(part for part in vehicle.inertias if part.name in group),
         shafts=shafts,
         gears=tuple(part for part in vehicle.gears if inside(*part.between)),
-        differentials=tuple(part for part in vehicle.differentials if inside(part.cage, part.left, part.right)),
+        differentials=tuple(part for part in vehicle.differentials if inside(*part.ends)),
+        planetary_gears=tuple(part for part in vehicle.planetary_gears if inside(*part.ends)),
         inputs=inputs,
         sensors=sensors,
         mirror=tuple(pair for pair in vehicle.mirror if inside(*pair)),
@@ -341,9 +342,10 @@ def with_residual_vehicle(vehicle: System, residual: ResidualVehicle, simple: Sy
         inertias=(*kept, *simple.inertias),
         shafts=(*shafts, *simple.shafts),
         gears=(*_within(vehicle.gears, near), *simple.gears),
-        differentials=(
-            *(part for part in vehicle.differentials if {part.cage, part.left, part.right} <= near),
-            *simple.differentials,
+        differentials=(*(part for part in vehicle.differentials if set(part.ends) <= near), *simple.differentials),
+        planetary_gears=(
+            *(part for part in vehicle.planetary_gears if set(part.ends) <= near),
+            *simple.planetary_gears,
         ),
         inputs=(*inputs, *simple.inputs),
         sensors=(*sensors, *(part for part in simple.sensors if part.name not in {sensor.name for sensor in sensors})),
@@ -365,7 +367,8 @@ def own_part(simple: System, residual: ResidualVehicle) -> System:
     return replace(
         simple,
         inertias=every("inertias"), shafts=every("shafts"), gears=every("gears"),
-        differentials=every("differentials"), inputs=every("inputs"), sensors=every("sensors"),
+        differentials=every("differentials"), planetary_gears=every("planetary_gears"),
+        inputs=every("inputs"), sensors=every("sensors"),
         effects=tuple(effect for system in systems for effect in system.effects),
         mirror=tuple(pair for pair in simple.mirror if set(pair) <= names), reference="", operating_point=None,
     )  # fmt: skip

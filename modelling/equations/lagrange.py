@@ -87,7 +87,8 @@ def eliminate(system: System, assembly: EquationBuilder) -> dict[str, Motion]:
         row = elimination.resolved(inertia.name)
         shares += len(row) if len(row) > 1 else 0
         if shares > MOST_SHARES:
-            raise InputError("differentials", f"couple more than {MOST_SHARES} pairs of inertias", "use fewer in a row")
+            much = f"couple more than {MOST_SHARES} pairs of inertias"
+            raise InputError("differentials and planetary gears", much, "use fewer in a row")
         motions[inertia.name] = Motion(
             {next(iter(free[name].coefficients)): c.expression for name, c in row.items()}, assembly
         )
@@ -95,7 +96,7 @@ def eliminate(system: System, assembly: EquationBuilder) -> dict[str, Motion]:
 
 
 def _constraints(system: System, assembly: EquationBuilder) -> list[tuple[str, Row]]:
-    """Σ coefficient·angle = 0 of every gear and differential, with its place in the file."""
+    """Σ coefficient·angle = 0 of every gear, differential and planetary gear, with its place in the file."""
     rows: list[tuple[str, Row]] = []
     values = {
         symbol: system.parameters[name].value
@@ -109,6 +110,15 @@ def _constraints(system: System, assembly: EquationBuilder) -> list[tuple[str, R
     for part in system.differentials:
         half = _Coefficient(-sm.Rational(1, 2), -0.5, 0)
         rows.append((f"differentials.{part.name}", {part.cage: _ONE, part.left: half, part.right: half}))
+    for planetary in system.planetary_gears:
+        teeth = assembly.symbol(f"planetary_gears.{planetary.name}.ratio")
+        value = values[teeth]
+        shares = {
+            planetary.carrier: _ONE,
+            planetary.sun: _Coefficient(-1 / (1 + teeth), -1 / (1 + value), 2),
+            planetary.ring: _Coefficient(-teeth / (1 + teeth), -value / (1 + value), 3),
+        }
+        rows.append((f"planetary_gears.{planetary.name}", shares))
     return rows
 
 
@@ -211,9 +221,9 @@ def check_loss(system: System, gear: Gear, motions: Mapping[str, Motion], shafts
     """
     place = f"gears.{gear.name}"
     train = _rigid_train(system, gear.between[0])
-    for part in system.differentials:
-        if {part.cage, part.left, part.right} & train:
-            raise ExcludedEffects(place, f"is in one rigid train with {part.name}", "leave its loss out")
+    for joint in joints(system, "differentials", "planetary_gears"):
+        if set(joint.ends) & train:
+            raise ExcludedEffects(place, f"is in one rigid train with {joint.place}", "leave its loss out")
     lossy = {effect.at for effect in system.effects}
     for other in system.gears:
         if other is not gear and f"gears.{other.name}" in lossy and other.between[0] in train:
@@ -371,10 +381,10 @@ class Assembly:
         Raises
         ------
         InputError
-            If differentials make the motion of several coordinates.
+            If differentials or planetary gears make the motion of several coordinates.
         """
         if len(motion.coefficients) != 1:
-            raise InputError(place, "a differential divides this motion", "impose that of an inertia beside it")
+            raise InputError(place, "is divided by a differential or planetary gear", "impose that of another inertia")
         ((index, coefficient),) = motion.coefficients.items()
         self.imposed[index] = place, acceleration / coefficient
 
@@ -552,6 +562,7 @@ class _Structure:
             tuple((part.name, part.between, part.ratio is None) for part in system.shafts),
             tuple((part.name, part.between) for part in system.gears),
             system.differentials,
+            tuple((part.name, part.ends) for part in system.planetary_gears),
             system.inputs,
             tuple((part.name, part.measures, part.of) for part in system.sensors),
             tuple((effect.kind, effect.at, tuple(key for key, _ in effect.parameters)) for effect in system.effects),

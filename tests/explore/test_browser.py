@@ -239,9 +239,17 @@ def test_a_case_is_made_changed_renamed_and_saved_without_a_file(tmp_path):
         rig = tomllib.loads((tmp_path / "mine" / "rig.toml").read_text())
         assert rig["inertias"]["disc"]["J"] == 0.25
         assert "disc" in rig["shafts"]["flywheel_shaft"]["between"]
+        page.get_by_label("Effect to add").select_option("coulomb friction")
+        page.get_by_label("torque [N·m]").fill("2")
+        page.get_by_role("button", name="Add the effect").click()
+        page.get_by_text("coulomb friction was added", exact=False).wait_for()
+        page.get_by_label("coulomb friction torque [N·m]").wait_for()
         page.get_by_role("button", name="Remove the part").click()
         page.get_by_text("Removed from rig", exact=False).wait_for()
         page.get_by_role("button", name="Undo").click()
+        page.get_by_text("rig: new: inertias.disc.coulomb_friction").wait_for()
+        page.get_by_role("heading", name="Drivetrain", level=1).click()
+        page.keyboard.press("Control+z")
         page.get_by_text("Everything is saved.").wait_for()
         assert complaints == []
 

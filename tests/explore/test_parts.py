@@ -1,5 +1,7 @@
 """Parts added, removed and renamed on the drawing: the file stays a model, and comments stay."""
 
+import math
+
 import pytest
 
 pytest.importorskip("tomlkit", reason="the packages of the explorer are not installed")
@@ -7,6 +9,7 @@ pytest.importorskip("tomlkit", reason="the packages of the explorer are not inst
 
 import rigmatch as rm
 from matching.explore.files import (
+    EMPTY,
     ModelDocument,
     case_tables,
     listed,
@@ -17,7 +20,7 @@ from matching.explore.files import (
     within,
     write_case,
 )
-from matching.explore.parts import ADDABLE, add_part, remove_part, rename_part
+from matching.explore.parts import ADDABLE, add_effect, add_part, effects_for, remove_effect, remove_part, rename_part
 from matching.match.case_file import case_from_tables, load_case
 from modelling.errors import InputError
 
@@ -66,6 +69,43 @@ def test_other_parts_are_added_or_refused_with_the_reason(rig, kind, at, other):
         add_part(rig, kind, "new_one", at, other)
     with pytest.raises(InputError, match="is no name"):
         add_part(rig, kind, "new one", at, other)
+
+
+def test_an_effect_is_added_with_its_values_and_removed_again(rig):
+    before = rig.text
+    assert effects_for(rig.system, "shafts.rotor_shaft")["backlash"] == {"gap": "rad"}
+    with pytest.raises(InputError, match="is empty"):
+        add_effect(rig, "backlash", "shafts.rotor_shaft", {"gap": " "})
+    with pytest.raises(InputError, match=r"gap"):
+        add_effect(rig, "backlash", "shafts.rotor_shaft", {"gap": "3 N*m"})
+    assert rig.text == before
+    add_effect(rig, "backlash", "shafts.rotor_shaft", {"gap": "0,5 deg"})
+    add_effect(rig, "coulomb_friction", "inertias.rotor", {"torque": "2"})
+    assert rig.system.parameters["shafts.rotor_shaft.backlash.gap"].value == pytest.approx(math.radians(0.5))
+    assert rig.other_parts[0] == ["shafts.rotor_shaft.backlash", "inertias.rotor.coulomb_friction"]
+    assert "backlash" not in effects_for(rig.system, "shafts.rotor_shaft")
+    rig.set_text("shafts.rotor_shaft.backlash.gap", "0.02")
+    remove_effect(rig, "backlash", "shafts.rotor_shaft")
+    assert [effect.kind for effect in rig.system.effects] == ["coulomb_friction"]
+    remove_effect(rig, "coulomb_friction", "inertias.rotor")
+    assert "effects" not in rig.content
+    while rig.undo():
+        pass
+    assert rig.text == before
+
+
+def test_an_empty_model_is_drawn_from_its_first_inertia_on_and_gets_a_title(folder, tmp_path):
+    drawn = ModelDocument(new_file(tmp_path, EMPTY, "drawn"))
+    drawn.set_title("Two masses")
+    assert drawn.unsaved == 1
+    add_part(drawn, "inertia on a shaft", "flywheel", "motor")
+    add_part(drawn, "torque sensor of a shaft", "torque", "flywheel_shaft")
+    drawn.save()
+    saved = rm.load(tmp_path / "drawn.toml")
+    assert saved.title == "Two masses"
+    assert len(rm.modes(saved).modes) == 2
+    drawn.set_title("")
+    assert "title" not in drawn.content
 
 
 def test_what_hangs_on_a_part_goes_with_it(rig):

@@ -272,13 +272,17 @@ class Chain:
 
     @property
     def _rigid(self) -> np.ndarray:
-        """Rows (c, nodes) that are 0 for angles that rigid gears and differentials allow."""
+        """Rows (c, nodes) that are 0 for angles that rigid gears, differentials and planetary gears allow."""
         rows = []
         for gear in self.system.gears:
             first, second = (self.unit(end) for end in gear.between)
             rows.append(first - self._value[f"gears.{gear.name}.ratio"] * second)
         for part in self.system.differentials:
             rows.append(self.unit(part.cage) - (self.unit(part.left) + self.unit(part.right)) / 2)
+        for part in self.system.planetary_gears:
+            teeth = self._value[f"planetary_gears.{part.name}.ratio"]
+            members = zip((part.sun, part.ring, part.carrier), (1.0, teeth, -1.0 - teeth), strict=True)
+            rows.append(sum(factor * self.unit(name) for name, factor in members))
         return np.array(rows).reshape(-1, len(self.nodes))
 
     def unit(self, node: str) -> np.ndarray:

@@ -48,6 +48,27 @@ def test_responses_of_a_model_are_those_of_its_equations(effects):
         np.testing.assert_allclose(own, derived.values[:, j, 0], rtol=1e-7)
 
 
+@pytest.mark.parametrize("ratio", [0.7, 2.6, 4.0])
+def test_responses_of_a_power_split_are_those_of_its_equations(ratio):
+    """All three members of a planetary gear turn, a gear and shafts behind them."""
+    split = {
+        "inertias": {name: {"J": J} for name, J in (("engine", 0.15), ("carrier", 0.01), ("sun", 0.02), ("ring", 0.05),
+                                                    ("axle", 0.3), ("car", 90.0))},
+        "planetary_gears": {"split": {"sun": "sun", "carrier": "carrier", "ring": "ring", "ratio": ratio}},
+        "gears": {"final": {"between": ["ring", "axle"], "ratio": 3.1}},
+        "shafts": {"damper": {"between": ["engine", "carrier"], "stiffness": 600.0, "damping": 2.0},
+                   "side": {"between": ["axle", "car"], "stiffness": 8e3, "damping": 6.0}},
+        "inputs": {"torque": {"on": "engine"}},
+        "sensors": {"speed": {"measures": "speed", "of": "sun"}, "side_torque": {"measures": "torque", "of": "side"}},
+    }  # fmt: skip
+    system = from_dict(split)
+    f = np.geomspace(0.3, 80, 12)
+    derived = response(system, f)
+    for j, sensor in enumerate(split["sensors"]):
+        own = plain_response(Chain(system), 2j * np.pi * f, "torque", sensor)
+        np.testing.assert_allclose(own, derived.values[:, j, 0], rtol=1e-7)
+
+
 MOVING = [
     [{"kind": "quadratic_drag", "at": "inertias.body", "coefficient": 0.3}],
     [{"kind": "quadratic_drag", "at": "inertias.body", "coefficient": 0.3},

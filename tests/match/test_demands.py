@@ -1,7 +1,8 @@
-"""Demands at shafts and rotors behind a cut, against an own simulation of eight elastic rigs that follow the vehicle.
+"""Demands at shafts and rotors behind a cut, against an own simulation of nine elastic rigs that follow the vehicle.
 
-The own simulation knows inertias and springs alone. Gears and differentials are springs that are stiff beside all
-others. A controller holds the rig's end of the cut on the vehicle's motion, and what it needs for that is compared.
+The own simulation knows inertias and springs alone. Gears, differentials and planetary gears are springs that are stiff
+beside all others. A controller holds the rig's end of the cut on the vehicle's motion, and what it needs for that is
+compared.
 """
 
 from itertools import pairwise
@@ -18,7 +19,8 @@ RATE = 1000.0  # Hz
 SUBSTEPS = 2
 
 # Inertias behind the cut (kg·m²; the first hangs at the cut), and the joints between them:
-# shaft (first, second, ratio), gear (first, second, ratio), differential (cage, left, right)
+# shaft (first, second, ratio), gear (first, second, ratio), differential (cage, left, right),
+# planetary gear (carrier, ring, sun, ratio)
 RIGS = {
     "flange": ([0.05, 0.9], [("shaft", 0, 1, 1.0)]),
     "flange with a ratio": ([0.05, 0.9], [("shaft", 0, 1, 2.0)]),
@@ -30,6 +32,10 @@ RIGS = {
     "differential with a free side": (
         [0.05, 0.2, 6.0, 0.9],
         [("differential", 1, 0, 2), ("shaft", 1, 3, 2.5)],
+    ),
+    "planetary gear with a free sun": (
+        [0.05, 0.2, 3.0, 0.9],
+        [("planetary", 1, 0, 2, 2.6), ("shaft", 1, 3, 1.4)],
     ),
 }
 MOTOR, WHEEL, BODY, SIDE, TYRE, DRAG = 0.3, 1.1, 30.0, 6000.0, 9000.0, 0.4
@@ -99,6 +105,10 @@ def rig_file(inertias, connections):
         if kind == "differential":
             text += f'[differentials.j{k}]\ncage = "n{ends[0]}"\nleft = "n{ends[1]}"\nright = "n{ends[2]}"\n'
             continue
+        if kind == "planetary":
+            text += f'[planetary_gears.j{k}]\ncarrier = "n{ends[0]}"\nring = "n{ends[1]}"\nsun = "n{ends[2]}"\n'
+            text += f"ratio = {ends[3]}\n"
+            continue
         text += f'[{kind}s.j{k}]\nbetween = ["n{ends[0]}", "n{ends[1]}"]\nratio = {ends[2]}\n'
         if kind == "shaft":
             text += f"stiffness = {STIFF}\ndamping = 100\n"
@@ -149,6 +159,8 @@ def followed(inertias, connections, torque, acceleration, speed, time):
         row = np.zeros(n)
         if kind == "differential":
             row[ends[0]], row[ends[1]], row[ends[2]] = 1, -0.5, -0.5
+        elif kind == "planetary":
+            row[ends[0]], row[ends[1]], row[ends[2]] = 1, -ends[3] / (1 + ends[3]), -1 / (1 + ends[3])
         else:
             row[ends[0]], row[ends[1]] = 1 / ends[2], -1
         springs.append((row, STIFF if kind == "shaft" else 30 * STIFF, 100 if kind == "shaft" else 2000))
@@ -195,6 +207,8 @@ def static_ratio(n, connections):
         row = np.zeros(n)
         if kind == "differential":
             row[ends[0]], row[ends[1]] = 1, -0.5
+        elif kind == "planetary":
+            row[ends[0]], row[ends[1]] = 1, -ends[3] / (1 + ends[3])
         else:
             row[ends[0]], row[ends[1]] = 1, -ends[2]
         rows.append(row)
