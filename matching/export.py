@@ -176,7 +176,7 @@ class WatchedBed:
 
 def watched_bed(case: Case, law: ControlLaw, values: Mapping[str, float]) -> WatchedBed:
     """The bed of a case with some ``values`` other than the case's, named as those that are uncertain."""
-    dynamometers, k = case.loop.dynamometers, len(case.loop.dynamometers)
+    dynamometers = case.loop.dynamometers
     rig = case.rig.with_values(of_system(values, case.rig))
     more = replace(
         rig,
@@ -187,8 +187,8 @@ def watched_bed(case: Case, law: ControlLaw, values: Mapping[str, float]) -> Wat
     bed = assembled_bed(case, space, values)
     return WatchedBed(
         rig, law, bed.A, bed.commands, bed.readings[: len(law.sensors)],
-        {name: np.pad(space.input(name), (0, 2 * k)) for name in space.inputs},
-        {part.name: np.pad(space.output(shaft_torque(part.name)), (0, 2 * k)) for part in rig.shafts},
+        {name: np.pad(space.input(name), (0, case.loop.lag_states)) for name in space.inputs},
+        {part.name: np.pad(space.output(shaft_torque(part.name)), (0, case.loop.lag_states)) for part in rig.shafts},
         tuple(sensor.of for dynamometer in dynamometers for sensor in rig.sensors
               if sensor.name == dynamometer.torque_sensor),
         bed.delay,
@@ -308,8 +308,11 @@ def opened_shaft_rule(case: Case, law: ControlLaw, lost_torque: float) -> Opened
     lost_torque : float
         N·m: from this flange torque on the controller judges whether it is gone at once.
     """
-    beds = [watched_bed(case, law, case.uncertainty.at(at)) for at in case.uncertainty.spread(DRAWN_BEDS)]
     shafts = tuple(part.name for part in case.rig.shafts)
+    if len(case.loop.flanges) < len(case.loop.dynamometers):
+        without = tuple(OpenedShaft(shaft, "", None, "not every dynamometer has a torque flange") for shaft in shafts)
+        return OpenedShaftRule(nothing_watched(len(law.sensors), len(law.dynamometers)), np.zeros(0), without)
+    beds = [watched_bed(case, law, case.uncertainty.at(at)) for at in case.uncertainty.spread(DRAWN_BEDS)]
     carried = watched_bed(case, law, {}).carried(shafts)
     limit = case.limits.get("dynamometer_torque", NO_LIMIT)
     scale = lost_torque if limit < NO_LIMIT else 0.0
@@ -436,7 +439,7 @@ def exported_controller(case: Case) -> ExportedController:
     parts = linear_bed(case)
     law = control_law(parts)
     dynamometers = case.loop.dynamometers
-    torques = tuple(law.sensors.index(dynamometer.torque_sensor) for dynamometer in dynamometers)
+    torques = tuple(-1 if one.torque_sensor is None else law.sensors.index(one.torque_sensor) for one in dynamometers)
     speeds = tuple(law.sensors.index(dynamometer.speed_sensor) for dynamometer in dynamometers)
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
     settings = _settings(parts, law, torques)
@@ -457,8 +460,8 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
     case, loop, k = parts.case, parts.case.loop, len(parts.case.loop.dynamometers)
     torque = case.limits.get("dynamometer_torque", NO_LIMIT)
     speed = case.limits.get("dynamometer_speed", NO_LIMIT)
-    bed, names = parts.bed, tuple(dynamometer.name for dynamometer in loop.dynamometers)
-    speeds = StateSpace(bed.A, bed.commands, bed.readings[k : 2 * k], np.zeros((k, k)), names, names)
+    bed, names, first = parts.bed, tuple(dynamometer.name for dynamometer in loop.dynamometers), len(loop.flanges)
+    speeds = StateSpace(bed.A, bed.commands, bed.readings[first : first + k], np.zeros((k, k)), names, names)
     rotors = [
         next(part.on for part in case.rig.inputs if part.name == dynamometer.torque_input)
         for dynamometer in loop.dynamometers
@@ -471,7 +474,7 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
     unexpected = np.full(len(law.sensors), NO_LIMIT)
     if torque < NO_LIMIT:
         # a controller without a model of the rig expects nothing
-        expecting = [at for at in torques if law.E[at].any()]
+        expecting = [at for at in torques if at >= 0 and law.E[at].any()]
         unexpected[expecting] = UNEXPECTED_TORQUE * torque
     lost = LOST_TORQUE * torque if torque < NO_LIMIT else NO_LIMIT
     return Settings(

@@ -54,8 +54,8 @@ CASE = {
     "title": "a line for reports",
     "vehicle": "model file of what has to be reproduced",
     "rig": "model file of what stands on the bed; shared components carry the vehicle's names",
-    "dynamometers": "`torque_input`, `torque_sensor`, `speed_sensor`, and `follows`, the shaft that is cut; "
-    "`dead_time`, `inverter_lag`, `torque_sensor_lag` where it has others than `[loop]` states for all",
+    "dynamometers": "`torque_input`, `torque_sensor` (none without a torque flange), `speed_sensor`, and `follows`, "
+    "the shaft that is cut; `dead_time`, `inverter_lag`, `torque_sensor_lag` where it has others than `[loop]` states",
     "loop": "control structure, delays and gains",
     "targets": "a list: `mode` of the vehicle by number, `frequency_tolerance` (relative), `damping_tolerance`",
     "response": "`band` (Hz), `compare` (pairs of `input`, `sensor`), `tolerance`, `unmeasured_tolerance`",

@@ -147,10 +147,11 @@ def _case() -> Schema:
                 **dict.fromkeys(case_file.TOLERANCES, VALUE)}  # fmt: skip
     dynamometer = dict.fromkeys(case_file.DYNAMOMETER_KEYS, TEXT) | {"torque_gain": VALUE}
     dynamometer |= dict.fromkeys(case_file.OWN_TIMES, value("s"))
+    of_dynamometer = [key for key in case_file.DYNAMOMETER_KEYS if key != case_file.MAY_LACK]
     targets = {field.name: VALUE for field in dataclasses.fields(Target)} | {"mode": {"type": "integer", "minimum": 1}}
     keys = {
         "title": TEXT, "vehicle": TEXT, "rig": TEXT, "residual_vehicle": table({"model": TEXT}, ("model",)),
-        "dynamometers": by_name(table(dynamometer, case_file.DYNAMOMETER_KEYS)),
+        "dynamometers": by_name(table(dynamometer, of_dynamometer)),
         "loop": {"anyOf": [_loop(name) for name in STRUCTURES]},
         "targets": {"type": "array", "minItems": 1, "items": table(targets, ("mode",))},
         "response": table(response, ("compare",)),

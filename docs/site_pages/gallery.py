@@ -26,7 +26,8 @@ def gallery_pages() -> dict[str, str | bytes]:
     pages: dict[str, str | bytes] = {}
     for readme in sorted((ROOT / "examples").glob("*/README.md")):
         name = readme.parent.name
-        pages[f"example_{name}.md"] = text = _moved(readme.read_text(encoding="utf-8"), readme.parent)
+        text = _moved(readme.read_text(encoding="utf-8"), readme.parent)
+        pages[f"example_{name}.md"] = text + _files(readme.parent)
         shown = f"{'road_to_rig' if name in OF_THE_REFERENCE else name}.svg"
         cards.append(_card(f"example_{name}", text, f"../gallery/{shown}" if (PICTURES / shown).exists() else ""))
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
@@ -37,6 +38,13 @@ def gallery_pages() -> dict[str, str | bytes]:
     hidden = "".join(f"{name.removesuffix('.md')}\n" for name in pages if name.endswith(".md"))
     pages["gallery.md"] = f"{TOP}\n{''.join(cards)}::::\n\n```{{toctree}}\n:hidden:\n\n{hidden}```\n"
     return pages
+
+
+def _files(folder: Path) -> str:
+    """The input files of an example, each to be unfolded."""
+    files = sorted(folder.glob("*.toml"))
+    shown = [f"::::{{dropdown}} {path.name}\n```toml\n{path.read_text(encoding='utf-8')}```\n::::\n" for path in files]
+    return "\n## Files\n\n" + "\n".join(shown) if shown else ""
 
 
 def _card(page: str, text: str, picture: str) -> str:

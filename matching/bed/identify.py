@@ -136,7 +136,8 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
 
 def _together(case: Case, diagnosis: Diagnosis, name: str, unexplained: bool) -> dict[str, Estimate]:
     """The loop's own value of a delay or a lag of the dynamometers: their mean, and the largest uncertainty of one."""
-    keys = [own_times(dynamometer)[name] for dynamometer in case.loop.dynamometers]
+    own = [own_times(dynamometer) for dynamometer in case.loop.dynamometers]
+    keys = [names[name] for names in own if name in names]
     found = [diagnosis.parameters[key] for key in keys if key in diagnosis.parameters]
     told = [one for one in found if math.isfinite(one.standard_uncertainty) and not (unexplained and one.note)]
     if not told or len(told) < len(keys):
@@ -153,7 +154,9 @@ def _own_times(
     if len(case.loop.dynamometers) == 1:
         return {name: None for name in common if getattr(dynamometer, name) is not None}
     names = own_times(dynamometer)
-    return {name: diagnosis.parameters[names[name]].value + hold * (name == "dead_time") for name in common}
+    return {
+        name: diagnosis.parameters[names[name]].value + hold * (name == "dead_time") for name in common if name in names
+    }
 
 
 def narrowed(quantity: Uncertain, estimate: Estimate | None, hold: float) -> Uncertain:
@@ -453,7 +456,8 @@ def _identified(before: Uncertain, after: Uncertain, case: Case, made: Case, dia
     """A quantity before and after; the torque gain of a dynamometer as the case states it, not relative to that."""
     keys = [names_in_system(case).get(before.name, "")]
     if before.name.removeprefix("loop.") in OWN_TIMES:
-        keys = [own_times(dynamometer)[before.name.removeprefix("loop.")] for dynamometer in case.loop.dynamometers]
+        own = [own_times(dynamometer) for dynamometer in case.loop.dynamometers]
+        keys = [names[before.name.removeprefix("loop.")] for names in own if before.name.removeprefix("loop.") in names]
     found = all(key in diagnosis.parameters and not diagnosis.parameters[key].note for key in keys)
     if not before.name.endswith(GAIN):
         return IdentifiedValue(before.name, before.value, after.value, after.half_width, found)

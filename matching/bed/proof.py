@@ -363,11 +363,12 @@ class _Shaping:
         """Factor that brings the excitation to the limits, and keeps it from what a watchdog takes for a fault."""
         motion, demands = self.motion(spectra, names)
         scale = self.limits.largest_scale(self.steady, motion, demands, 1 - self.settings.free)
-        torques = [self.bed.sensors.index(dynamometer.torque_sensor) for dynamometer in self.case.loop.dynamometers]
+        torques = [self.bed.sensors.index(flange) for flange in self.case.loop.flanges]
         answers = np.einsum("blye,le->bly", self.beds.outputs[:, :, torques], spectra)
         moved = np.stack([self.wave(spectrum, self.count) for spectrum in answers])  # (b, t, k)
         still = self.steady[1][:, None, torques]
-        while scale > 0 and _seems_lost(still + scale * moved, self.controller, self.settings):
+        least = self.controller.lost_torque[self.case.loop.with_flange]
+        while scale > 0 and _seems_lost(still + scale * moved, least, self.settings):
             scale *= self.settings.smaller
         return scale
 
@@ -432,14 +433,14 @@ class _Shaping:
         return np.sqrt(total)
 
 
-def _seems_lost(torques: np.ndarray, controller: Settings, settings: ProofSettings) -> bool:
-    """Whether flange torques (b, t, k) come near what the controller takes for a broken shaft."""
-    if (controller.lost_torque >= NO_LIMIT).all():
+def _seems_lost(torques: np.ndarray, least: np.ndarray, settings: ProofSettings) -> bool:
+    """Whether flange torques (b, t, f), above ``least`` (f,), come near what the controller takes for a broken one."""
+    if (least >= NO_LIMIT).all():
         return False
     below, above = settings.nearly_lost
     count = torques.shape[1] - KEPT_SAMPLES
     recent = np.stack([torques[:, KEPT_SAMPLES - i : KEPT_SAMPLES - i + count] for i in range(KEPT_SAMPLES + 1)])
-    return bool(has_gone(recent, below * controller.lost_torque, above * GONE).any())
+    return bool(has_gone(recent, below * least, above * GONE).any())
 
 
 # --- What a recording of it will tell.

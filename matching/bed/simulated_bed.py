@@ -144,13 +144,11 @@ def names_in_system(case: Case) -> dict[str, str]:
 
 def own_times(dynamometer: Dynamometer) -> dict[str, str]:
     """Name in :func:`bed_system` of a dynamometer's delay and lags, by what the loop calls them."""
-    command, torque = f"inputs.{dynamometer.torque_input}", f"sensors.{dynamometer.torque_sensor}"
-    names = (
-        f"{command}.{DeadTime.kind}.delay",
-        f"{command}.{Lag.kind}.time_constant",
-        f"{torque}.{Lag.kind}.time_constant",
-    )
-    return dict(zip(OWN_TIMES, names, strict=True))
+    command = f"inputs.{dynamometer.torque_input}"
+    names = {"dead_time": f"{command}.{DeadTime.kind}.delay", "inverter_lag": f"{command}.{Lag.kind}.time_constant"}
+    if dynamometer.torque_sensor:
+        names["torque_sensor_lag"] = f"sensors.{dynamometer.torque_sensor}.{Lag.kind}.time_constant"
+    return names
 
 
 def friction_names(case: Case) -> dict[str, str]:
@@ -179,16 +177,19 @@ def bed_system(case: Case, *, turning: bool = False) -> System:
     }  # fmt: skip
     effects = []
     for j, dynamometer in enumerate(loop.dynamometers):
-        command, torque = f"inputs.{dynamometer.torque_input}", f"sensors.{dynamometer.torque_sensor}"
+        command = f"inputs.{dynamometer.torque_input}"
         delay = _of(box, "loop.dead_time", loop.command_delays()[j])  # without the half sample of hold
-        lags = [_of(box, f"loop.{name}", loop.lags(name)[j]) for name in OWN_TIMES[1:]]
+        lag = _of(box, "loop.inverter_lag", loop.lags("inverter_lag")[j])
         gain = _of(box, f"dynamometers.{dynamometer.name}.torque_gain", dynamometer.torque_gain)
         effects += [
             Effect(DeadTime.kind, command, (("delay", delay),)),
-            Effect(Lag.kind, command, (("time_constant", lags[0]),)),
-            Effect(Lag.kind, torque, (("time_constant", lags[1]),)),
+            Effect(Lag.kind, command, (("time_constant", lag),)),
             Effect(InputGain.kind, command, (("factor", gain),)),
         ]
+        if dynamometer.torque_sensor:
+            own = loop["torque_sensor_lag"] if dynamometer.torque_sensor_lag is None else dynamometer.torque_sensor_lag
+            of_sensor = _of(box, "loop.torque_sensor_lag", own)
+            effects.append(Effect(Lag.kind, f"sensors.{dynamometer.torque_sensor}", (("time_constant", of_sensor),)))
     largest = max((float(np.abs(drive.torque(np.linspace(0, drive.duration, 2001))).max())
                    for drive in case.manoeuvre.values()), default=0.0)  # fmt: skip
     if turning and largest:

@@ -206,13 +206,13 @@ OFFSET_TIME_S = 60.0
 
 @dataclass(frozen=True)
 class OffsetFigures:
-    """What offsets do; k dynamometers, x states of the controller, y sensors.
+    """What offsets do; f flanges, k dynamometers, x states of the controller, y sensors.
 
     Attributes
     ----------
-    torque : ndarray (k,)
+    torque : ndarray (f,)
         N·m: flange torques less what is expected, of offsets as large as the sensors' uncertainties, root sum square.
-    left, right : ndarray (k, x + k), (k, x + y)
+    left, right : ndarray (f, x + k), (f, x + y)
         A change of the controller's matrices dM changes a torque by left·dM·right.
     """
 
@@ -226,6 +226,7 @@ def offset_figures(bed: Planned, controller: SampledController) -> OffsetFigures
     if controller.expected is None or controller.delayed_commands is None:
         return None
     o, k, y = controller.reached, len(controller.C), len(controller.sensors)
+    f = len(bed.every.case.loop.flanges)  # the first readings
     z = np.exp(controller.sample_time / OFFSET_TIME_S)
     held = bed.held(np.array([np.log(z) / (2j * np.pi * controller.sample_time)]))[0].real  # (y, k)
     feedback, expected = controller.feedback, controller.expected[:, :o]
@@ -234,14 +235,14 @@ def offset_figures(bed: Planned, controller: SampledController) -> OffsetFigures
     acting = feedback.C @ states + feedback.D
     seen = np.linalg.inv(np.eye(y) - held @ acting)
     missing = np.eye(y) - expected @ states
-    unexpected = (missing @ seen)[:k]
+    unexpected = (missing @ seen)[:f]
     of_command = np.hstack([feedback.C @ forward, np.eye(k)])
     left = np.hstack([-expected @ forward, np.zeros((y, k))]) + missing @ seen @ held @ of_command
     square = (unexpected * bed.uncertainty) ** 2
     torque = np.sqrt(square.sum(axis=1))
     weights = unexpected * bed.uncertainty**2 / np.maximum(torque, 1e-300)[:, None]
     right = (np.vstack([states, np.eye(y)]) @ seen @ weights.T).T
-    return OffsetFigures(torque, left[:k], right)
+    return OffsetFigures(torque, left[:f], right)
 
 
 def noise_weights(f: np.ndarray) -> np.ndarray:
@@ -266,9 +267,10 @@ def loop_figures(bed: Planned, controller: SampledController, required: Requirem
     noise = dict(zip(controller.dynamometers, command_noise(curves, f).tolist(), strict=True))
     offsets = offset_figures(bed, controller)
     unexpected = [] if offsets is None else offsets.torque.tolist()
+    flanges = [controller.dynamometers[j] for j in bed.every.case.loop.with_flange]
     return LoopFigures(
         float(curves.margin[lowest]), float(curves.margin_at[lowest]), float(largest), noise,
-        dict(zip(controller.dynamometers, unexpected)),
+        dict(zip(flanges, unexpected)),
     )  # fmt: skip
 
 

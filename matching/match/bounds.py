@@ -13,6 +13,7 @@ from modelling.bed.controllers import ModelBased
 from modelling.bed.observer import FREE_COMMAND_WEIGHT, Observer, design, observer_model
 from modelling.bed.vehicle import cut
 from modelling.errors import NoDesign
+from modelling.system import Sensor
 
 # --- The response errors of a match with the lower bounds that the dead time sets, and its curves for drawing.
 
@@ -43,6 +44,7 @@ def lower_bound(case: Case, refinement: int) -> float:
     worse. It is the optimum for torques that step at unforeseeable moments, over all frequencies; over a finite band
     a controller may do a little better, at the cost of what lies outside.
     """
+    case = _with_flanges(case)
     driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
     on_rig = tuple(part.name for part in case.rig.inputs if part.name not in driven)
     structure = ModelBased()
@@ -50,6 +52,18 @@ def lower_bound(case: Case, refinement: int) -> float:
     values = {**start, **case.loop.values, "sample_time": case.loop["sample_time"] / refinement}
     finer = dataclasses.replace(case.loop, structure=structure, measured=on_rig, values=values)
     return error_figures(dataclasses.replace(case, loop=finer)).after
+
+
+def _with_flanges(case: Case) -> Case:
+    """The case with a torque sensor in the cut shaft for every dynamometer without a torque flange."""
+    without = [one for one in case.loop.dynamometers if one.torque_sensor is None]
+    added = tuple(Sensor(f"cut_torque_{one.follows}", "torque", one.follows) for one in without)
+    dynamometers = tuple(
+        dataclasses.replace(one, torque_sensor=f"cut_torque_{one.follows}") if one in without else one
+        for one in case.loop.dynamometers
+    )
+    rig = dataclasses.replace(case.rig, sensors=(*case.rig.sensors, *added))
+    return dataclasses.replace(case, rig=rig, loop=dataclasses.replace(case.loop, dynamometers=dynamometers))
 
 
 def estimator_bound(case: Case) -> float | None:

@@ -114,8 +114,7 @@ def read_uncertainty(data: Mapping[str, Any], vehicle: System, rig: System, loop
         for name in names:
             half_width = share if name == "loop.dead_time" else share * abs(known[name])
             by_name[name] = Uncertain(name, known[name], half_width)
-    for dynamometer in loop.dynamometers:
-        name = f"sensors.{dynamometer.torque_sensor}.gain"
+    for name in (f"sensors.{flange}.gain" for flange in loop.flanges):
         by_name.setdefault(name, Uncertain(name, 1.0, TORQUE_SENSOR_GAIN))
     return Box(tuple(quantity for quantity in by_name.values() if quantity.half_width > 0))
 
@@ -128,7 +127,7 @@ def uncertainty_table(box: Box, vehicle: System, rig: System, loop: Loop) -> dic
         width = widths.get(name)
         if width is None:
             defaults = any(name in _fitting(key, {name: value}) for key in DEFAULT)
-            if defaults or name in {f"sensors.{dynamometer.torque_sensor}.gain" for dynamometer in loop.dynamometers}:
+            if defaults or name in {f"sensors.{flange}.gain" for flange in loop.flanges}:
                 table[name] = 0.0
         elif name == "loop.dead_time":
             table[name] = width.half_width

@@ -110,6 +110,7 @@ def _bounds(case: Case, move: Move) -> dict[str, Any]:
 # --- Reading the loop and the dynamometers of a case file.
 
 DYNAMOMETER_KEYS = ("torque_input", "torque_sensor", "speed_sensor", "follows")
+MAY_LACK = "torque_sensor"  # of these: a bed without torque flanges
 OWN_TIMES = ("dead_time", "inverter_lag", "torque_sensor_lag")  # of a dynamometer, where not as the loop states them
 SMALLEST_GAIN = 0.1  # of a dynamometer's torque: a smaller one is no calibration but a mistake
 
@@ -152,7 +153,12 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
     knows = _names(table, "knows", [part.name for part in rig.inputs], "motor_torque", where)
     measures = _names(table, "measures", [part.name for part in rig.sensors], "motor_speed", where)
     dynamometers = tuple(_dynamometers(data, rig, residual, where))
-    those = {name for dynamometer in dynamometers for name in (dynamometer.torque_sensor, dynamometer.speed_sensor)}
+    if not structure.is_observer and (blind := [one.name for one in dynamometers if one.torque_sensor is None]):
+        raise InputError(
+            f"{where}: dynamometers.{blind[0]}.torque_sensor", f"is missing, and structure {structure.name!r} needs it",
+            'name the sensor of the torque flange; without one, structure = "observer" estimates the torque',
+        )  # fmt: skip
+    those = {name for one in dynamometers for name in (one.torque_sensor, one.speed_sensor)}
     further = tuple(name for name in measures if name not in those)
     return Loop(structure, dynamometers, knows, values, further, fixed)
 
@@ -203,13 +209,14 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
             if isinstance(tables[name], dict) and key in tables[name]:
                 raise _one_for_all(f"{where}: {place}.{key}", key)
         table = table_of(tables, name, f"{where}: dynamometers", {*DYNAMOMETER_KEYS, "torque_gain", *OWN_TIMES})
-        texts = [text_of(table, key, f"{where}: {place}") for key in DYNAMOMETER_KEYS]
-        choices = [list(known) for known in (inputs, sensors, sensors, cuts)]
-        for key, value, known in zip(DYNAMOMETER_KEYS, texts, choices, strict=True):
-            if value not in known:
-                raise unknown(value, known, f"{where}: {place}.{key}")
-        for key, value, measures in (("torque_sensor", texts[1], "torque"), ("speed_sensor", texts[2], "speed")):
-            if sensors[value].measures != measures:
+        keys = [key for key in DYNAMOMETER_KEYS if key != MAY_LACK or key in table]
+        texts = {key: text_of(table, key, f"{where}: {place}") for key in keys}
+        choices = dict(zip(DYNAMOMETER_KEYS, ([*inputs], [*sensors], [*sensors], [*cuts]), strict=True))
+        for key, value in texts.items():
+            if value not in choices[key]:
+                raise unknown(value, choices[key], f"{where}: {place}.{key}")
+        for key, measures in (("torque_sensor", "torque"), ("speed_sensor", "speed")):
+            if key in texts and sensors[value := texts[key]].measures != measures:
                 raise InputError(
                     f"{where}: {place}.{key}",
                     f"{value!r} measures {sensors[value].measures}",
@@ -217,7 +224,10 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
                 )
         gain = _torque_gain(table, f"{where}: {place}.torque_gain")
         times = {key: _own_time(table[key], key, f"{where}: {place}.{key}") for key in OWN_TIMES if key in table}
-        yield Dynamometer(name, texts[0], texts[1], texts[2], texts[3], gain, **times)
+        yield Dynamometer(
+            name, texts["torque_input"], texts.get("torque_sensor"), texts["speed_sensor"], texts["follows"], gain,
+            **times,
+        )  # fmt: skip
     followed = [table.get("follows") for table in tables.values()]
     for shaft in cuts:
         if followed.count(shaft) != 1:

@@ -11,7 +11,6 @@ import numpy as np
 from matching.match.box import of_system
 from matching.match.case import Case
 from matching.match.loop import control_law, linear_bed, shaft_torque
-from matching.match.opened import WAIVED
 from matching.match.running import RunningLaw, stacked
 from matching.match.running import run as run_batch
 from matching.match.verify import manoeuvre_torques
@@ -282,7 +281,7 @@ def bed_motions(
     trim = np.array([held[dynamometer.torque_input] for dynamometer in loop.dynamometers])[:, None]
     running = RunningLaw(
         law, [beds.model.sensors.index(name) for name in law.sensors],
-        [law.sensors.index(dynamometer.torque_sensor) for dynamometer in loop.dynamometers],
+        [law.sensors.index(name) for name in loop.flanges],
         stacked([_known_torques(case, run) for run in runs], law.known), (-limit - trim, limit - trim),
         _sensing(case, law, runs, seed).read,
     )  # fmt: skip
@@ -322,6 +321,7 @@ def _sensing(case: Case, law: ControlLaw, runs: Sequence[BedRun], seed: int) -> 
 
 LASHES_RAD = (np.radians(0.5), np.radians(5.0))  # of a drive's whole lash, from new to worn
 DRAWN = 10
+AS_PLANNED = 3  # runs of the bed as planned, from the least lash to the largest
 LASH_S = 5.0  # of a run: a bed whose swing dies out has come to rest
 PULSE_S = (0.2, 0.3)  # torque that closes the lash, and leaves it open
 JUDGED_S = 0.5  # at the end
@@ -331,7 +331,7 @@ DECAYING = 0.95  # swing over that of the half second before: below it the bed c
 
 @dataclass(frozen=True)
 class OpenLash:
-    """What drawn lashes do on drawn beds.
+    """What lashes do on the bed as planned and on drawn ones.
 
     Attributes
     ----------
@@ -346,16 +346,16 @@ class OpenLash:
     largest_swing: float
     vehicle_swing: float
 
-    def sentences(self, waived: bool) -> list[str]:
-        """What is said of beds that swing on; ``waived``: play counts as a check alone."""
-        if not self.limit_cycles:
-            return []
+    def words(self) -> str:
+        """What the beds do."""
         low, high = np.degrees(LASHES_RAD)
-        hint = "" if waived else WAIVED
-        return [
-            f"{self.limit_cycles} of {self.drawn} drawn beds with {low:.2g}° to {high:.2g}° of free play in the cut "
-            f"shafts swing on after a pulse, by up to {self.largest_swing:.3g} N·m rms{hint}"
-        ]
+        said = (
+            f"{self.limit_cycles or 'none'} of {self.drawn} beds with {low:.2g}° to {high:.2g}° of free play in the "
+            "cut shafts, as planned and drawn, "
+        )
+        if not self.limit_cycles:
+            return f"{said}swings on after a pulse"
+        return f"{said}swing on after a pulse, by up to {self.largest_swing:.3g} N·m rms"
 
 
 def lash_runs(
@@ -410,7 +410,7 @@ def open_lash(
 
 
 def lashes(case: Case, seed: int = 0) -> OpenLash | None:
-    """What free play in the cut shafts does on drawn beds of a tuned case, in time.
+    """What free play in the cut shafts does on a tuned case's bed as planned and on drawn ones, in time.
 
     None where the controller gives no torque, where no input but the dynamometers' could move the bed, and where a
     bed or vehicle cannot be simulated.
@@ -426,6 +426,8 @@ def lashes(case: Case, seed: int = 0) -> OpenLash | None:
         runs = lash_runs(case, {name: np.full(count, size) for name, size in largest.items()}, known, seed)
         if not runs:
             return None
+        planned = (Imperfection("open lash", gap=float(gap)) for gap in np.geomspace(*LASHES_RAD, AS_PLANNED))
+        runs += [replace(runs[0], imperfection=each) for each in planned]
         beds = bed_motions(case, law, runs, cuts, seed)
         return open_lash(vehicle_motions(case, runs, cuts), beds, range(len(cuts)), law.sample_time)
     except (NoDesign, SimulationError):
@@ -450,7 +452,7 @@ class Standstill:
     ----------
     command, flange : float
         N·m rms over the last two seconds, of the worst dynamometer: what encoders add to the command and to the torque
-        at the flange. Noise and offset add to that.
+        at the flange, without one in the cut shaft. Noise and offset add to that.
     """
 
     command: float
@@ -474,8 +476,9 @@ def standstill(
     back = round((PULSE_S[1] - PULSE_S[0]) / law.sample_time)
     both = {name: torque - np.roll(torque, back) for name, torque in pulse.items()}
     runs = [BedRun(Imperfection("", encoders=encoders), both, known) for encoders in (True, False)]
-    flanges = [dynamometer.torque_sensor for dynamometer in case.loop.dynamometers]
-    counting, exact = bed_motions(case, law, runs, flanges)
+    case, _ = with_cut_torques(case)
+    torques_read = [one.torque_sensor or shaft_torque(one.follows) for one in case.loop.dynamometers]
+    counting, exact = bed_motions(case, law, runs, torques_read)
     if counting is None or exact is None:
         return None
     count = len(exact.commands) // 2
@@ -612,8 +615,11 @@ def errors_in_time(
 def with_cut_torques(case: Case) -> tuple[Case, list[str]]:
     """The case with a sensor of the torque at each cut in vehicle and rig, and their names: models may have none."""
     added = [Sensor(shaft_torque(cut.shaft), "torque", cut.shaft) for cut in case.residual_vehicle.interfaces]
+    names = [sensor.name for sensor in added]
+    if {sensor.name for sensor in case.rig.sensors}.issuperset(names):
+        return case, names
     vehicle, rig = (replace(system, sensors=(*system.sensors, *added)) for system in (case.vehicle, case.rig))
-    return replace(case, vehicle=vehicle, rig=rig), [sensor.name for sensor in added]
+    return replace(case, vehicle=vehicle, rig=rig), names
 
 
 def _simulated(

@@ -116,7 +116,7 @@ class SolvedAgain:
 
         It is the search that a match of the changed case makes.
         """
-        settings = replace(self.settings, starts=SearchSettings().starts)
+        settings = replace(self.settings, starts=SearchSettings().starts, decides=True)
         asked = replace(self.problem.demands, limits=case.limits)
         search = search_for(case, moves, self.problem.shares, asked, settings)
         return self.meets_all(apply(case, search.values(solve(search).end.x)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,7 +14,7 @@ from matching.match.box import of_system
 from matching.match.case import Case
 from matching.match.damping import asked_damping
 from matching.match.requirements import Requirements
-from modelling.bed.bed import ControlLaw, DelayedBed, Dynamometer, delayed_bed
+from modelling.bed.bed import ControlLaw, DelayedBed, Dynamometer, Loop, delayed_bed
 from modelling.bed.vehicle import FeedForward, Interface, cut
 from modelling.controller.law import law_of_feed_forward, law_of_feedback
 from modelling.equations.casadi_code import compiled
@@ -108,7 +108,7 @@ class LinearBed:
     cuts : tuple of Interface
         The cut each dynamometer follows.
     torque_signs : ndarray (k,)
-        Torque that drives the rotor for a flange reading of 1 N·m.
+        Torque that drives the rotor for a flange reading of 1 N·m; without a flange, for 1 N·m in the cut shaft.
     simulated : tuple of str
         Inputs that act inside the residual vehicle.
     free : Body
@@ -186,7 +186,10 @@ def linear_bed(case: Case, rig: System | None = None, untuned: System | None = N
     bodies = tuple(body(part) for part in residual.parts)
     taken = {cut.torque for cut in residual.interfaces}
     simulated = tuple(name for part in bodies for name in part.space.inputs if name not in taken)
-    torque_signs = np.array([torque_sign(rig, dyno) for dyno in case.loop.dynamometers])
+    torque_signs = np.array([
+        cut.factor if dyno.torque_sensor is None else torque_sign(rig, dyno)
+        for dyno, cut in zip(case.loop.dynamometers, cuts, strict=True)
+    ])  # fmt: skip
     rig_body = body(watched(rig, cuts, rig_side=True))
     free = rig_body if untuned is None else body(watched(untuned, cuts, rig_side=True))
     return LinearBed(case, rig_body, bodies, cuts, torque_signs, simulated, free)
@@ -284,32 +287,45 @@ def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
 
 def assembled_bed(case: Case, rig: StateSpace, values: Mapping[str, float]) -> Bed:
     """The bed of a linear rig, lags, dead time and gains from ``values`` or the case."""
-    loop, k = case.loop, len(case.loop.dynamometers)
-    lag, sensor_lag = (loop.lags(name, values.get(f"loop.{name}")) for name in ("inverter_lag", "torque_sensor_lag"))
+    loop, n = case.loop, len(rig.A)
+    A, commands, readings = with_hardware(loop, rig.A, rig.input, rig.output, values)
     delay = loop.command_delays(values.get("loop.dead_time"))
-    n = len(rig.A)
-    A = block_diag(rig.A, -np.diag(1 / lag), -np.diag(1 / sensor_lag))
-    commands, readings = np.zeros((n + 2 * k, k)), np.zeros((len(loop.controller_sensors), n + 2 * k))
-    for j, dynamometer in enumerate(loop.dynamometers):
-        A[:n, n + j] = values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) * rig.input(
-            dynamometer.torque_input
-        )
-        A[n + k + j, :n] = rig.output(dynamometer.torque_sensor) / sensor_lag[j]
-        commands[n + j, j] = 1 / lag[j]
-    for i, name in enumerate(loop.controller_sensors):
-        readings[i, :n] = rig.output(name)
-    readings[:k] = np.eye(k, n + 2 * k, n + k)
-    readings *= np.array([[values.get(f"sensors.{name}.gain", 1.0)] for name in loop.controller_sensors])
-    torques = np.zeros((n + 2 * k, len(disturbing(case))))
+    torques = np.zeros((len(A), len(disturbing(case))))
     rows = [rig.outputs.index(name) for name in compared_sensors(case)]
     columns = [rig.inputs.index(name) for name in disturbing(case)]
     torques[:n] = rig.B[:, columns]
-    compared = np.hstack([rig.C[rows], np.zeros((len(rows), 2 * k))])
+    compared = np.hstack([rig.C[rows], np.zeros((len(rows), loop.lag_states))])
     own = np.linalg.eigvals(rig.A)
     own = own[own.imag > 0]
     open_loop = least_damping(own, 2 * np.pi * case.limits["rolled_off_from"])
     sampled = delayed_bed(A, commands, torques, delay, loop["sample_time"])
     return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, own, open_loop)
+
+
+def with_hardware(
+    loop: Loop, A: np.ndarray, column: Callable[[str], np.ndarray], row: Callable[[str], np.ndarray],
+    values: Mapping[str, float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """A mechanical system (n states) with inverters and flanges: A, commands, readings of :class:`Bed`.
+
+    ``column`` and ``row`` give what an input does and what a sensor reads, (n,) by name. The states of inverters (k)
+    and of flanges (f) follow the system's.
+    """
+    lag, sensor_lag = (loop.lags(name, values.get(f"loop.{name}")) for name in ("inverter_lag", "torque_sensor_lag"))
+    n, k = len(A), len(loop.dynamometers)
+    whole = block_diag(A, -np.diag(1 / lag), -np.diag(1 / sensor_lag[loop.with_flange]))
+    commands, readings = np.zeros((len(whole), k)), np.zeros((len(loop.controller_sensors), len(whole)))
+    for i, name in enumerate(loop.controller_sensors):
+        readings[i, :n] = row(name)
+    for i, j in enumerate(loop.with_flange):
+        whole[n + k + i, :n] = readings[i, :n] / sensor_lag[j]
+        readings[i] = np.eye(1, len(whole), n + k + i)
+    for j, dynamometer in enumerate(loop.dynamometers):
+        gain = values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0)
+        whole[:n, n + j] = gain * column(dynamometer.torque_input)
+        commands[n + j, j] = 1 / lag[j]
+    readings *= np.array([[values.get(f"sensors.{name}.gain", 1.0)] for name in loop.controller_sensors])
+    return whole, commands, readings
 
 
 def least_damping(modes: np.ndarray, from_rad_s: float) -> float:

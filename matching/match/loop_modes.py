@@ -42,7 +42,8 @@ def emulated(
     Parameters
     ----------
     traces : mapping
-        Of a rig from rest at the loop's sample time, by name; the torque sensors of the dynamometers are used.
+        Of a rig from rest at the loop's sample time, by name; the torques of the flanges are used, without a
+        flange that of the cut shaft.
     torques : mapping
         Of the manoeuvre by input (t,), linear between samples; those that act inside the residual vehicle are used.
     tuned : bool
@@ -56,10 +57,10 @@ def emulated(
     )
     count = len(next(iter(traces.values())))
     step, rates = loop["sample_time"], 1 / loop.lags("torque_sensor_lag")
+    read = [traces[dyno.torque_sensor or f"shafts.{dyno.follows}.torque"] for dyno in parts.dynamometers]
     measured = {
-        cut.torque: sign
-        * linear_motion(np.array([[-rate]]), np.array([[rate]]), traces[dyno.torque_sensor][:, None], step)[:, 0]
-        for dyno, cut, sign, rate in zip(parts.dynamometers, parts.cuts, parts.torque_signs, rates, strict=True)
+        cut.torque: sign * linear_motion(np.array([[-rate]]), np.array([[rate]]), torque[:, None], step)[:, 0]
+        for torque, cut, sign, rate in zip(read, parts.cuts, parts.torque_signs, rates, strict=True)
     }
     outputs: dict[str, np.ndarray] = {}
     for part in bodies:

@@ -131,12 +131,9 @@ def match(
     relaxed = relaxations(problem, solution, SolvedAgain(problem, settings)) if asked else Relaxations()
     stands = limits(problem, solution, targets, relaxed)
     run = standing.result() if standing is not None and checked.stable else minutes_without("it was not asked for")
-    waived = not checked.required.opened_shafts
-    swings = [] if play is None else play.sentences(waived)
     stands = [
         *stands,
-        *not_kept(case, checked),
-        *([] if waived else swings),
+        *not_kept(case, checked, play),
         *missing_measurement(relaxed, case),
         *run.sentences(),
         *unloaded_lashes(case),
@@ -154,8 +151,7 @@ def match(
             *short,
             *opened_lashes(tuned, checked.traces),
             *_notes(problem, solution, bool(stands)),
-            *noted(case, checked),
-            *(swings if waived else []),
+            *noted(case, checked, play),
             *checked.notes,
         ),
         case=case,
@@ -181,7 +177,7 @@ def match(
     # where adapters are ordered as well, a whole match more takes too long for a sentence
     of_rig = any(move.name.startswith(RIG) for move in problem.moves)
     if ordering and settings.remedies and not short and not of_rig and any(too_large(case, error)):
-        given = replace(settings, remedies=False)
+        given = replace(settings, remedies=False, decides=True)
         limited = replace(case, limits={**case.limits, **relaxed.limits})
         said = _with_larger_tolerances(limited, result, lambda one: match(one, seed, beds=beds, settings=given))
         tell("larger tolerances")

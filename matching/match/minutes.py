@@ -197,7 +197,10 @@ def _run(case: Case, controller: ExportedController, seed: int, settings: Minute
     )  # fmt: skip
     sensors = _sensors(case, law.sensors, [values for _, values, _ in rows], settings, step, random)
     batch, size = ControllerBatch(controller, len(rows)), len(rows)
-    at, flanges = [beds.model.sensors.index(name) for name in law.sensors], list(controller.torque_readings)
+    at, flanges = (
+        [beds.model.sensors.index(name) for name in law.sensors],
+        [at for at in controller.torque_readings if at >= 0],
+    )
     about = _operating_readings(case, beds, at)
     speeds = list(controller.speed_readings)
     wanted = about[speeds][:, None] + _hold_speeds(case, settings, turning) * np.array([row[2] for row in rows])

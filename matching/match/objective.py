@@ -726,7 +726,8 @@ def _loop_rows(
     of_offsets = np.zeros((0, len(change)))
     if offsets is not None and allowed is not None:
         o, states, y_all, k = at.controller.reached, len(at.controller.A), change.shape[2], len(power)
-        before, after = np.zeros((k, states + k)), np.zeros((k, y_all))
+        flanges = len(offsets.torque)
+        before, after = np.zeros((flanges, states + k)), np.zeros((flanges, y_all))
         before[:, :o], before[:, states:] = offsets.left[:, :o], offsets.left[:, o:]
         after[:, :o], after[:, states : states + y] = offsets.right[:, :o], offsets.right[:, o:]
         of_offsets = -(1 + settings.reserve) / allowed * _products(before, change, after)

@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from matching.match.case import Case
 from matching.match.damping import stable_loops
-from matching.match.loop import Bed, SampledController, closed_poles, frequency_response, side_by_side
+from matching.match.loop import Bed, SampledController, closed_poles, frequency_response, side_by_side, with_hardware
 from modelling.bed.bed import delayed_bed
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError
@@ -95,7 +95,7 @@ def passivity_of(case: Case, controller: SampledController) -> Passivity | None:
     if case.loop.torqueless:
         return None
     try:
-        bed, speeds, torques = _beyond(case, controller)
+        bed, speeds, torques = _beyond(case)
     except InputError:  # rig and vehicle share what lies beyond the cut, or a specimen's shaft bridges it
         return None
     top = 0.499 / case.loop["sample_time"]
@@ -116,7 +116,7 @@ def passivity_of(case: Case, controller: SampledController) -> Passivity | None:
     )  # fmt: skip
 
 
-def _beyond(case: Case, controller: SampledController) -> tuple[Bed, np.ndarray, np.ndarray]:
+def _beyond(case: Case) -> tuple[Bed, np.ndarray, np.ndarray]:
     """The bed without its specimen, rows that read the speeds at the cut (k, x), and its torques there (x, k)."""
     parts, loop = cut(case.rig, case.vehicle), case.loop
     spaces = [state_space(part) for part in parts.parts]
@@ -141,18 +141,10 @@ def _beyond(case: Case, controller: SampledController) -> tuple[Bed, np.ndarray,
         """What an input does (n,)."""
         return placed(name, "inputs", "input")
 
-    lag, sensor_lag = (loop.lags(name) for name in ("inverter_lag", "torque_sensor_lag"))
-    A = block_diag(*(space.A for space in spaces), -np.diag(1 / lag), -np.diag(1 / sensor_lag))
-    commands, readings = np.zeros((n + 2 * k, k)), np.zeros((len(controller.sensors), n + 2 * k))
-    at_cut, speeds = np.zeros((n + 2 * k, k)), np.zeros((k, n + 2 * k))
-    for j, (dynamometer, interface) in enumerate(zip(loop.dynamometers, cuts, strict=True)):
-        A[:n, n + j] = column(dynamometer.torque_input)
-        A[n + k + j, :n] = row(dynamometer.torque_sensor) / sensor_lag[j]
-        commands[n + j, j] = 1 / lag[j]
+    A, commands, readings = with_hardware(loop, block_diag(*(space.A for space in spaces)), column, row, {})
+    at_cut, speeds = np.zeros((len(A), k)), np.zeros((k, len(A)))
+    for j, interface in enumerate(cuts):
         at_cut[:n, j], speeds[j, :n] = column(interface.torque), row(interface.speed)
-    for i, name in enumerate(controller.sensors):
-        readings[i, :n] = row(name)
-    readings[:k] = np.eye(k, n + 2 * k, n + k)
     delay, nothing = loop.command_delays(None), np.zeros(0, complex)
     sampled = delayed_bed(A, commands, at_cut, delay, loop["sample_time"])
     bed = Bed(A, commands, at_cut, readings, speeds, np.zeros((k, k)), delay, sampled, nothing, 1.0)

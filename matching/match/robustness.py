@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case
+from matching.match.in_time import OpenLash
 from matching.match.opened import WAIVED
 from matching.match.verify import Verification
 
@@ -14,8 +15,12 @@ def of_beds(robust: Verification) -> BedsCheck:
     return robust.beds
 
 
-def not_kept(case: Case, robust: Verification) -> list[str]:
-    """Sentences on what makes a match limited; the requirements are the same for every control structure."""
+def not_kept(case: Case, robust: Verification, play: OpenLash | None = None) -> list[str]:
+    """Sentences on what makes a match limited; the requirements are the same for every control structure.
+
+    ``play`` is what beds with free play do in time, None where it was not simulated: then a bed that is not stable with
+    softer cut shafts counts as one that may swing on.
+    """
     return [
         *_unstable(robust),
         *_error("measured torques", robust.errors.after, case.tolerance),
@@ -24,12 +29,13 @@ def not_kept(case: Case, robust: Verification) -> list[str]:
         *_slow_feed_forward(robust),
         *_unstable_worst_bed(robust),
         *_loop(robust),
-        *(_opened(robust) if robust.required.opened_shafts else []),
+        *(_swings_on(robust, play) if robust.required.opened_shafts else []),
     ]
 
 
-def noted(case: Case, robust: Verification) -> list[str]:
-    """Sentences on what does not limit a match: errors of drawn beds, a worst bed that is damped too little."""
+def noted(case: Case, robust: Verification, play: OpenLash | None = None) -> list[str]:
+    """Sentences on what does not limit a match: errors of drawn beds, a worst bed that is damped too little, free play
+    that does not swing on in time."""
     sentences, beds = [], of_beds(robust)
     for what, errors, allowed in (
         ("measured", beds.measured, case.tolerance), ("unmeasured", beds.unmeasured, case.unmeasured_tolerance),
@@ -47,8 +53,10 @@ def noted(case: Case, robust: Verification) -> list[str]:
             f"{worst.damping_ratio:.4f}, {worst.damping_ratio / worst.mode.asked:.0%} of the {worst.mode.asked:.4f} "
             f"that this mode needs on drawn beds; it depends most on {', '.join(worst.named)}"
         )
-    if case.loop.structure.is_observer and not robust.required.opened_shafts:
-        sentences += _opened(robust)
+    if not robust.required.opened_shafts:
+        sentences += _swings_on(robust, play) if case.loop.structure.is_observer or play is not None else []
+    elif play is not None and not play.limit_cycles:
+        sentences += [f"{softer}; in time {play.words()}" for softer in _opened(robust)]
     return sentences
 
 
@@ -90,8 +98,26 @@ def _unstable_worst_bed(robust: Verification) -> list[str]:
     ]
 
 
+# Whether free play makes a bed swing on is decided in time, on nonlinear beds with play. That the bed is stable with
+# every share of its cut shafts' stiffness is what a search can ask for: a sufficient condition (describing function),
+# and no necessary one, since a swing passes through the shares at which it would grow faster than it grows there.
+
+
+def _swings_on(robust: Verification, play: OpenLash | None) -> list[str]:
+    """That free play in the cut shafts makes beds swing on; that it may, where it was not simulated."""
+    waived = WAIVED if robust.required.opened_shafts else ""
+    softer = _opened(robust)
+    if play is None:
+        return [
+            f"{each}, as free play that opens lets a shaft appear: it may swing on there{waived}" for each in softer
+        ]
+    if not play.limit_cycles:
+        return []
+    return [f"{play.words()}{''.join(f'; {each}' for each in softer)}{waived}"]
+
+
 def _opened(robust: Verification) -> list[str]:
-    """That free play in the cut shafts may make a bed swing on, and at which shares of their stiffness."""
+    """At which shares of the cut shafts' stiffness the bed as planned is not stable; empty where at none."""
     beds = of_beds(robust)
     ways = {"its cut shafts": beds.opened}
     if len(beds.opened_alone) > 1:
@@ -101,11 +127,7 @@ def _opened(robust: Verification) -> list[str]:
         if unstable:
             few = ", ".join(f"{share:.3g}" for share in unstable)
             shares = few if len(unstable) < 3 else f"{min(unstable):.3g} to {max(unstable):.3g}"
-            waived = WAIVED if robust.required.opened_shafts else ""
-            return [
-                f"the bed as planned is not stable with {shares} times the stiffness and damping of {shafts}, as free "
-                f"play that opens lets a shaft appear: it may swing on there{waived}"
-            ]
+            return [f"the bed as planned is not stable with {shares} times the stiffness and damping of {shafts}"]
     return []
 
 

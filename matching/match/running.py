@@ -26,8 +26,8 @@ class Running(Protocol):
         ----------
         readings : ndarray (y, b)
             All the model's sensors, exact.
-        flanges : ndarray (k, b)
-            Flange torques behind their lag.
+        flanges : ndarray (f, b)
+            Torques of the flanges behind their lag.
         """
 
     def restart(self, which: np.ndarray) -> None:
@@ -43,8 +43,8 @@ class RunningLaw:
     law : ControlLaw
     rows : sequence of int
         The law's sensors among the model's.
-    flanges : sequence of int (k)
-        Which of the law's readings are the dynamometers' torques.
+    flanges : sequence of int (f)
+        Which of the law's readings are torques of flanges.
     known : ndarray (t, w, b)
         Torques as the controller knows them, N·m.
     limits : ndarray (k, 1), ndarray (k, 1)

@@ -110,7 +110,7 @@ def _restarted(search: Search, best: SearchEnd) -> tuple[SearchEnd, SearchEnd | 
     that belongs to the values as given is left that way. The second answer is the best end of gains alone.
     """
     settings, gains = search.settings, None
-    for _ in range(settings.restarts):
+    for _ in range(settings.restarts if not _decided(search, best) else 0):
         begin = best
         points, gains = _with_gains(search, _starts(search, best.x))
         ends = [rounds(search, end_at(search, x), settings.joint_rounds, settings.most_steps // 4) for x in points]
@@ -119,6 +119,11 @@ def _restarted(search: Search, best: SearchEnd) -> tuple[SearchEnd, SearchEnd | 
         if before - best.penalised_cost < max(settings.worth_a_round * before, settings.worth_at_all):
             break
     return best, gains
+
+
+def _decided(search: Search, end: SearchEnd) -> bool:
+    """Whether the search may end here, as only that there is such an end counts."""
+    return search.settings.decides and keeps_all(search, end) and within_errors(search, end)
 
 
 def is_stable(search: Search, x: np.ndarray) -> bool:
@@ -189,6 +194,8 @@ def _with_gains(search: Search, starts: list[np.ndarray]) -> tuple[list[np.ndarr
     for start in [*starts, *more][: settings.starts * 2]:
         begin = _anew(search, start)
         ends.append(rounds(search, begin, settings.joint_rounds, settings.most_steps // 4))
+        if _decided(search, ends[-1]):
+            break
     search.free = free
     best = min(ends, key=lambda end: end.penalised_cost)
     return ([best.x] if keeps_all(search, best) else [best.x, starts[0]]), best

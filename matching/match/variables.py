@@ -66,6 +66,9 @@ class SearchSettings:
         Times that the least damped beds of the whole box are added to the pool.
     blind : int
         Settings spread over all bounds (Sobol 1967) where every start misses a requirement.
+    decides : bool
+        The search of a feedback law ends with the first controller that keeps every requirement and tolerance: whether
+        a changed case can be matched is decided then. A search that goes on delivers nothing that costs more.
     remedies : bool
         Whether what may help a limited case is tried, by solving it again, and said.
     starts : int
@@ -128,6 +131,7 @@ class SearchSettings:
     opened: bool = True
     scenarios: int = 2
     blind: int = 64
+    decides: bool = False
     remedies: bool = True
     starts: int = 4
     fresh: int = 200

@@ -169,7 +169,7 @@ def matched_motion(parts: LinearBed, torques: Mapping[str, np.ndarray]) -> dict[
     unlimited = np.full((k, 1), np.inf)
     running = RunningLaw(
         law, [beds.model.sensors.index(name) for name in law.sensors],
-        [law.sensors.index(dyno.torque_sensor) for dyno in parts.dynamometers],
+        [law.sensors.index(name) for name in loop.flanges],
         known_torques(parts, law, torques)[:, :, None], (-unlimited, unlimited),
     )  # fmt: skip
     drives = torque_columns(torques, beds.drives, count)[:, :, None]
@@ -385,7 +385,8 @@ def _signals(parts: LinearBed, traces: Traces) -> dict[str, list[_Signal]]:
             (f"shafts.{dyno.follows}.torque", dyno.torque_sensor),
             (f"interfaces.{dyno.follows}.speed", dyno.speed_sensor),
         ):
-            dynamics.append(_Signal(name, traces.vehicle[name], sensors[sensor].uncertainty))
+            known = None if sensor is None else sensors[sensor].uncertainty
+            dynamics.append(_Signal(name, traces.vehicle[name], known))
     behind = [_Signal(PLACE + name, traces.vehicle[name], None) for name in on_emulated_side(parts.case.vehicle, parts)]
     if not behind:  # the vehicle has no sensor there: the speed at the cuts that the residual vehicle asks for
         behind = [

@@ -29,6 +29,7 @@ from sympy.printing.mathml import MathMLPresentationPrinter
 
 from modelling.equations.lagrange import Sign, derive, known_zeros, signs
 from modelling.system import System
+from modelling.units import printed
 
 # --- Tables that a page lets its reader save (CSV).
 
@@ -138,8 +139,8 @@ def percent(share: float | None, digits: int = 2) -> str:
 
 
 def unit(si: str) -> str:
-    """A unit of the files as it is printed."""
-    return _UNIT_SIGNS.get(si, si.replace("*", "·").replace("^2", "²").replace("^3", "³"))
+    """A unit of the files as it is printed; nothing for a pure number."""
+    return _UNIT_SIGNS.get(si, printed(si).replace("^2", "²").replace("^3", "³"))
 
 
 def amount(value: float | None, si: str, digits: int = 4) -> str:
@@ -186,7 +187,12 @@ def component(name: str) -> str:
 def sentence(parts: Sequence[str]) -> str:
     """Parts joined as in a sentence: a, b and c."""
     parts = list(parts)
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
+    return parts[0] if len(parts) == 1 else f"{enumerated(parts[:-1])} and {parts[-1]}" if parts else ""
+
+
+def enumerated(parts: Sequence[str]) -> str:
+    """Parts one after another: a, b, c; with semicolons where one has a comma of its own."""
+    return ("; " if any("," in part for part in parts) else ", ").join(parts)
 
 
 # --- One look for every figure: fixed colours that colour-blind readers tell apart, figures without pyplot state.

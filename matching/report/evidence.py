@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 from matching.fidelity import XilFidelity
 from matching.report import common
 from matching.report.common import csv_table, number, percent, spaced
+from matching.report.common import unit as printed_unit
 from matching.report.page import Fold, Picture, Report, Step, Table, View, in_terminal, register
 from matching.uncertainty.budget import InputQuantity
 from matching.uncertainty.propagate import written
 from matching.uncertainty.result import MeasurandResult, Row, Uncertainty
 from modelling.fidelity.measures import delay_fidelity
-from modelling.units import printed
 from modelling.writing import file_stem
 
 # --- Figures of a fidelity case: fidelity over delay (Fig. 6), what is lost to which cause, and at which frequencies.
@@ -315,13 +315,12 @@ def _branches(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
 
 
 def _unit(result: MeasurandResult) -> str:
-    text = result.measurand.unit.text
-    return "" if text == "1" else f" {printed(text)}"
+    return f" {printed_unit(result.measurand.unit.text)}".rstrip()
 
 
 def _axis_unit(result: MeasurandResult) -> str:
-    text = result.measurand.unit.text
-    return "" if text == "1" else f" in {printed(text)}"
+    text = printed_unit(result.measurand.unit.text)
+    return f" in {text}" if text else ""
 
 
 # --- The report of an uncertainty budget: the result as it is reported, what to improve first.
@@ -403,7 +402,7 @@ def _to_watch(content: Mapping[str, Any]) -> list[Step]:
 def _row(row: Mapping[str, Any]) -> dict[str, str]:
     freedom = row["degrees_of_freedom"]
     return {
-        "input": row["name"], "value": f"{row['value']:.8g} {row['unit']}".removesuffix(" 1"),
+        "input": row["name"], "value": f"{row['value']:.8g} {printed_unit(row['unit'])}".rstrip(),
         "u(x)": number(row["standard_uncertainty"], 4), "distribution": row["distribution"],
         "ν": "∞" if freedom is None else number(freedom, 3), "|c|·u": number(row["contribution"], 4),
         "share of u²": f"{100 * row['share']:.2f} %", "cause": row["cause"],
@@ -411,7 +410,7 @@ def _row(row: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _checks(measurand: Mapping[str, Any]) -> list[str]:
-    unit = "" if measurand["unit"] == "1" else f" {measurand['unit']}"
+    unit = f" {printed_unit(measurand['unit'])}".rstrip()
     freedom, second = measurand["degrees_of_freedom"], measurand["standard_uncertainty_second_order"]
     refused = measurand["degrees_of_freedom_refused"]
     effective = "refused" if refused else "∞" if freedom is None else f"{freedom:.1f}"
@@ -434,16 +433,18 @@ def _checks(measurand: Mapping[str, Any]) -> list[str]:
 
 def _improvements(wish: Mapping[str, Any]) -> list[str]:
     """What has to improve for a wanted uncertainty, a sentence each."""
-    name, unit, wanted = wish["name"], wish["unit"], f"{wish['wanted']:.4g}"
+    name, unit, wanted = wish["name"], printed_unit(wish["unit"]), f"{wish['wanted']:.4g}"
     if wish["present"] <= wish["wanted"]:
         return [f"{name}: U = {wish['present']:.4g} {unit} is already within the wanted {wanted}"]
     lines = [
         f"from U({name}) = {wish['present']:.4g} to {wanted} {unit}: {own} alone to u = {item['needed']:.4g} "
-        f"{item['unit']} ({100 * item['ratio']:.3g} % of today)"
+        f"{printed_unit(item['unit'])} ({100 * item['ratio']:.3g} % of today)"
         for step in wish["alone"]
         for own, item in step.items()
     ] or [f"to reach U({name}) = {wanted} {unit} no improvement of a single input is enough"]
-    needed = [f"{own} to u = {item['needed']:.4g} {item['unit']}" for own, item in wish["together"].items()]
+    needed = [
+        f"{own} to u = {item['needed']:.4g} {printed_unit(item['unit'])}" for own, item in wish["together"].items()
+    ]
     return [*lines, f"or all of these together, the largest contributions reduced to one level: {', '.join(needed)}"]
 
 

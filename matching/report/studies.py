@@ -22,6 +22,7 @@ from matching.report.common import (
     component,
     csv_table,
     enough_digits,
+    enumerated,
     figure,
     image,
     number,
@@ -386,7 +387,7 @@ def tolerance_report(content: Mapping[str, Any], folder: str = "", made: Any = N
     of = counted(len(content["varied"]), "quantity", "quantities")
     return Report(
         title=f"Tolerances: {content['title']}" if content["title"] else "Tolerances of the bed",
-        status=percent(shares["all"], 1),
+        status="All beds pass" if shares["all"] == 1.0 else f"{percent(shares['all'], 1)} of beds pass",
         answer=f"{percent(shares['all'], 1)} of {content['draws']} drawn beds are stable and damped and keep what a "
         f"match asks, each against the vehicle with the same specimen; {of} vary.",
         good=shares["all"] == 1.0,
@@ -465,14 +466,14 @@ def _required(content: Mapping[str, Any], name: str) -> str:
 def _row(spread: Mapping[str, Any]) -> dict[str, str]:
     digits = enough_digits([spread["quantiles"][level] for level in (LOW, HIGH)], 4)
     drivers = [
-        f"{component(driver['name'])} {driver['share']:.0%}"
+        f"{component(driver['name'])} {percent(driver['share'], 0)}"
         for driver in spread["drivers"][:DRIVERS_PRINTED]
         if driver["share"] > LEAST_SHARE_PRINTED
     ]
     return {
         "result": _named(spread), "as planned": number(spread["nominal"], digits),
         "mean": number(spread["mean"], digits), "5 %": _quantile(spread, LOW), "95 %": _quantile(spread, HIGH),
-        "draws": str(spread["draws"]), "driven by": ", ".join(drivers) or ABSENT,
+        "draws": str(spread["draws"]), "driven by": enumerated(drivers) or ABSENT,
     }  # fmt: skip
 
 

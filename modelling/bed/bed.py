@@ -102,13 +102,14 @@ HARDWARE = {
 class Dynamometer:
     """One dynamometer: the rig input it drives, its torque and speed sensors, the cut shaft whose outer end it is.
 
+    ``torque_sensor`` is None without a torque flange: an observer then estimates the torque from the speeds.
     ``torque_gain`` is its air-gap torque over its command as calibrated: commands are divided by it. ``dead_time``,
     ``inverter_lag`` and ``torque_sensor_lag`` (s) are its own where it has others than the loop states for all.
     """
 
     name: str
     torque_input: str
-    torque_sensor: str
+    torque_sensor: str | None
     speed_sensor: str
     follows: str
     torque_gain: float = 1.0
@@ -235,9 +236,24 @@ class Loop:
 
     @property
     def controller_sensors(self) -> tuple[str, ...]:
-        """Sensors that reach the controller: the dynamometers' torques, their speeds, then further ones."""
-        torques = [dynamometer.torque_sensor for dynamometer in self.dynamometers]
-        return (*torques, *(dynamometer.speed_sensor for dynamometer in self.dynamometers), *self.further_sensors)
+        """Sensors that reach the controller: the torques of the flanges, the rotors' speeds, then further ones."""
+        speeds = [dynamometer.speed_sensor for dynamometer in self.dynamometers]
+        return (*self.flanges, *speeds, *self.further_sensors)
+
+    @property
+    def flanges(self) -> tuple[str, ...]:
+        """The torque sensors of the dynamometers that have a flange (f)."""
+        return tuple(one.torque_sensor for one in self.dynamometers if one.torque_sensor is not None)
+
+    @property
+    def with_flange(self) -> list[int]:
+        """Which dynamometers have a flange (f), by number."""
+        return [j for j, one in enumerate(self.dynamometers) if one.torque_sensor is not None]
+
+    @property
+    def lag_states(self) -> int:
+        """States of the lags: of the inverters (k), then of the flanges (f)."""
+        return len(self.dynamometers) + len(self.flanges)
 
     @property
     def quantities(self) -> dict[str, LoopQuantity]:
@@ -293,14 +309,14 @@ class BedModel:
     Attributes
     ----------
     space : StateSpace
-        Inputs [commands as they act (k), measured torques (w)], outputs [sensors of the rig, and of each dynamometer
-        its lagged torque ``NAME torque`` and its speed ``NAME speed``].
+        Inputs [commands as they act (k), measured torques (w)], outputs [sensors of the rig, the speed of each
+        dynamometer ``NAME speed``, the lagged torque of each that has a flange ``NAME torque``].
     speed_error : ndarray (k, x)
         Speed of the rig less that of the residual vehicle at each cut, rad/s by state.
     measured : tuple of str (w)
         Every torque that is no dynamometer's: of the rig, then of the residual vehicle.
     rig_states : int
-        The first states, of the rig; the air-gap torques (k), the lagged flange torques (k) and the residual vehicle
+        The first states, of the rig; the air-gap torques (k), the lagged flange torques (f) and the residual vehicle
         follow.
     shaft_torques : ndarray (x, k)
         What a torque in addition to that of each cut shaft's spring and damper does, like columns of B.
@@ -337,17 +353,16 @@ def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
     A = block_diag(
         rig_space.A,
         -np.diag(1 / loop.lags("inverter_lag")),
-        -np.diag(1 / loop.lags("torque_sensor_lag")),
+        -np.diag(1 / loop.lags("torque_sensor_lag")[loop.with_flange]),
         *(part.A for part in parts),
     )
-    starts = np.cumsum([n + 2 * k, *(len(part.A) for part in parts)])
+    starts = np.cumsum([n + loop.lag_states, *(len(part.A) for part in parts)])
     B = np.zeros((len(A), k + len(on_rig) + len(in_vehicle)))
     error, shaft_torques = np.zeros((k, len(A))), np.zeros((len(A), k))
     for j, dynamometer in enumerate(loop.dynamometers):
         cut = next(cut for cut in residual.interfaces if cut.shaft == dynamometer.follows)
         A[:n, n + j] = rig_space.input(dynamometer.torque_input)
         B[n + j, j] = 1 / loop.lags("inverter_lag")[j]
-        A[n + k + j, :n] = rig_space.output(dynamometer.torque_sensor) / loop.lags("torque_sensor_lag")[j]
         at = next(i for i, part in enumerate(parts) if cut.torque in part.inputs)
         rows = slice(starts[at], starts[at + 1])
         A[rows, :n] += np.outer(parts[at].input(cut.torque), cut.factor * rig_space.output(_torque(cut)))
@@ -356,6 +371,8 @@ def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
         shaft_torques[rows, j] = cut.factor * parts[at].input(cut.torque)
         error[j, :n] = rig_space.output(_speed(cut))
         error[j, rows] = -parts[at].output(cut.speed)
+    for i, (j, name) in enumerate(zip(loop.with_flange, loop.flanges, strict=True), n + k):
+        A[i, :n] = rig_space.output(name) / loop.lags("torque_sensor_lag")[j]
     for j, name in enumerate(on_rig, k):
         B[:n, j] = rig_space.input(name)
     for j, (at, name) in enumerate(in_vehicle, k + len(on_rig)):
@@ -371,13 +388,16 @@ def _readings(
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """C (y, x), D (y, u) and names (y) of the outputs."""
     k, n, sensors = len(loop.dynamometers), len(rig.A), len(rig.C)
-    C, D = np.zeros((sensors + 2 * k, states)), np.zeros((sensors + 2 * k, inputs))
+    rows = sensors + loop.lag_states
+    C, D = np.zeros((rows, states)), np.zeros((rows, inputs))
     C[:sensors, :n] = rig.C
     names = list(rig.outputs)
     for j, dynamometer in enumerate(loop.dynamometers):
-        C[sensors + 2 * j, n + k + j] = 1
-        C[sensors + 2 * j + 1, :n] = rig.output(dynamometer.speed_sensor)
-        names += [f"{dynamometer.name} torque", f"{dynamometer.name} speed"]
+        C[sensors + j, :n] = rig.output(dynamometer.speed_sensor)
+        names.append(f"{dynamometer.name} speed")
+    for i, j in enumerate(loop.with_flange):
+        C[sensors + k + i, n + k + i] = 1
+        names.append(f"{loop.dynamometers[j].name} torque")
     for j, name in enumerate(on_rig, k):
         D[:sensors, j] = rig.D[:, rig.inputs.index(name)]
     return C, D, tuple(names)

@@ -86,7 +86,8 @@ class NonlinearBeds:
         driven = [dynamometer.torque_input for dynamometer in dynamometers]
         self.drives = [name for name in names if name not in driven]
         weights = [[arrivals(delay, step, self.pieces) for delay in bed.delays] for bed in hardware]
-        self._sensors = [dynamometer.torque_sensor for dynamometer in dynamometers]
+        # dynamometers with a flange, by number, and its torque sensor
+        self._flanges = {j: one.torque_sensor for j, one in enumerate(dynamometers) if one.torque_sensor is not None}
         of_bed = [[*bed.inverter_lags, *bed.torque_sensor_lags, *bed.torque_gains] for bed in hardware]
         parameters = np.hstack([p, held, *([np.array(of_bed)] if k else [])])
         count = len(systems)
@@ -96,9 +97,9 @@ class NonlinearBeds:
         still = np.zeros((len(self.model.states) + 2 * k, count))
         still[: len(self.model.states)] = np.stack([point.state for point in points], axis=1)
         still[len(self.model.states) : len(self.model.states) + k] = held[:, [names.index(name) for name in driven]].T
-        flanges = [self.model.sensors.index(name) for name in self._sensors]
+        flanges = [self.model.sensors.index(name) for name in self._flanges.values()]
         self.steady = self._readings(still, np.zeros((len(self.drives), count)))
-        still[len(self.model.states) + k :] = self.steady[flanges]
+        still[[len(self.model.states) + k + j for j in self._flanges]] = self.steady[flanges]
         self.dynamometers, self._longest = k, max((each.shape[1] for row in weights for each in row), default=0)
         self.start = np.vstack([still, np.zeros((self._longest * k, count))])
         self._physical, self._middles = len(still), ((np.arange(self.pieces) + 0.5) / self.pieces)[None, :, None]
@@ -122,7 +123,9 @@ class NonlinearBeds:
         rates = [model.rates(x[:n], u, p)]
         read = model.readings(x[:n], u, p, 0)
         if k:
-            flange = ca.vertcat(*(read[model.sensors.index(name)] for name in self._sensors))
+            flange = ca.vertcat(
+                *(read[model.sensors.index(self._flanges[j])] if j in self._flanges else 0.0 for j in range(k))
+            )
             rates += [(commanded + act[:k] - x[n : n + k]) / bed[:k], (flange - x[n + k :]) / bed[k : 2 * k]]
         every, h = ca.vertcat(p, held, bed), step / self.pieces
         slope = ca.Function("slope", [x, act, every], [ca.cse(ca.vertcat(*rates))])
@@ -169,9 +172,10 @@ class NonlinearBeds:
         return (states - self.start[:, 0])[:, :n] @ parts.deflection_jacobian.T, parts.springs
 
     def lagged(self, x: np.ndarray) -> np.ndarray:
-        """Flange torques (k, b) behind their lag, less those at the operating point."""
-        at, k = len(self.model.states) + self.dynamometers, self.dynamometers
-        return x[at : at + k] - self.start[at : at + k]
+        """Torques of the flanges (f, b) behind their lag, less those at the operating point."""
+        at = [len(self.model.states) + self.dynamometers + j for j in self._flanges]
+        lagged: np.ndarray = x[at] - self.start[at]
+        return lagged
 
     def air_gap(self, states: np.ndarray) -> np.ndarray:
         """Air-gap torques (t, k) as commanded, of the first bed, less those at the operating point."""

@@ -37,7 +37,7 @@ SMALLEST_SHARE = 1e-3  # of a mode's energy in the cut shafts
 
 @dataclass(frozen=True)
 class Readings:
-    """What the controller measures: y torque sensors of the dynamometers, then their speeds, then further sensors.
+    """What the controller measures: y torque sensors of the flanges, speeds of the dynamometers, then further sensors.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ def observer_model(rig: System, residual: ResidualVehicle, loop: Loop) -> Observ
     stay = (1 - FORGETTING_PER_SAMPLE) * np.eye(len(on_rig) + k)
     drifts = ("torque_drift",) * len(on_rig) + ("dynamometer_drift",) * k + ("dynamometer_swing",) * 2 * len(turns)
     return ObserverModel(
-        replace(bed, torques=np.hstack([at_inputs, at_rotors, swinging, of_known])), model.rig_states + 2 * k,
+        replace(bed, torques=np.hstack([at_inputs, at_rotors, swinging, of_known])), model.rig_states + loop.lag_states,
         block_diag(stay, *turns), drifts, {"dynamometer_noise": at_rotors, "shaft_noise": in_shafts},
         np.pad(model.speed_error, ((0, 0), (0, len(bed.whole) - len(model.space.A)))),
         _readings(model, rig, loop), known,
@@ -160,11 +160,11 @@ def _turn(mode: complex, step: float, damping: float) -> np.ndarray:
 
 
 def _readings(model: BedModel, rig: System, loop: Loop) -> Readings:
-    states = model.rig_states + 2 * len(loop.dynamometers)
+    states = model.rig_states + loop.lag_states
     sensors = {part.name: part for part in rig.sensors}
-    names = [f"{dynamometer.name} torque" for dynamometer in loop.dynamometers]
+    names = [f"{loop.dynamometers[j].name} torque" for j in loop.with_flange]
     names += [f"{dynamometer.name} speed" for dynamometer in loop.dynamometers] + list(loop.further_sensors)
-    kinds = ["torque"] * len(loop.dynamometers) + ["speed"] * len(loop.dynamometers)
+    kinds = ["torque"] * len(loop.flanges) + ["speed"] * len(loop.dynamometers)
     kinds += ["further"] * len(loop.further_sensors)
     noise = []
     for name in loop.controller_sensors:

@@ -344,7 +344,7 @@ class SupervisedController:
     law : ControlLaw
     settings : Settings
     torque_readings, speed_readings : sequence of int (k)
-        Which readings are the dynamometers' flange torques and speeds.
+        Which readings are the dynamometers' flange torques, −1 without a flange, and speeds.
     watched : WatchedShafts
         Shafts whose opening is noticed.
     """
@@ -413,7 +413,7 @@ class SupervisedController:
             if self._mode != EMULATION:
                 self._average(readings)
             self._last = readings.copy()
-            self._past_torques = np.vstack([readings[self._torques], self._past_torques[:-1]])
+            self._past_torques = np.vstack([self._flange_torques(readings), self._past_torques[:-1]])
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
 
     def _check(self, readings: np.ndarray, known: np.ndarray, asked: np.ndarray, life: int) -> int:
@@ -458,10 +458,14 @@ class SupervisedController:
             parts.append(f"{limit:.4g} is the limit")
         self.reason = ", ".join(parts)
 
+    def _flange_torques(self, readings: np.ndarray) -> np.ndarray:
+        """Torques (k,) of the flanges; 0 without one, which never seems lost."""
+        return np.array([readings[at] if at >= 0 else 0.0 for at in self._torques])
+
     def _has_lost_torque(self, readings: np.ndarray) -> bool:
         """A flange torque is gone, or a shaft has opened."""
         settings, before = self.settings, self._past_torques
-        self._gone = has_gone(np.vstack([readings[self._torques], before[:KEPT_SAMPLES]]), settings.lost_torque)
+        self._gone = has_gone(np.vstack([self._flange_torques(readings), before[:KEPT_SAMPLES]]), settings.lost_torque)
         opened = self._watch.opened(
             self._deviations.ravel(), before[WATCHED_SAMPLES - 1], settings.opened_torque, settings.opened_share
         )
@@ -488,7 +492,7 @@ class SupervisedController:
             self._average(readings)
             self._start = self._mean.copy(), known.copy(), self._sent.copy()
             self._state = np.zeros(len(self.law.A))
-            self._past_torques[:] = readings[self._torques]
+            self._past_torques[:] = self._flange_torques(readings)
             self._surprised = 0
             self._deviations[:] = 0.0
             self._watch.reset()
@@ -537,7 +541,7 @@ class ExportedController:
     units : tuple of str (y)
         SI units of the readings.
     torque_readings, speed_readings : tuple of int (k)
-        Which readings are the dynamometers' flange torques and speeds.
+        Which readings are the dynamometers' flange torques, −1 without a flange, and speeds.
     watched : WatchedShafts
         Shafts whose opening is noticed by what it does to the readings.
     shafts : tuple of OpenedShaft

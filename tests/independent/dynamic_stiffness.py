@@ -414,6 +414,12 @@ class DrawnBed:
         factor = self._value(name) / self.case.loop[name]
         return np.array([factor * (self.case.loop[name] if lag is None else lag) for lag in own])
 
+    @property
+    def _flange_lags(self) -> dict[str, float]:
+        """s, by the torque sensor of every flange that there is."""
+        lags = zip(self.case.loop.dynamometers, self._lags("torque_sensor_lag").tolist(), strict=True)
+        return {one.torque_sensor: lag for one, lag in lags if one.torque_sensor is not None}
+
     @cached_property
     def gains(self) -> np.ndarray:
         """Air-gap torque over command (k,)."""
@@ -432,9 +438,10 @@ class DrawnBed:
 
     def sensors(self, s: np.ndarray) -> np.ndarray:
         """What the controller's sensors read (f, y, n) of unit coordinates, gains and the flanges' lag included."""
-        names, k = self.case.loop.controller_sensors, len(self.gains)
+        names, flanges = self.case.loop.controller_sensors, self._flange_lags
         rows = np.stack([self.rig.reading(name, s) for name in names], axis=1) * self.sensor_gains[:, None]
-        rows[:, :k] /= (1 + s[:, None] * self._lags("torque_sensor_lag"))[:, :, None]
+        lags = np.array([flanges.get(name, 0.0) for name in names])
+        rows /= (1 + s[:, None] * lags)[:, :, None]
         return rows
 
     def moved(self, s: np.ndarray, torques: np.ndarray) -> np.ndarray:
@@ -458,14 +465,13 @@ class DrawnBed:
             raise NotCovered("a rig whose dynamic stiffness is no polynomial")
         n, k = len(M), len(self.gains)
         names = self.case.loop.controller_sensors
-        first = 2 * n + 2 * k
+        flanges = self._flange_lags
+        first = 2 * n + k + len(flanges)
         size = first + sum(time > 0 for name in names for *_, time in self.rig.sections(name))
         A, B, C = np.zeros((size, size)), np.zeros((size, k)), np.zeros((len(self.sensor_gains), size))
         A[:n, n : 2 * n] = np.eye(n)
-        A[n : 2 * n, : 2 * n + 2 * k] = np.linalg.solve(
-            M, np.hstack([-K, -D, self.drive * self.gains, np.zeros((n, k))])
-        )
-        lag, sensor_lag = self._lags("inverter_lag"), self._lags("torque_sensor_lag")
+        A[n : 2 * n, : 2 * n + k] = np.linalg.solve(M, np.hstack([-K, -D, self.drive * self.gains]))
+        lag = self._lags("inverter_lag")
         A[2 * n : 2 * n + k, 2 * n : 2 * n + k], B[2 * n : 2 * n + k] = -np.diag(1 / lag), np.diag(1 / lag)
         for i, name in enumerate(names):
             still, turning = (self.rig.measured(name, np.array([s]))[0] for s in (0.0j, 1.0 + 0j))
@@ -478,9 +484,9 @@ class DrawnBed:
                     A[first, first] -= 1 / time
                     row[first] += lagged
                     first += 1
-            if i < k:
-                A[2 * n + k + i] += row / sensor_lag[i]
-                A[2 * n + k + i, 2 * n + k + i] -= 1 / sensor_lag[i]
+            if name in flanges:  # they come first
+                A[2 * n + k + i] += row / flanges[name]
+                A[2 * n + k + i, 2 * n + k + i] -= 1 / flanges[name]
                 C[i, 2 * n + k + i] = 1
             else:
                 C[i] = row

@@ -213,6 +213,22 @@ def simple_vehicle():
     return vehicle, rig, case, own
 
 
+def without_flanges():
+    """Encoders at the rotors and the motor, torques of the inverters, no torque flange."""
+    return lacking(*front_axle(), sides="lr")
+
+
+def one_flange():
+    """A flange at the left machine alone."""
+    return lacking(*front_axle(), sides="r")
+
+
+def lacking(vehicle, rig, case, sides):
+    for side in sides:
+        del rig["sensors"][f"flange_{side}_torque"], case["dynamometers"][side]["torque_sensor"]
+    return vehicle, rig, case
+
+
 def long_sample():
     """A sample of 2 ms, longer than the dead time of 1.5 ms."""
     return front_axle(sample_time=0.002, dead_time=0.0015)
@@ -220,7 +236,7 @@ def long_sample():
 
 KINDS = (
     engine, two_axles, stiff_half_shafts, light_vehicle, geared_rotor, differential_beyond, small_machine,
-    simple_vehicle, long_sample, engine, differential_beyond, two_axles,
+    simple_vehicle, long_sample, without_flanges, one_flange, two_axles,
 )  # fmt: skip
 
 

@@ -108,13 +108,19 @@ static bool is_too_fast(const controller *c, const controller_input *in)
     return fast;
 }
 
+/* torque of a dynamometer's flange; 0 without a flange, which never seems lost */
+static controller_real flange_torque(const controller_input *in, int32_t j)
+{
+    return (TORQUE_READING[j] < 0) ? (controller_real)0.0 : in->reading[TORQUE_READING[j]];
+}
+
 /* a torque is gone at once, or what a break leaves of it swings about zero */
 static bool has_lost_torque(controller *c, const controller_input *in)
 {
     bool lost = false;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const double least = (double)c->settings.lost_torque[j];
-        const double now = (double)in->reading[TORQUE_READING[j]];
+        const double now = flange_torque(in, j);
         double before = 0.0;
         double earlier = 0.0;
         double sum = now;
@@ -276,7 +282,7 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
             (void)memcpy(c->sent_start, c->sent, sizeof c->sent_start);
             for (int32_t n = 0; n < CONTROLLER_KEPT; n++) {
                 for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-                    c->past_torque[n][j] = in->reading[TORQUE_READING[j]];
+                    c->past_torque[n][j] = flange_torque(in, j);
                 }
             }
             (void)memset(c->deviation, 0, sizeof c->deviation);
@@ -408,7 +414,7 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
             for (int32_t n = CONTROLLER_KEPT - 1; n > 0; n--) {
                 c->past_torque[n][j] = c->past_torque[n - 1][j];
             }
-            c->past_torque[0][j] = in->reading[TORQUE_READING[j]];
+            c->past_torque[0][j] = flange_torque(in, j);
         }
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
