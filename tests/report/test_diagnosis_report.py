@@ -188,8 +188,8 @@ def test_several_sensors_have_a_pooled_figure_and_those_that_gain_and_lose_most(
     gain = {"nrmse_before": 0.7, "nrmse_after": 0.09}
     assert answer({"verdict": "unexplained", "causes": [shared], "errors": ranges, "gain": gain}) == (
         "Each of the sensors a and b follows with a first-order lag of 0.00800 ± 0.00010 s; with it the error of all "
-        "sensors falls from 70.00 % to 9.00 % of their range, that of a falls from 150 to 25 and that of b rises from 25 "
-        "to 30 times the noise on held-out data, and an unexplained error remains."
+        "sensors falls from 70.00 % to 9.00 % of their range, that of a falls from 150 to 25 and that of b rises "
+        "from 25 to 30 times the noise on held-out data, and an unexplained error remains."
     )
 
 
