@@ -20,7 +20,12 @@ from matching.bed.excite import (
     plan_excitation,
     steady_speed,
 )
-from matching.bed.identify import bed_from_recordings, identified_case, vehicle_from_recordings
+from matching.bed.identify import (
+    bed_from_recordings,
+    identified_case,
+    recorded_bed_system,
+    vehicle_from_recordings,
+)
 from matching.bed.lost_motion import LostMotion, lost_motion, with_free_play
 from matching.bed.plausible import NotThisBed, check_excitation
 from matching.bed.proof import plan_proof, proof_csv
@@ -274,6 +279,7 @@ def checksum(content: str | bytes) -> str:
 # --- Commissioning in rounds: match, run and verify; then record, diagnose and match again, until the bed is right.
 
 BY_FMU = f"{KEPT}.csv"  # what an FMU of the bed recorded
+CHECKING = "0_export"  # the controller whose mode 3 checks the channels; nothing of it is tuned yet
 VEHICLE = "0_vehicle"  # the step before the first round
 DIAGNOSIS_LIMIT = 240.0  # s of processor time: thrice what a hidden effect among 24 uncertain quantities takes
 
@@ -324,7 +330,6 @@ class Circle:
         self._tuned: dict[int, Case] = {}  # the case of each round
         self._rounds: list[Round] = []
         self._channels: dict[str, Any] | None = None
-        self._play: dict[str, Any] = {}  # the free play that the check of the channels shows, as an identification
 
     def run(self, path: Path) -> Commissioning:
         """Go round as long as a further round would gain, until the rounds are over, or a recording is waited for.
@@ -340,7 +345,7 @@ class Circle:
             What each round found, and why it ended or what it waits for.
         """
         plan_speed(_case_at(path), self._order)  # an error now, not after a match
-        self._rounds, self._play = [], {}
+        self._rounds = []
         again = shlex.join(["rigmatch", "commission", str(path), "--bed", str(self._bed), "--out", str(self._folder)])
         waiting = end = vehicle = None
         if self._order.vehicle:
@@ -348,7 +353,7 @@ class Circle:
             path = self._folder / VEHICLE / "case.toml"
         try:
             number = 0
-            while number < self._most:
+            while number < self._order.rounds:
                 number += 1
                 self._rounds.append(Round(number))
                 matched = self._round(path, number)
@@ -364,11 +369,6 @@ class Circle:
         return Commissioning(
             tuple(self._rounds), end, waiting, vehicle, self._last(), self._channels, again, str(self._folder)
         )
-
-    @property
-    def _most(self) -> int:
-        """Rounds at most; one that only saw free play does not count."""
-        return self._order.rounds + bool(self._play)
 
     def _found(self, **of_step: Any) -> None:
         """Add what a step found to the present round; a step that waits for a recording keeps those before it."""
@@ -406,7 +406,9 @@ class Circle:
         judged = [entry.number for entry in self._rounds if _judged(entry)]
         for number in judged[:-1]:
             name, case = f"{number}_verify", self._tuned[judged[-1]]
-            self._tell(f"round {number} of {self._most} at most: judge against the vehicle of round {judged[-1]}")
+            self._tell(
+                f"round {number} of {self._order.rounds} at most: judge against the vehicle of round {judged[-1]}"
+            )
             path = kept_recording(self._folder / name)
 
             def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
@@ -419,50 +421,50 @@ class Circle:
 
     def _round(self, path: Path, number: int) -> Path | None:
         """One round; where the next one begins from. None: a channel is wrong, and nothing may be emulated."""
-        if number > 1 and path.is_dir():
+        if number > 1:
             self._found(identification=self._identified(path, number))
             path = self._folder / f"{number}_diagnose" / "case.toml"
-        elif number > 1:
-            self._found(identification=self._play)
-        matched = self._matched(path, number)
-        case = self._tuned[number] = tuned_case(matched).tuned
-        self._exported(case, number)
-        if number == 1 and not self._order.skip_channel_check:
+        elif not self._order.skip_channel_check:
+            case = _case_at(path)
             self._channels = self._checked(case, number)
             if not self._channels["right"]:
                 return None
             play = self._channels.get("free_play")
             if play and not case.rig.free_plays:
-                return self._with_play(case, LostMotion(**play))
+                path = self._with_play(case, LostMotion(**play))
+        matched = self._matched(path, number)
+        case = self._tuned[number] = tuned_case(matched).tuned
+        self._exported(case, f"{number}_export")
         self._found(verification=self._verified(case, number))
         return matched
 
     def _with_play(self, case: Case, seen: LostMotion) -> Path:
-        """The case with the free play that the check of the channels shows: the next round matches it, closed."""
+        """The case with the free play that the check of the channels shows: it is matched with its play closed."""
 
         def work() -> tuple[Files, dict[str, Any]]:
             return case_files(with_free_play(case, seen)), {}
 
         self._stages.run("1_play", _of_case(case) + repr(seen), work)
-        words = f"{seen.gap:.2g} rad to about 40 %, by small torques from rest (check of the channels)"
-        self._play = {
+        words = f"{seen.gap:.2g} rad, by small torques from rest (check of the channels)"
+        self._found(identification={
             "verdict": "of free play", "causes": [{"kind": Backlash.kind, "at": seen.at, "evidence": words}],
             "notes": [f"free play of {place_in_words(seen.at)}: this match has it closed, and the proof keeps it "
                       "closed by a mean torque"],
             "values": [], "torque_gains": {one.name: one.torque_gain for one in case.loop.dynamometers},
             "ended_early": None,
-        }  # fmt: skip
+        })  # fmt: skip
         return self._folder / "1_play" / "case.toml"
 
     def _matched(self, path: Path, number: int) -> Path:
         if path.is_dir():
             self._found(match={"status": "as given"})
             return path
-        self._tell(f"round {number} of {self._most} at most: match")
+        self._tell(f"round {number} of {self._order.rounds} at most: match")
         case = load_case(path)
 
         def work() -> tuple[Files, dict[str, Any]]:
-            result = match(case, self._order.seed)
+            # a case that a match has tuned before begins near its answer
+            result = match(case, self._order.seed, 1 if number > 1 else None)
             entries = result.to_dict()
             files = {"result.json": strict_json(entries), **case_files(result.tuned)}
             return files, {"status": result.status, "limits": list(result.limits)}
@@ -471,16 +473,17 @@ class Circle:
         self._found(match=self._stages.run(name, checksum(f"{_of_case(case)} seed {self._order.seed}"), work))
         return self._folder / name
 
-    def _exported(self, case: Case, number: int) -> None:
-        self._tell(f"round {number} of {self._most} at most: export")
+    def _exported(self, case: Case, name: str) -> None:
+        self._tell(f"export the controller to {name}")
 
         def work() -> tuple[Files, dict[str, Any]]:
             return {"controller.fmu": controller_fmu(exported_controller(case)).content}, {}
 
-        self._stages.run(f"{number}_export", _of_case(case), work)
+        self._stages.run(name, _of_case(case), work)
 
     def _checked(self, case: Case, number: int) -> dict[str, Any]:
         """The channels, before anything is fed back; after a trip that no channel explains, with smaller torques."""
+        self._exported(case, CHECKING)
         for share in SHARES_OF_TORQUE:
             found = self._checked_with(case, number, share)
             if not found["tripped"] or found["wrong"]:
@@ -490,16 +493,16 @@ class Circle:
     def _checked_with(self, case: Case, number: int, share: float) -> dict[str, Any]:
         """The channels by a share of the torques of their check."""
         of_torque = "" if share == 1 else f"{share:.0%} of the torques, after a trip"
-        self._tell(f"round {number} of {self._most} at most: check the channels {of_torque}".rstrip())
+        self._tell(f"round {number} of {self._order.rounds} at most: check the channels {of_torque}".rstrip())
         name, plan = f"{number}_channels" if share == 1 else f"{number}_channels_{share:g}", plan_channels(case, share)
-        exported = self._folder / f"{number}_export" / "controller.fmu"
+        exported = self._folder / CHECKING / "controller.fmu"
 
         def work() -> tuple[Files, dict[str, Any]]:
             tripped = ""
             if not self._bed.is_file():
                 taken = self._by_hand.recording(
                     name, {"excitation.csv": plan.csv()},
-                    f"at rest, run {number}_export/controller.fmu in the mode 3 (check of the channels) with the "
+                    f"at rest, run {CHECKING}/controller.fmu in the mode 3 (check of the channels) with the "
                     f"torques of {name}_excitation.csv as added torques and demands, and record them with every "
                     "sensor of the rig",
                     lambda path: judge_channels(case, read_recording(path, bed_system(case))).sentence(),
@@ -519,7 +522,7 @@ class Circle:
         return self._stages.run(name, self._of_run(plan.csv() + _of_case(case)), work, lambda _: self._as_handed(name))
 
     def _verified(self, case: Case, number: int) -> dict[str, Any]:
-        self._tell(f"round {number} of {self._most} at most: run and verify")
+        self._tell(f"round {number} of {self._order.rounds} at most: run and verify")
         name = f"{number}_verify"
         exported = self._folder / f"{number}_export" / "controller.fmu"
 
@@ -549,7 +552,8 @@ class Circle:
             try:
                 verification = judge(case, recorded)
             except NotThisBed as fault:
-                return {taken.name: taken.content}, self._not_judged(fault)
+                files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
+                return files, self._not_judged(fault)
             result = verification.to_dict()
             if short := what_is_short(verification):
                 result["diagnosis"] = Reason("", tuple(short)).to_dict()
@@ -557,7 +561,7 @@ class Circle:
             return files | {"verification.json": strict_json(result)}, result
 
         def enough(figures: Mapping[str, Any]) -> bool:
-            gone_on = (self._folder / f"{number + 1}_excite").is_dir()
+            gone_on = any((self._folder / f"{number + 1}_{step}").is_dir() for step in ("excite", "diagnose"))
             return self._as_handed(name) and (gone_on or not figures.get("tripped"))  # a trip is where it goes on
 
         return self._stages.run(name, self._of_run(_of_case(case)), work, enough)
@@ -570,9 +574,29 @@ class Circle:
                 "fidelity": [], "notes": []}  # fmt: skip
 
     def _identified(self, matched: Path, number: int) -> dict[str, Any]:
-        """Excite, record, diagnose."""
+        """Excite, record, diagnose. With free play the proof is diagnosed, whose mean torque keeps the play closed."""
         case = tuned_case(matched).tuned
-        self._tell(f"round {number} of {self._most} at most: excite")
+        proven, closed = self._folder / f"{number - 1}_verify", bool(case.rig.free_plays)
+        if closed and (proven / "proof.json").is_file():
+            recorded = kept_recording(proven)
+        else:
+            recorded, closed = self._excited(case, number), False
+        self._tell(f"round {number} of {self._order.rounds} at most: diagnose")
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            bed = bed_from_recordings(
+                case, [recorded], lambda step: self._tell(f"diagnose: {step}"), self._order.diagnosis_limit,
+                closed=closed, last=self._order.excitation.duration if closed else None,
+            )  # fmt: skip
+            return bed.files(), bed.to_dict()
+
+        return self._stages.run(
+            f"{number}_diagnose", self._stages.of_files(recorded) + _of_case(case), work, self._long_enough
+        )
+
+    def _excited(self, case: Case, number: int) -> Path:
+        """The recording of the bed without emulation under the torques that tell most."""
+        self._tell(f"round {number} of {self._order.rounds} at most: excite")
 
         @cache
         def plan() -> ExcitationPlan:  # some seconds, and needed only by steps that are not done
@@ -583,21 +607,10 @@ class Circle:
             lambda: ({"excite.json": strict_json(plan().to_dict()), "excitation.csv": excitation_csv(plan())}, {}),
         )  # fmt: skip
         self._recorded(case, plan, number)
-        self._tell(f"round {number} of {self._most} at most: diagnose")
-        path = kept_recording(self._folder / f"{number}_record")
-
-        def work() -> tuple[Files, dict[str, Any]]:
-            bed = bed_from_recordings(
-                case, [path], lambda step: self._tell(f"diagnose: {step}"), self._order.diagnosis_limit
-            )
-            return bed.files(), bed.to_dict()
-
-        return self._stages.run(
-            f"{number}_diagnose", self._stages.of_files(path) + _of_case(case), work, self._long_enough
-        )
+        return kept_recording(self._folder / f"{number}_record")
 
     def _recorded(self, case: Case, plan: Callable[[], ExcitationPlan], number: int) -> None:
-        self._tell(f"round {number} of {self._most} at most: record")
+        self._tell(f"round {number} of {self._order.rounds} at most: record")
         name = f"{number}_record"
         excitation = (self._folder / f"{number}_excite" / "excitation.csv").read_bytes().decode()
 
@@ -694,8 +707,9 @@ def why_short(
             needed = f"{path} does not hold {', '.join(missing)}: record the torque commands as well, or use commission"
             return Reason("", (*judged, needed))
     read = [read_recording(path, system, channels) for path in recordings]
+    bed = recorded_bed_system(case, read, closed=bool(case.rig.free_plays))
     with limited(seconds, of_processor=True):
-        diagnosis = diagnose(system, read, None, progress)
+        diagnosis = diagnose(bed, read, None, progress)
     named = [cause for cause in diagnosis.to_dict()["causes"] if cause["in_model"]]
     causes = [f"{cause['kind']} at {cause['at']}: {cause['evidence']}" for cause in named]
     new = identified_case(case, diagnosis)

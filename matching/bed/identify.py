@@ -8,14 +8,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from matching.bed.simulated_bed import (
     CONSTANT,
     FIT_RANGE_RATIO,
+    OWN_TIMES,
     around,
     as_states,
     bed_system,
+    friction_names,
     is_taken,
     names_in_system,
+    own_times,
     with_faults,
     with_quantities,
 )
@@ -25,12 +30,14 @@ from matching.diagnosis.statistics import Estimate
 from matching.match.box import LARGEST_SHARE, Box, Uncertain
 from matching.match.case import Case, Move
 from matching.match.case_file import case_files
+from modelling.bed.bed import Dynamometer
 from modelling.bed.vehicle import cut
 from modelling.display import Displayed
 from modelling.effects.effect import place_in_words
 from modelling.errors import InputError
 from modelling.model_file import dumps
 from modelling.recordings.read import contents_of, read_recording, read_signals
+from modelling.recordings.recording import Recording
 from modelling.resources import TimeLimit, limited
 from modelling.system import Effect, Quantity, System
 from modelling.writing import strict_json
@@ -94,6 +101,8 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
         name: estimate for name, estimate in estimates.items()
         if math.isfinite(estimate.standard_uncertainty) and not (unexplained and estimate.note)
     }  # fmt: skip
+    for name in OWN_TIMES:
+        known |= _together(case, diagnosis, name, unexplained)
     of_rig = {name.removeprefix("rig."): estimate.value for name, estimate in known.items() if name.startswith("rig.")}
     effects, notes = _linear_effects(case, diagnosis)
     faults = [effect for effect in effects if is_taken(effect)]
@@ -105,16 +114,13 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
     vehicle = vehicle.with_effects(*(effect for effect in others if places.issuperset(effect.places)))
     loop = case.loop
     hold = loop["dead_time"] - loop.command_delay()
-    values = {}
-    if "loop.dead_time" in known:
-        values["dead_time"] = known["loop.dead_time"].value + hold
-    for name in ("inverter_lag", "torque_sensor_lag"):
-        if f"loop.{name}" in known:
-            values[name] = known[f"loop.{name}"].value
+    common = {name: known[f"loop.{name}"].value for name in OWN_TIMES if f"loop.{name}" in known}
+    values = {name: value + hold * (name == "dead_time") for name, value in common.items()}
+    own = [_own_times(case, dynamometer, diagnosis, values, hold) for dynamometer in loop.dynamometers]
     dynamometers = tuple(
-        replace(dynamometer, torque_gain=known[f"dynamometers.{dynamometer.name}{GAIN}"].value)
-        if f"dynamometers.{dynamometer.name}{GAIN}" in known else dynamometer
-        for dynamometer in loop.dynamometers
+        replace(dynamometer, torque_gain=known[f"dynamometers.{dynamometer.name}{GAIN}"].value, **times)
+        if f"dynamometers.{dynamometer.name}{GAIN}" in known else replace(dynamometer, **times)
+        for dynamometer, times in zip(loop.dynamometers, own, strict=True)
     )  # fmt: skip
     loop = replace(loop.with_values(values), dynamometers=dynamometers)
     box = Box((
@@ -126,6 +132,31 @@ def identified_case(case: Case, diagnosis: Diagnosis) -> Identified:
         case, rig=rig, vehicle=vehicle, residual_vehicle=cut(vehicle, rig), loop=loop, uncertainty=box, moves=moves
     )
     return Identified(made, notes)
+
+
+def _together(case: Case, diagnosis: Diagnosis, name: str, unexplained: bool) -> dict[str, Estimate]:
+    """The loop's own value of a delay or a lag of the dynamometers: their mean, and the largest uncertainty of one."""
+    own = [own_times(dynamometer) for dynamometer in case.loop.dynamometers]
+    keys = [names[name] for names in own if name in names]
+    found = [diagnosis.parameters[key] for key in keys if key in diagnosis.parameters]
+    told = [one for one in found if math.isfinite(one.standard_uncertainty) and not (unexplained and one.note)]
+    if not told or len(told) < len(keys):
+        return {}
+    note = next((one.note for one in told if one.note), "")
+    mean, most = float(np.mean([one.value for one in told])), max(one.standard_uncertainty for one in told)
+    return {f"loop.{name}": Estimate(mean, most, note)}
+
+
+def _own_times(
+    case: Case, dynamometer: Dynamometer, diagnosis: Diagnosis, common: dict[str, float], hold: float
+) -> dict[str, Any]:
+    """Dead time and lags of a dynamometer, s, where the loop has several: each inverter has its own."""
+    if len(case.loop.dynamometers) == 1:
+        return {name: None for name in common if getattr(dynamometer, name) is not None}
+    names = own_times(dynamometer)
+    return {
+        name: diagnosis.parameters[names[name]].value + hold * (name == "dead_time") for name in common if name in names
+    }
 
 
 def narrowed(quantity: Uncertain, estimate: Estimate | None, hold: float) -> Uncertain:
@@ -160,8 +191,8 @@ def _of_faults(rig: System, faults: Sequence[Effect], diagnosis: Diagnosis, know
 
 def _linear_effects(case: Case, diagnosis: Diagnosis) -> tuple[list[Effect], tuple[str, ...]]:
     """Effects of the diagnosis that a linear model holds, at shafts, inertias and sensors; sentences on all others."""
-    before = set(bed_system(case).effects)
-    added = [effect for effect in diagnosis.extended.effects if effect.name not in {known.name for known in before}]
+    before = {effect.name for effect in bed_system(case, turning=True).effects}
+    added = [effect for effect in diagnosis.extended.effects if effect.name not in before]
     linear = [
         effect for effect in added
         if is_taken(effect)
@@ -171,7 +202,27 @@ def _linear_effects(case: Case, diagnosis: Diagnosis) -> tuple[list[Effect], tup
         _said(effect, effect in linear)
         for effect in added
         if effect not in linear or is_taken(effect) or effect.law.free_play
+    ) + _frictions(case, diagnosis)
+
+
+def _frictions(case: Case, diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Sentences on torques that resist in steady motion: a match about that motion does not depend on them."""
+    found = {at: diagnosis.parameters[key] for at, key in friction_names(case).items() if key in diagnosis.parameters}
+    return tuple(
+        f"friction of {one.value:.2g} ± {COVERAGE * one.standard_uncertainty:.1g} N·m at inertias.{at} while it turns: "
+        "the match is about steady motion and does not depend on it"
+        for at, one in found.items()
+        if one.value > TOLD * one.standard_uncertainty and one.value > LEAST_FRICTION * _largest_torque(case)
     )
+
+
+TOLD = 5.0  # standard uncertainties from which a friction is told
+LEAST_FRICTION = 0.01  # of the largest torque of a manoeuvre: less is none that anybody looks for
+
+
+def _largest_torque(case: Case) -> float:
+    every = (np.abs(drive.torque(np.linspace(0, drive.duration, 2001))).max() for drive in case.manoeuvre.values())
+    return float(max(every, default=0.0))
 
 
 def _said(effect: Effect, taken: bool) -> str:
@@ -355,7 +406,8 @@ def vehicle_from_recordings(
     ``seconds``: of the diagnosis, see :func:`_diagnosed`.
     """
     system, notes = recorded_vehicle(case, recordings)
-    diagnosis, limit = _diagnosed(system, recordings, progress, seconds)
+    read = [read_recording(path, system) for path in recordings]
+    diagnosis, limit = _diagnosed(system, read, progress, seconds)
     known = known_vehicle(case, system, diagnosis)
     early = _ended_early(limit)
     ended = limit.seconds if early else None
@@ -363,13 +415,19 @@ def vehicle_from_recordings(
 
 
 def bed_from_recordings(
-    case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None, seconds: float | None = None
-) -> Identification:
-    """The case with the bed that recordings without emulation show: torque commands and every sensor of the rig.
+    case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None, seconds: float | None = None,
+    *, closed: bool = False, last: float | None = None,
+) -> Identification:  # fmt: skip
+    """The case with the bed that recordings show: torque commands and every sensor of the rig.
 
-    ``seconds``: of the diagnosis, see :func:`_diagnosed`.
+    ``seconds``: of the diagnosis, see :func:`_diagnosed`. ``closed``: a mean torque kept free play closed; ``last`` (s)
+    of a recording are taken, None: all of it.
     """
-    diagnosis, limit = _diagnosed(bed_system(case), recordings, progress, seconds)
+    read = [read_recording(path, bed_system(case)) for path in recordings]
+    if last is not None:
+        read = [one.cut(max(float(one.time[-1]) - last, float(one.time[0])), float(one.time[-1])) for one in read]
+    system = recorded_bed_system(case, read, closed=closed)
+    diagnosis, limit = _diagnosed(system, read, progress, seconds)
     made = identified_case(case, diagnosis)
     after = {quantity.name: quantity for quantity in made.case.uncertainty.uncertain}
     values = tuple(_identified(quantity, after[quantity.name], case, made.case, diagnosis)
@@ -378,10 +436,29 @@ def bed_from_recordings(
     return Identification(made.case, diagnosis, values, (*early, *made.notes), limit.seconds if early else None)
 
 
+def recorded_bed_system(case: Case, recordings: Sequence[Recording], *, closed: bool = False) -> System:
+    """The bed of recordings: with friction where all rotors turn all the time, without free play where it is closed."""
+    speeds = [one.speed_sensor for one in case.loop.dynamometers]
+    turning = all(
+        name in one.channels and np.nanmin(np.abs(one[name])) > TURNING * np.nanmax(np.abs(one[name]))
+        for one in recordings for name in speeds
+    )  # fmt: skip
+    system = bed_system(case, turning=turning)
+    if closed:
+        system = replace(system, effects=tuple(effect for effect in system.effects if not effect.law.free_play))
+    return system
+
+
+TURNING = 0.1  # of the largest speed of a rotor: what stays above it does not come to rest
+
+
 def _identified(before: Uncertain, after: Uncertain, case: Case, made: Case, diagnosis: Diagnosis) -> IdentifiedValue:
     """A quantity before and after; the torque gain of a dynamometer as the case states it, not relative to that."""
-    key = names_in_system(case).get(before.name, "")
-    found = key in diagnosis.parameters and not diagnosis.parameters[key].note
+    keys = [names_in_system(case).get(before.name, "")]
+    if before.name.removeprefix("loop.") in OWN_TIMES:
+        own = [own_times(dynamometer) for dynamometer in case.loop.dynamometers]
+        keys = [names[before.name.removeprefix("loop.")] for names in own if before.name.removeprefix("loop.") in names]
+    found = all(key in diagnosis.parameters and not diagnosis.parameters[key].note for key in keys)
     if not before.name.endswith(GAIN):
         return IdentifiedValue(before.name, before.value, after.value, after.half_width, found)
     name = before.name.removeprefix("dynamometers.").removesuffix(GAIN)
@@ -390,14 +467,13 @@ def _identified(before: Uncertain, after: Uncertain, case: Case, made: Case, dia
 
 
 def _diagnosed(
-    system: System, recordings: Sequence[Path], progress: Progress, seconds: float | None
+    system: System, read: Sequence[Recording], progress: Progress, seconds: float | None
 ) -> tuple[Diagnosis, TimeLimit]:
     """The diagnosis of recordings, and whether its time was over.
 
     After 0.7 of the seconds no further cause is searched for, after all of them every fit ends where it is: what is
     then left takes some seconds more.
     """
-    read = [read_recording(path, system) for path in recordings]
     with limited(seconds, of_processor=True) as limit:
         return diagnose(system, read, None, progress), limit
 

@@ -17,9 +17,10 @@ from matching.bed.proof import Proof
 from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared, snapshots
 from matching.match.box import Uncertain
 from matching.match.case import Case
-from modelling.bed.bed import ControlLaw
+from modelling.bed.bed import ControlLaw, Dynamometer
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, SupervisedController
 from modelling.effects.effect import shared_place
+from modelling.effects.friction_and_compliance import CoulombFriction, StribeckFriction
 from modelling.effects.sensors_and_actuators import (
     AllPass,
     DeadTime,
@@ -30,6 +31,7 @@ from modelling.effects.sensors_and_actuators import (
     SensorGain,
     SensorOffset,
 )
+from modelling.effects.torques import ConstantTorque
 from modelling.errors import InputError
 from modelling.recordings.read import csv_text
 from modelling.recordings.readers import READERS
@@ -121,30 +123,51 @@ def _joined(system: System, fault: Effect) -> System:
 # --- The bed without emulation as a model file's system, with a range on all that the case's box leaves open.
 
 
+OWN_TIMES = ("dead_time", "inverter_lag", "torque_sensor_lag")  # of each dynamometer
+
+
 def names_in_system(case: Case) -> dict[str, str]:
-    """Name in :func:`bed_system` of each uncertain quantity that a recording can tell, by its name in the box."""
-    loop = case.loop
-    commands = _commands(case)
+    """Name in :func:`bed_system` of each uncertain quantity that a recording can tell, by its name in the box.
+
+    The times of the loop are those of every dynamometer: see :func:`own_times`.
+    """
     names = {}
     for quantity in case.uncertainty.uncertain:
         if quantity.name.startswith("rig."):
             names[quantity.name] = _as_recorded(quantity.name.removeprefix("rig."))
-    names["loop.dead_time"] = f"{commands}.{DeadTime.kind}.delay"
-    if loop.flanges:
-        names["loop.torque_sensor_lag"] = f"{_torques(case)}.{Lag.kind}.time_constant"
-    names["loop.inverter_lag"] = f"{commands}.{Lag.kind}.time_constant"
-    for dynamometer in loop.dynamometers:
+    for dynamometer in case.loop.dynamometers:
         names[f"dynamometers.{dynamometer.name}.torque_gain"] = (
             f"inputs.{dynamometer.torque_input}.{InputGain.kind}.factor"
         )
     return names
 
 
-def bed_system(case: Case) -> System:
-    """The rig with the dynamometers' dead time, lag and gain, and the lag of their torque sensors, as effects.
+def own_times(dynamometer: Dynamometer) -> dict[str, str]:
+    """Name in :func:`bed_system` of a dynamometer's delay and lags, by what the loop calls them."""
+    command = f"inputs.{dynamometer.torque_input}"
+    names = {"dead_time": f"{command}.{DeadTime.kind}.delay", "inverter_lag": f"{command}.{Lag.kind}.time_constant"}
+    if dynamometer.torque_sensor:
+        names["torque_sensor_lag"] = f"sensors.{dynamometer.torque_sensor}.{Lag.kind}.time_constant"
+    return names
+
+
+def friction_names(case: Case) -> dict[str, str]:
+    """Name in :func:`bed_system` of the torque that resists each input's inertia in steady motion, by the inertia."""
+    return {part.on: f"inertias.{part.on}.{ConstantTorque.kind}.torque" for part in case.rig.inputs
+            if f"inertias.{part.on}" not in _resisted(case.rig)}  # fmt: skip
+
+
+def bed_system(case: Case, *, turning: bool = False) -> System:
+    """The rig with each dynamometer's dead time, lag and gain, and the lag of its torque sensor, as effects.
 
     Its inputs are torque commands as recorded, linear between samples: the half sample of hold that the loop's dead
     time counts is none of the delay here. Gains of sensors are taken as known; the box counts them after the fit.
+
+    Parameters
+    ----------
+    turning : bool
+        Of a recording in which nothing comes to rest: what torques act on then has a friction of any size up to the
+        largest torque of a manoeuvre. It does not change while the bed turns, and no case states it.
     """
     box = {quantity.name: quantity for quantity in case.uncertainty.uncertain}
     loop = case.loop
@@ -152,35 +175,39 @@ def bed_system(case: Case) -> System:
         name.removeprefix("rig."): around(quantity.value, quantity.half_width)
         for name, quantity in box.items() if name.startswith("rig.")
     }  # fmt: skip
-    commands = _commands(case)
-    delay, hold = box.get("loop.dead_time"), loop["dead_time"] - loop.command_delay()
-    effects = [
-        Effect(DeadTime.kind, commands, (("delay", _shifted(delay, loop["dead_time"], hold)),)),
-        Effect(Lag.kind, commands, (("time_constant", _of(box, "loop.inverter_lag", loop["inverter_lag"])),)),
-    ]
-    if loop.flanges:
-        lag = _of(box, "loop.torque_sensor_lag", loop["torque_sensor_lag"])
-        effects.append(Effect(Lag.kind, _torques(case), (("time_constant", lag),)))
-    for dynamometer in loop.dynamometers:
+    effects = []
+    for j, dynamometer in enumerate(loop.dynamometers):
+        command = f"inputs.{dynamometer.torque_input}"
+        delay = _of(box, "loop.dead_time", loop.command_delays()[j])  # without the half sample of hold
+        lag = _of(box, "loop.inverter_lag", loop.lags("inverter_lag")[j])
         gain = _of(box, f"dynamometers.{dynamometer.name}.torque_gain", dynamometer.torque_gain)
-        effects.append(Effect(InputGain.kind, f"inputs.{dynamometer.torque_input}", (("factor", gain),)))
+        effects += [
+            Effect(DeadTime.kind, command, (("delay", delay),)),
+            Effect(Lag.kind, command, (("time_constant", lag),)),
+            Effect(InputGain.kind, command, (("factor", gain),)),
+        ]
+        if dynamometer.torque_sensor:
+            own = loop["torque_sensor_lag"] if dynamometer.torque_sensor_lag is None else dynamometer.torque_sensor_lag
+            of_sensor = _of(box, "loop.torque_sensor_lag", own)
+            effects.append(Effect(Lag.kind, f"sensors.{dynamometer.torque_sensor}", (("time_constant", of_sensor),)))
+    largest = max((float(np.abs(drive.torque(np.linspace(0, drive.duration, 2001))).max())
+                   for drive in case.manoeuvre.values()), default=0.0)  # fmt: skip
+    if turning and largest:
+        effects += [
+            Effect(ConstantTorque.kind, f"inertias.{at}", (("torque", Quantity(0.0, -largest, largest)),))
+            for at in friction_names(case)
+        ]
     return _with_ranges(case.rig, of_rig).with_effects(*effects)
 
 
-def _commands(case: Case) -> str:
-    return shared_place(f"inputs.{dynamometer.torque_input}" for dynamometer in case.loop.dynamometers)
-
-
-def _torques(case: Case) -> str:
-    return shared_place(f"sensors.{flange}" for flange in case.loop.flanges)
+def _resisted(rig: System) -> set[str]:
+    """Places with a friction of their own in the model."""
+    return {place for effect in rig.effects for place in effect.places
+            if effect.kind in (ConstantTorque.kind, CoulombFriction.kind, StribeckFriction.kind)}  # fmt: skip
 
 
 def _of(box: dict[str, Uncertain], name: str, value: float) -> Quantity:
-    return around(value, box[name].half_width) if name in box else Quantity(value)
-
-
-def _shifted(delay: Uncertain | None, value: float, hold: float) -> Quantity:
-    return Quantity(value - hold) if delay is None else around(value - hold, delay.half_width)
+    return around(value, box[name].half_width) if name in box else Quantity(float(value))
 
 
 def _as_recorded(name: str) -> str:

@@ -240,7 +240,7 @@ def diagnose(
             unseen = UnseenData(blocks_for(base_fit, settings), settings)
             identified = identify_causes(system, base_fit, unseen, progress, suspected)
             best = identified.selected.best
-            if last or not best.causes or (at_noise(best) and kinds != straight):
+            if last or not best.causes or (at_noise(best) and kinds != straight) or time_is_over():
                 break
             progress("inputs between samples")
             others, _ = inputs.likeliest(system, recorded, best.fit, kinds)

@@ -31,6 +31,7 @@ from matching.diagnosis.statistics import (
     whiteness,
 )
 from modelling.effects import EFFECTS
+from modelling.effects.effect import SimplerEffect
 from modelling.errors import FitError
 from modelling.resources import time_is_over
 
@@ -233,6 +234,20 @@ def _beyond_noise(fit: Fit, tests: Sequence[WhitenessTest]) -> list[np.ndarray]:
     abrupt = any(EFFECTS[effect.kind].abrupt for effect in fit.problem.system.effects)
     excess = NOISE_EXCESS_ABRUPT if abrupt else NOISE_EXCESS
     return [(test.score > NOISE_SIGMA) & (test.excess > excess) for test in tests]
+
+
+def simpler_kinds(hypothesis: Hypothesis, index: int) -> list[SimplerEffect]:
+    """Simpler kinds that behave as a cause of a hypothesis does at its values."""
+    cause, fit = hypothesis.causes[index], hypothesis.fit
+    p, _ = fit.problem.unpack(fit.v)
+    value = dict(zip(fit.problem.model.parameters, (float(x) for x in p), strict=True))
+    parameters = {key: fit.values[name] for key, name in cause.names().items()}
+    return list(EFFECTS[cause.kind].simpler(cause.at, parameters, value, hypothesis.model.base))
+
+
+def is_simpler(cause: Cause, other: Hypothesis) -> bool:
+    """Whether a cause is a simpler kind of the last cause of another hypothesis, in its place."""
+    return any((simpler.kind, simpler.at) == (cause.kind, cause.at) for simpler in simpler_kinds(other, -1))
 
 
 def share_explained(parent: Hypothesis, child: Hypothesis) -> float:

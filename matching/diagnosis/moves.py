@@ -21,9 +21,11 @@ from matching.diagnosis.hypotheses import (
     Hypothesis,
     at_noise,
     final_fit,
+    is_simpler,
     largest_error,
     scatters_only,
     share_explained,
+    simpler_kinds,
     with_balanced_sensors,
     with_sharpest_friction,
 )
@@ -62,6 +64,8 @@ class Selection:
         Decrease of χ² that the best of all candidates seldom reaches in pure noise.
     rivals : list of list of Hypothesis
         For each cause of ``best``: hypotheses with another cause in its place, best first.
+    compared : list of Hypothesis
+        For each cause of ``best``: the best hypothesis, fitted as far as its rivals are.
     with_one_cause : list of Hypothesis
         All that were fitted, taken or not, best first.
     failed : dict of (str, str) to str
@@ -74,6 +78,7 @@ class Selection:
     screened: list[ScreenedCandidate]
     noise_threshold: float
     rivals: list[list[Hypothesis]] = field(default_factory=list)
+    compared: list[Hypothesis] = field(default_factory=list)
     with_one_cause: list[Hypothesis] = field(default_factory=list)
     failed: dict[tuple[str, str], str] = field(default_factory=dict)
 
@@ -115,6 +120,7 @@ class Search:
         self.settings = settings = unseen.settings
         self.left, self.windowed = settings.refits, settings.windowed
         self.in_place: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # by the causes beside it
+        self.simpler: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # the same: simpler kinds of what was named there
         self.done: dict[tuple, tuple[Hypothesis, Any]] = {}  # with the hypothesis: no other takes its identity
         screening = Screening(base_fit)
         recorded = recorded_range(system, base_fit.problem.data, screening.motion)
@@ -144,6 +150,7 @@ class Search:
         self._settle(final_fit)
         self.progress("rivals")
         state.rivals = [self._rivals(index) for index in range(len(state.best.causes))]
+        state.compared = [self._compared(index) for index in range(len(state.best.causes))]
         if not state.best.causes:
             state.base = state.best
         return state
@@ -158,25 +165,32 @@ class Search:
             accepted = self.first_accepted(fitted) or self.first_accepted(self.pairs())
             if accepted is None:
                 return
-            state.best = self._shared(with_balanced_sensors(accepted, self.settings.far_from_noise))
+            accepted = with_balanced_sensors(accepted, self.settings.far_from_noise)
+            state.best = self._shared(self.simplified(accepted))
 
     def _settle(self, finished: Callable[[Hypothesis], Hypothesis]) -> None:
-        """Share, simplify, drop and exchange until nothing changes."""
+        """Share, simplify, drop and exchange until nothing changes; where the time is up, a cause is only dropped."""
         state = self.state
         for _ in range(self.settings.moves):
-            changed = self._shared(state.best)
-            if changed is state.best:
-                changed = self._once(simplified, state.best)
+            changed = state.best
+            if not self._late():
+                changed = self._shared(state.best)
+            if changed is state.best and not self._late():
+                changed = self.simplified(state.best)
             if changed is state.best:
                 changed = self._dropped() or self._exchanged() or state.best
             if changed is state.best:
                 return
             state.best = finished(changed)
 
+    def _late(self) -> bool:
+        """Whether the time for the search is up."""
+        return time_is_over(self.settings.search_share)
+
     def _take(self) -> bool:
         """Take one refit; whether there was one: a count, so that no answer depends on the machine, unless the caller
         limits the time."""
-        if time_is_over(self.settings.search_share):
+        if self._late():
             self.left = 0
         self.left -= 1
         return self.left >= 0
@@ -302,7 +316,7 @@ class Search:
         out = sorted(hypotheses, key=lambda hypothesis: hypothesis.cost)
         near = self.settings.near_ratio * out[0].cost if out else 0.0
         for i, hypothesis in enumerate(out[: self.settings.near_best]):
-            if hypothesis.cost < near and not time_is_over(self.settings.search_share):
+            if hypothesis.cost < near and not self._late():
                 out[i] = replace(hypothesis, fit=self._finished(with_sharper_friction(self._finished(hypothesis.fit))))
         out.sort(key=lambda hypothesis: hypothesis.cost)
         out[:1] = [with_sharpest_friction(hypothesis) for hypothesis in out[:1]]
@@ -323,7 +337,7 @@ class Search:
             if not self._worthwhile(hypothesis):
                 return None
             if len(hypothesis.causes) > 1 and hypothesis.model.not_taken(hypothesis.fit) == "not_physical":
-                hypothesis = simplified(hypothesis)  # the further cause has left an earlier one too little to be itself
+                hypothesis = self.simplified(hypothesis)  # the further cause has left an earlier one too little
             if hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit):
                 continue
             if self.unseen.accepts(hypothesis, self.state.best):
@@ -360,6 +374,42 @@ class Search:
                 continue
             out.append(Hypothesis(model, fit, pair.reduction))
         return self._sharpened(out)
+
+    # --- Simplify
+
+    def simplified(self, hypothesis: Hypothesis) -> Hypothesis:
+        """A hypothesis with simpler kinds in the place of causes that have one which explains as much: both are fitted,
+        and the simpler one is a rival from then on where it is not taken."""
+        for index, cause in enumerate(hypothesis.causes):
+            values = {key: hypothesis.fit.values[name] for key, name in cause.names().items()}
+            impossible = not EFFECTS[cause.kind].possible(values)
+            for simpler in self._once(self._simpler, hypothesis, index):
+                if impossible or self._explains_as_much(simpler, hypothesis):
+                    return self.simplified(simpler)
+        return hypothesis
+
+    def _simpler(self, hypothesis: Hypothesis, index: int) -> list[Hypothesis]:
+        """A hypothesis with simpler kinds in the place of one of its causes, fitted; as rivals of that as well."""
+        beside = tuple(cause for i, cause in enumerate(hypothesis.causes) if i != index)
+        out = []
+        for model in compilable(list(simpler_models(hypothesis, index))):
+            try:
+                fit = fit_extended(model, hypothesis.fit)
+            except FitError as reason:
+                self.state.failed.setdefault((model.causes[-1].kind, model.causes[-1].at), str(reason))
+                continue
+            out.append(with_sharpest_friction(Hypothesis(model, fit, hypothesis.screened)))
+        self.simpler.setdefault(beside, []).extend(out)
+        return out
+
+    def _explains_as_much(self, simpler: Hypothesis, hypothesis: Hypothesis) -> bool:
+        """Whether a kind yields to a simpler one: that is as likely for fewer variables, or, where more than noise is
+        left, unseen data are not met better without it beyond chance."""
+        saved = len(hypothesis.fit.v) - len(simpler.fit.v)
+        price = float(np.log(hypothesis.fit.problem.data.readings_count)) * hypothesis.chi_square_per_reading
+        if simpler.chi_square < hypothesis.chi_square + saved * price:
+            return True
+        return not at_noise(hypothesis) and not self.unseen.accepts(hypothesis, simpler)
 
     # --- Drop
 
@@ -399,12 +449,13 @@ class Search:
         Where more than noise is left, unseen data decide: it meets them better, with a χ² that is not higher by more
         than makes no difference."""
         best = self.state.best
-        for index in range(len(best.causes)):
+        for index in range(0 if self._late() else len(best.causes)):
             for other in self._rivals(index):
                 if other.model.not_taken(other.fit):
                     continue
                 as_low = other.cost < (best.cost if at_noise(other) else best.cost * (1 + self.settings.slight_rise))
-                if as_low and (at_noise(other) or self.unseen.prefers(other, best)):
+                better = self.unseen.accepts if is_simpler(best.causes[index], other) else self.unseen.prefers
+                if as_low and (at_noise(other) or better(other, best)):
                     return _in_place(with_balanced_sensors(other, self.settings.far_from_noise), index)
         return None
 
@@ -418,14 +469,27 @@ class Search:
             candidates = [] if rest is None else self.screened(rest)[1][: self.settings.exchanged]
             self.in_place[beside] = [] if rest is None else self.refitted(rest, candidates)
         by_noise = best.fit.problem.weighting is None
-        others = [
-            self._once(weighted, other, by_noise) for other in self.in_place[beside] if other.places != best.places
-        ]
+        known = [self._once(weighted, other, by_noise) for other in self._in_place_of(beside)]
+        others = [other for other in known if other.places != best.places]
+        others.sort(key=lambda other: other.cost)
         if at_noise(best):
             near = [o for o in others if o.cost < best.cost + self.settings.out_of_question]
             fine = [self._once(final_fit, other) for other in near[: self.settings.fine_rivals]]
             others = sorted([*fine, *(o for o in others if o not in near)], key=lambda other: other.cost)
         return others
+
+    def _compared(self, index: int) -> Hypothesis:
+        """The best hypothesis as it was fitted beside the rivals of one of its causes: one that went on longer would
+        leave less than they for that alone."""
+        best = self.state.best
+        beside = tuple(cause for i, cause in enumerate(best.causes) if i != index)
+        by_noise = best.fit.problem.weighting is None
+        same = [other for other in self._in_place_of(beside) if other.places == best.places]
+        return self._once(weighted, same[0], by_noise) if same and not at_noise(best) else best
+
+    def _in_place_of(self, beside: tuple[Cause, ...]) -> list[Hypothesis]:
+        """What was fitted beside some causes, simpler kinds of it included."""
+        return distinct([*self.simpler.get(beside, []), *self.in_place.get(beside, [])])
 
     def _once(self, what: Callable[..., Any], hypothesis: Hypothesis, *given: Any) -> Any:
         """What a function makes of a hypothesis, made once."""
@@ -489,36 +553,19 @@ def _in_place(hypothesis: Hypothesis, index: int) -> Hypothesis:
     return replace(hypothesis, model=replace(hypothesis.model, causes=causes))
 
 
-def simplified(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis with simpler kinds that behave alike at its values in the place of causes, where these are as likely
-    for fewer parameters, or the values are impossible: a further cause has taken what the simpler one left when it was
-    searched for."""
-    for cause in hypothesis.causes:
-        index = hypothesis.causes.index(cause)
-        price = float(np.log(hypothesis.fit.problem.data.readings_count)) * hypothesis.chi_square_per_reading
-        for model in _simpler_models(hypothesis, index):
-            try:
-                simpler = Hypothesis(model, fit_extended(model, hypothesis.fit), hypothesis.screened)
-            except FitError:
-                continue
-            saved = len(hypothesis.fit.v) - len(simpler.fit.v)
-            meant = EFFECTS[cause.kind].possible({k: hypothesis.fit.values[name] for k, name in cause.names().items()})
-            if saved > 0 and (not meant or simpler.chi_square < hypothesis.chi_square + saved * price):
-                return simplified(with_sharpest_friction(simpler))
-    return hypothesis
-
-
-def _simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel]:
-    """Models with simpler kinds in the place of a cause."""
+def simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel]:
+    """Models with simpler kinds, which behave alike at its values, in the place of a cause."""
     cause, fit, system = hypothesis.causes[index], hypothesis.fit, hypothesis.model.base
-    p, _ = fit.problem.unpack(fit.v)
-    value = dict(zip(fit.problem.model.parameters, (float(x) for x in p), strict=True))
-    parameters = {key: fit.values[name] for key, name in cause.names().items()}
     rest = hypothesis.model.without_cause(index, fit)
     present = {(other.kind, other.at) for other in rest.causes}
-    for simpler in EFFECTS[cause.kind].simpler(cause.at, parameters, value, system):
+    for simpler in simpler_kinds(hypothesis, index):
         kind, at = simpler.kind, simpler.at
-        if (kind, at) not in present and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain):
+        fewer = len(simpler.parameters) < len(cause.keys)
+        if (
+            fewer
+            and (kind, at) not in present
+            and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain)
+        ):
             yield rest.with_cause(kind, at, simpler.parameters, fit.problem.data.sampling_interval)
 
 

@@ -98,9 +98,10 @@ def unseen_errors(fit: Fit, blocks: Blocks) -> list[np.ndarray]:
         return errors
     left_out = _LeftOut(fit, number, blocks.count)
     v, costs, gradients = np.repeat(fit.v[None], blocks.count, axis=0), *left_out.at_fit()
-    for _ in range(STEPS):
+    for number_of_step in range(STEPS):
         steps, promised = left_out.steps(v, gradients)
-        if not (promised > np.maximum(ENOUGH, ENOUGH_SHARE * costs)).any() and _:
+        enough = not (promised > np.maximum(ENOUGH, ENOUGH_SHARE * costs)).any() or time_is_over()
+        if number_of_step and enough:
             break
         moved = np.clip(v + steps, fit.problem.lower, fit.problem.upper)
         new, costs_there, gradients_there = left_out.errors(moved)

@@ -9,7 +9,7 @@ import numpy as np
 
 from matching.diagnosis.causes import Cause
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.hypotheses import Hypothesis, at_noise
+from matching.diagnosis.hypotheses import Hypothesis, at_noise, is_simpler
 from matching.diagnosis.latent import free_force
 from matching.diagnosis.moves import Selection
 from matching.diagnosis.result import (
@@ -54,10 +54,15 @@ class RatedCause:
 
 
 def rate_rivals(selected: Selection, index: int, unseen: UnseenData) -> list[RatedCause]:
-    """A cause of the best hypothesis and its rivals with their shares, largest first; the selection stays as it is."""
+    """A cause of the best hypothesis and its rivals with their shares, largest first; the selection stays as it is.
+
+    Of a cause that explains as much as a kind which holds it as a special case, that kind is no rival.
+    """
     best, cause = selected.best, selected.best.causes[index]
     others = [other for other in selected.rivals[index] if not other.model.not_taken(other.fit)]
-    hypotheses = [best, *others]
+    if not at_noise(best):
+        others = [o for o in others if not is_simpler(cause, o) or unseen.accepts(o, best)]
+    hypotheses = [selected.compared[index], *others]
     if at_noise(best):
         shares = evidence_shares(np.array([h.cost for h in hypotheses]) / chi_square_inflation(best))
     else:
@@ -103,9 +108,10 @@ def chi_square_inflation(hypothesis: Hypothesis) -> float:
 
 def fitted_candidates(selected: Selection, unseen: UnseenData) -> list[FittedCandidate]:
     """The candidates that were added to the base model by themselves, best first, and the causes of the best
-    hypothesis among them as taken; then those that have no fit. Unseen data are asked about those near the best."""
+    hypothesis among them as taken; then those that have no fit. Unseen data are asked about those near the best, where
+    that leaves more than noise."""
     before, out = unseen.misfit(selected.base), []
-    near = unseen.settings.near_ratio * selected.best.chi_square
+    near = 0.0 if at_noise(selected.best) else unseen.settings.near_ratio * selected.best.chi_square
     for hypothesis in selected.with_one_cause:
         (cause,) = hypothesis.causes
         asked = hypothesis.chi_square < near or unseen.knows(hypothesis)

@@ -17,8 +17,9 @@ from matching.match.case import ERROR_SCALES, Case, apply
 from matching.match.case_file import Movable, case_files, movable
 from matching.match.demands import demands
 from matching.match.match import match
+from matching.match.requirements import OPENED_SHAFTS
 from matching.match.result import MatchResult
-from matching.match.robustness import of_beds
+from matching.match.robustness import of_beds, swings_on
 from matching.match.variables import SearchSettings
 from matching.match.verify import Verification
 from matching.studies import run
@@ -305,13 +306,15 @@ def _limited_by(result: MatchResult) -> tuple[str, ...]:
 
 
 def _not_kept_over_beds(result: MatchResult, robust: Verification) -> list[str]:
-    """Names of errors beyond their tolerance and of beds that are not stable or damped too little."""
+    """Names of errors beyond their tolerance, of beds not stable or damped too little, of play that swings on."""
     case, error, names = result.case, result.response_error, []
     if error.after > case.tolerance or error.unmeasured > case.unmeasured_tolerance:
         names.append("response_error")
     beds = of_beds(robust)
     if not beds.holds or (beds.worst is not None and beds.worst.damping_ratio <= 0):
         names.append("beds")
+    if swings_on(robust, result.lash):
+        names.append(OPENED_SHAFTS)
     return names
 
 

@@ -103,6 +103,16 @@ def _unstable_worst_bed(robust: Verification) -> list[str]:
 # and no necessary one, since a swing passes through the shares at which it would grow faster than it grows there.
 
 
+def may_swing_on(robust: Verification) -> bool:
+    """Whether only a simulation in time can say that free play leaves the bed at rest, and the case asks for it."""
+    return robust.required.opened_shafts and bool(_opened(robust))
+
+
+def swings_on(robust: Verification, play: OpenLash | None) -> bool:
+    """Whether free play limits a match."""
+    return robust.required.opened_shafts and bool(_swings_on(robust, play))
+
+
 def _swings_on(robust: Verification, play: OpenLash | None) -> list[str]:
     """That free play in the cut shafts makes beds swing on; that it may, where it was not simulated."""
     waived = WAIVED if robust.required.opened_shafts else ""

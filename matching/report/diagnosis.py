@@ -610,7 +610,7 @@ def answer(result: Mapping[str, Any]) -> str:
         rest = answer({**result, "channels": []})
         names = f"{', '.join(moved[:-1])} and {moved[-1]}"
         return f"The channels {names} look exchanged. Put in order: {rest[:1].lower()}{rest[1:]}"
-    causes, worst = certain(result), _worst(result["errors"])
+    causes = certain(result)
     if result["verdict"] == "adequate":
         largest = max((_in_noise(error, "after_holdout") or 0.0 for error in result["errors"].values()), default=0.0)
         return (
@@ -618,18 +618,15 @@ def answer(result: Mapping[str, Any]) -> str:
             f"{number(largest, 3)} times its noise."
         )
     if not causes:
+        worst = _worst(result["errors"])
         size = "" if worst is None else f": the error of {worst[0]} is {number(worst[1], 3)} times the noise"
         return f"None of the known effects explains what the model misses{size} on held-out data{_doubtful(result)}."
     clauses = [clause(cause) + _rivals(cause) for cause in causes]
     text = clauses[0] if len(clauses) == 1 else f"{', '.join(clauses[:-1])}, and {clauses[-1]}"
     text = text[:1].upper() + text[1:] if text.startswith(("the ", "each ")) else text
-    if worst is not None:
-        name, before, after = worst
-        text += f"; with {'it' if len(causes) == 1 else 'them'} the error of {_pooled(result)}{name} "
-        text += (
-            f"{'rises' if after > before else 'falls'} from {number(before, 3)} to {number(after, 3)} times the noise"
-        )
-        text += " on held-out data"
+    if changed := _changed_most(result["errors"]):
+        text += f"; with {'it' if len(causes) == 1 else 'them'} the error of {_pooled(result)}{' and '.join(changed)}"
+        text += " times the noise on held-out data"
     return text + (
         "." if result["verdict"] == "explained" else f", and an unexplained error remains{_doubtful(result)}."
     )
@@ -654,7 +651,7 @@ def _pooled(result: Mapping[str, Any]) -> str:
     if len(result["errors"]) < 2 or before is None or after is None:
         return ""
     falls = "rises" if after > before else "falls"
-    return f"all sensors {falls} from {percent(before)} to {percent(after)} of their range; that of the worst sensor "
+    return f"all sensors {falls} from {percent(before)} to {percent(after)} of their range, that of "
 
 
 def clause(cause: Mapping[str, Any]) -> str:
@@ -706,13 +703,34 @@ def _in_noise(error: Mapping[str, float | None], key: str) -> float | None:
     return None if value is None or not noise else value / noise
 
 
-def _worst(errors: Mapping[str, Mapping[str, float | None]]) -> tuple[str, float, float] | None:
-    """The sensor with the largest error that is left on held-out data; before and after in times its noise."""
+def _by_sensor(errors: Mapping[str, Mapping[str, float | None]]) -> list[tuple[str, float, float]]:
+    """Errors on held-out data before and after, in times the noise, of the sensors where both are known."""
     rows = [
         (name, _in_noise(error, "before_holdout"), _in_noise(error, "after_holdout")) for name, error in errors.items()
     ]
-    known = [(name, before, after) for name, before, after in rows if before is not None and after is not None]
-    return max(known, key=lambda row: row[2], default=None)
+    return [(name, before, after) for name, before, after in rows if before is not None and after is not None]
+
+
+def _worst(errors: Mapping[str, Mapping[str, float | None]]) -> tuple[str, float, float] | None:
+    """The sensor with the largest error that is left on held-out data; before and after in times its noise."""
+    return max(_by_sensor(errors), key=lambda row: row[2], default=None)
+
+
+RISES = 1.05  # ratio of errors from which that of a sensor is said to rise beside one that falls
+SMALLEST_ERROR = 1e-12  # in times the noise: of a sensor that is met exactly
+
+
+def _changed_most(errors: Mapping[str, Mapping[str, float | None]]) -> list[str]:
+    """How far the error falls of the sensor that gains most, and rises of that which loses most, if one does."""
+    ratios = sorted(_by_sensor(errors), key=lambda row: row[2] / max(row[1], SMALLEST_ERROR))
+    shown = ratios[:1]
+    if ratios[1:] and ratios[-1][2] > RISES * max(ratios[-1][1], 1.0):
+        shown.append(ratios[-1])
+    return [
+        f"{'that of ' if i else ''}{name} {'rises' if after > before else 'falls'} from {number(before, 3)} to "
+        f"{number(after, 3)}"
+        for i, (name, before, after) in enumerate(shown)
+    ]
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -51,6 +51,7 @@ LIMITS = {  # what limits the match at a point, in words
     "response_error": "response error above its tolerance",
     "beds": "drawn beds not stable or damped too little",
     "damping_ratio": "damping ratio below its limit",
+    "opened_shafts": "swings on with free play in the cut shafts",
 }
 MOST_WRITTEN = 8  # values per axis up to which every field has its number
 EQUAL_RELATIVE = 1e-9  # errors that differ by no more count as equal

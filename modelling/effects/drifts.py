@@ -17,6 +17,7 @@ from modelling.effects.effect import (
     Kind,
     Parameter,
     SensorPath,
+    SimplerEffect,
     State,
     Symbols,
 )
@@ -88,6 +89,13 @@ class GainDrift(Kind):
     def state_after(self, seconds: float, parameters: Mapping[str, float]) -> float:
         return done_after(seconds, parameters["time_constant"])
 
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
+    ) -> Iterator[SimplerEffect]:
+        """A gain that is wrong throughout, where the change has happened early or never."""
+        kind = "input_gain" if at.startswith("inputs.") else "sensor_gain"
+        yield SimplerEffect(kind, at, {"factor": 1 + parameters["change"]})
+
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         yield from first_guesses(motion, at, motion.signal(at))
 
@@ -130,6 +138,12 @@ class ParameterDrift(Kind):
 
     def state_after(self, seconds: float, parameters: Mapping[str, float]) -> float:
         return done_after(seconds, parameters["time_constant"])
+
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
+    ) -> Iterator[SimplerEffect]:
+        """A quantity that is wrong throughout, where the change has happened early."""
+        yield SimplerEffect("wrong_parameter", at, {"value": value[at] * (1 + parameters["change"])})
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         place, signal = _torque(motion, at)

@@ -154,6 +154,13 @@ class CoulombFriction(Kind):
                 lambda a: {"torque": float(a[0]), "torque_reverse": float(a[1])} if min(a) > 0 else None,
             )
 
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
+    ) -> Iterator[SimplerEffect]:
+        """The same in both directions."""
+        if "torque_reverse" in parameters:
+            yield SimplerEffect(self.kind, at, {"torque": sum(parameters.values()) / 2})
+
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         largest = recorded.torque[at.split(".")[1]]
         return -largest, largest
@@ -195,6 +202,13 @@ class GearLoss(Kind):
         inertia = law.second_inertia + (1 - share) * law.first_inertia
         lost = (of_size * Abs(passed_on) + of_torque * passed_on) / inertia
         assembly.add_torque(law.place, -lost, law.second)
+
+    def simpler(
+        self, at: str, parameters: Mapping[str, float], value: Mapping[str, float], system: Drivetrain
+    ) -> Iterator[SimplerEffect]:
+        """The same in both directions."""
+        if "efficiency_reverse" in parameters:
+            yield SimplerEffect(self.kind, at, {"efficiency": sum(parameters.values()) / 2})
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         table, name = at.split(".")

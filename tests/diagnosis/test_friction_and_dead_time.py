@@ -9,9 +9,11 @@ from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import prepare_data
 from matching.diagnosis.descent import solve
 from matching.diagnosis.hypotheses import Hypothesis
-from matching.diagnosis.moves import simplified
+from matching.diagnosis.moves import Search
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.screening import fit_extended
+from matching.diagnosis.settings import DiagnosisSettings
+from matching.diagnosis.unseen import UnseenData, blocks_for
 from modelling.effects.friction_and_compliance import StribeckFriction
 from modelling.model_file import from_dict
 from modelling.recordings.recording import Recording
@@ -64,7 +66,9 @@ def test_friction_that_cannot_fall_from_rest_is_plain_beside_the_dead_time(
 ) -> None:
     monkeypatch.setattr(StribeckFriction, "possible", lambda *_: False)  # as where its breakaway is below its sliding
     assert hypothesis.model.not_taken(hypothesis.fit) == "not_physical"
-    found = simplified(hypothesis)
+    base = solve(*base_problem(hypothesis.model.base, hypothesis.fit.problem.data))
+    unseen = UnseenData(blocks_for(base, DiagnosisSettings()), DiagnosisSettings())
+    found = Search(hypothesis.model.base, base, unseen, lambda _: None, ()).simplified(hypothesis)
     assert found.places == {("coulomb_friction", "inertias.rotor"), ("dead_time", "inputs.motor")}
     assert not found.model.not_taken(found.fit)
     values = {name.rsplit(".", 1)[-1]: value for name, value in found.fit.values.items()}

@@ -620,6 +620,10 @@ class Judge:
         measured, unmeasured = self._errors(bed, vehicle)
         return BedVerdict(stable, ratio, self._damped(z, bed), measured, unmeasured)
 
+    def against(self, values: Mapping[str, float], vehicle: Chain) -> tuple[float, float]:
+        """Response errors, rig torques known and unknown, of one bed against a vehicle with values of its own."""
+        return self._errors(self._bed(values), vehicle)
+
     def _damped(self, z: np.ndarray, bed: DrawnBed) -> bool:
         """Whether every mode of a bed has the damping it needs.
 

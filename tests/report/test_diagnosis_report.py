@@ -180,7 +180,7 @@ def errors(before: float, after: float) -> dict:
     return {"torque": {"noise": 0.5, "before_holdout": 0.5 * before, "after_holdout": 0.5 * after}}
 
 
-def test_several_sensors_have_a_pooled_figure_and_the_worst_of_them() -> None:
+def test_several_sensors_have_a_pooled_figure_and_those_that_gain_and_lose_most() -> None:
     shared = {"kind": "lag", "at": ["sensors.a", "sensors.b"], "alternatives": [],
               "parameters": {"time_constant": {"value": 8e-3, "standard_uncertainty": 1e-4, "unit": "s"}}}  # fmt: skip
     ranges = {"a": {"noise": 0.02, "before_holdout": 3.0, "after_holdout": 0.5},
@@ -188,8 +188,8 @@ def test_several_sensors_have_a_pooled_figure_and_the_worst_of_them() -> None:
     gain = {"nrmse_before": 0.7, "nrmse_after": 0.09}
     assert answer({"verdict": "unexplained", "causes": [shared], "errors": ranges, "gain": gain}) == (
         "Each of the sensors a and b follows with a first-order lag of 0.00800 ± 0.00010 s; with it the error of all "
-        "sensors falls from 70.00 % to 9.00 % of their range; that of the worst sensor b rises from 25 to 30 times "
-        "the noise on held-out data, and an unexplained error remains."
+        "sensors falls from 70.00 % to 9.00 % of their range, that of a falls from 150 to 25 and that of b rises "
+        "from 25 to 30 times the noise on held-out data, and an unexplained error remains."
     )
 
 

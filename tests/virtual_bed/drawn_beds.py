@@ -19,7 +19,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the truth plant is imported as `plant`
 
 import numpy as np
-from independent.dynamic_stiffness import Judge
+from independent.dynamic_stiffness import Chain, Judge
 from plant.hidden import Hidden
 from plant.systems import Drive
 
@@ -136,19 +136,25 @@ def true_values(case: Case, bed: VirtualBed) -> dict[str, float]:
 def true_error(case: Case, matched: Path, drawn_bed: DrawnBed) -> float:
     """Response error to measured torques of a controller on the bed as it is, by dynamic stiffness; play closed.
 
-    Every dynamometer has the dead time of its own, and the commands are divided by the calibration.
+    Against the vehicle of the match, as the verification has it: that is what its interval is about. Every dynamometer
+    has the dead time and the lags of its own, and the commands are divided by the calibration.
     """
     tuned = tuned_case(matched).tuned
     law, bed = exported_controller(tuned).law, drawn_bed.bed
     own = tuple(
-        replace(one, dead_time=bed.actuators[one.torque_input].delay + case.loop["sample_time"] / 2)
+        replace(
+            one,
+            dead_time=bed.actuators[one.torque_input].delay + case.loop["sample_time"] / 2,
+            inverter_lag=bed.actuators[one.torque_input].lag,
+            torque_sensor_lag=bed.readers[one.torque_sensor].lag,
+        )
         for one in case.loop.dynamometers
     )
     values = true_values(case, bed)
     for before, after in zip(case.loop.dynamometers, tuned.loop.dynamometers, strict=True):
         values[f"dynamometers.{before.name}.torque_gain"] /= after.torque_gain
     judge = Judge(replace(case, loop=replace(case.loop, dynamometers=own)), law)
-    return judge.verdict(values).measured
+    return judge.against(values, Chain(tuned.vehicle))[0]
 
 
 def work(path: Path, seed: int, number: int, folder: Path, order: CommissionOrder) -> dict[str, Any]:
@@ -180,6 +186,8 @@ def judged(case: Case, bed: DrawnBed, folder: Path, result: Commissioning) -> di
         verified = one.verification or {}
         found: dict[str, Any] = {"status": verified.get("status"), "sentence": verified.get("sentence")}
         causes = (one.identification or {}).get("causes", [])
+        found["notes"] = list((one.identification or {}).get("notes", []))
+        found["match"] = (one.match or {}).get("status")
         found["causes"] = [f"{cause['kind']} at {cause['at']}" for cause in causes]
         for error in verified.get("errors", []):
             if error["name"] == "measured" and error["error"] is not None:
@@ -190,8 +198,17 @@ def judged(case: Case, bed: DrawnBed, folder: Path, result: Commissioning) -> di
     return {
         "status": result.status, "end": result.end, "named": named, "tripped": channels.get("tripped"),
         "channels": channels.get("right"), "share_of_speed": fast, "rounds": rounds,
-        "play_named": any("backlash" in cause for one in rounds for cause in one["causes"]),
+        "play_named": any(cause == f"backlash at {at}" for one in rounds for cause in one["causes"]
+                          for at in played(bed.bed)),
+        "play_elsewhere": any("backlash" in cause and cause.split(" at ")[1] not in played(bed.bed)
+                              for one in rounds for cause in one["causes"]),
     }  # fmt: skip
+
+
+def played(bed: VirtualBed | LinearBed) -> set[str]:
+    """Shafts with free play."""
+    effects = bed.effects if isinstance(bed, VirtualBed) else []
+    return {effect.at for effect in effects if effect.kind == "backlash"}
 
 
 def summary(beds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -207,7 +224,8 @@ def summary(beds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "right_named": [bed["number"] for bed in beds if set(bed.get("named", [])) - set(bed["expected"])],
         "largest_share_of_speed": max(bed.get("share_of_speed") or 0.0 for bed in beds),
         "play_named": [sum(bed.get("play_named", False) for bed in playing), len(playing)],
-        "play_named_without": [bed["number"] for bed in right if not bed["play"] and bed.get("play_named")],
+        "play_elsewhere": [bed["number"] for bed in right if bed.get("play_elsewhere")],
+        "play_named_without": [bed["number"] for bed in right if not bed["play"] and bed.get("play_elsewhere")],
         "statuses": {name: sum(bed.get("status") == name for bed in right) for name in
                      ("as_predicted", "short", "undetermined", "unlike_model", "wrong_channel")},
         "covered": [sum(covered), len(covered)],
