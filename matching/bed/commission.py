@@ -492,7 +492,7 @@ class Circle:
 
     def _checked_with(self, case: Case, number: int, share: float) -> dict[str, Any]:
         """The channels by a share of the torques of their check."""
-        of_torque = "" if share == 1 else f"{share:.0%} of the torques, after a trip"
+        of_torque = "" if share == 1 else f"{100 * share:.0f} % of the torques, after a trip"
         self._tell(f"round {number} of {self._order.rounds} at most: check the channels {of_torque}".rstrip())
         name, plan = f"{number}_channels" if share == 1 else f"{number}_channels_{share:g}", plan_channels(case, share)
         exported = self._folder / CHECKING / "controller.fmu"

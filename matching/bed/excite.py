@@ -453,7 +453,8 @@ class ExcitationLimits:
         if used[name] > allowed:
             raise InputError(
                 "--speed",
-                f"{self.speed:g} rad/s alone takes {used[name]:.0%} of {name}, {allowed:.0%} are allowed",
+                f"{self.speed:g} rad/s alone takes {100 * used[name]:.0f} % of {name}, "
+                f"{100 * allowed:.0f} % are allowed",
                 "choose another speed",
             )
 
@@ -896,7 +897,8 @@ def _expected(case: Case, weights: np.ndarray, covariance: np.ndarray) -> tuple[
 def _notes(bed: RecordedBed, limits: ExcitationLimits, within: float) -> tuple[str, ...]:
     k = len(bed.case.loop.dynamometers)
     notes = [
-        f"{1 - within:.0%} smaller than drawn beds allow: else the worst bed of [uncertainty] would exceed a limit"
+        f"{100 * (1 - within):.0f} % smaller than drawn beds allow: "
+        "else the worst bed of [uncertainty] would exceed a limit"
     ]
     notes = notes if within < 0.995 else []
     notes += [

@@ -828,8 +828,8 @@ def _periodic(recorded: BedRecordings, band: tuple[float, float]) -> list[list[M
 def _hidden(functions: Sequence[_Function]) -> list[str]:
     """Sentences on what the recordings do not show."""
     return [
-        f"{function.name} is left out of the answer: it shows in {1 - function.figures.unknown:.0%} of the band only, "
-        "the rest lies below the noise"
+        f"{function.name} is left out of the answer: it shows in {100 * (1 - function.figures.unknown):.0f} % of the "
+        "band only, the rest lies below the noise"
         for function in functions
         if not function.figures.known
     ]

@@ -325,7 +325,7 @@ class NamedMode:
         where = f"{self.frequency:.3g} Hz"
         if not self.owner:
             return f"{where} (a mode of the controller)"
-        return f"{where} ({self.owner}, {self.share:.0%} of its {self.kind} energy)"
+        return f"{where} ({self.owner}, {100 * self.share:.0f} % of its {self.kind} energy)"
 
 
 @dataclass(frozen=True)

@@ -327,7 +327,7 @@ def _notes(problem: MatchProblem, solution: Solution, limited: bool) -> list[str
         notes.append(f"weights of the controller at a bound of the search: {', '.join(bound)}")
     notes += _compensation([(move, end) for move, end in ends if move.name.startswith(RESIDUAL)])
     notes += [
-        f"{name} holds under {LEAST_SHARE_TO_MOVE:.0%} of every target mode's energy "
+        f"{name} holds under {100 * LEAST_SHARE_TO_MOVE:.0f} % of every target mode's energy "
         f"and moves for the limit {limit} alone"
         for name, limit in problem.released.items()
     ]

@@ -50,8 +50,8 @@ def noted(case: Case, robust: Verification, play: OpenLash | None = None) -> lis
     if worst is not None and worst.mode is not None and 0 < worst.damping_ratio < worst.mode.asked:
         sentences.append(
             f"the worst bed within [uncertainty] is stable; its mode at {worst.mode.words()} has a damping ratio of "
-            f"{worst.damping_ratio:.4f}, {worst.damping_ratio / worst.mode.asked:.0%} of the {worst.mode.asked:.4f} "
-            f"that this mode needs on drawn beds; it depends most on {', '.join(worst.named)}"
+            f"{worst.damping_ratio:.4f}, {100 * worst.damping_ratio / worst.mode.asked:.0f} % of the "
+            f"{worst.mode.asked:.4f} that this mode needs on drawn beds; it depends most on {', '.join(worst.named)}"
         )
     if not robust.required.opened_shafts:
         sentences += _swings_on(robust, play) if case.loop.structure.is_observer or play is not None else []

@@ -613,8 +613,9 @@ def excitation_report(content: Mapping[str, Any], *_: Any) -> Report:
         ]},
         table=Table(rows, FROM_NOISE),
         notes=[
-            f"{content['beds']} beds within what is not known use at most {content['limits_used'][most]:.0%} of one "
-            f"limit ({component(most)}); asked for {1 - content['margin']:.0%}",
+            f"{content['beds']} beds within what is not known use at most "
+            f"{100 * content['limits_used'][most]:.0f} % of one limit ({component(most)}); "
+            f"asked for {100 * (1 - content['margin']):.0f} %",
             *content["notes"],
         ],
     )  # fmt: skip
@@ -646,7 +647,7 @@ def proof_report(content: Mapping[str, Any], *_: Any) -> Report:
         f"{', '.join(map(spaced, content['inputs']))}.",
         folds=[Fold("What it will tell", [told], told=True)],
         notes=[
-            f"at most {content['limits_used'][most]:.0%} of one limit is used ({component(most)})",
+            f"at most {100 * content['limits_used'][most]:.0f} % of one limit is used ({component(most)})",
             "from the noise of the sensors alone: a bed that is not linear adds to it, and the verdict counts it",
             *content["notes"],
         ],

@@ -251,10 +251,13 @@ def _where_best(content: Mapping[str, Any], matched: list[Any]) -> list[Step]:
     reason = f"error over drawn beds {number(_judged_error(best), 3)}, margin {number(best['modulus_margin'], 3)}"
     steps = [Step(f"Least at {_place(content, best)}", reason)]
     if here:
-        steps.append(Step("No better than where the case is", f"the difference is within {NO_DIFFERENCE:.0%}"))
+        steps.append(Step("No better than where the case is", f"the difference is within {100 * NO_DIFFERENCE:.0f} %"))
     elif len(alike) > 1:
         steps.append(
-            Step(f"As good at {len(alike) - 1} more of {len(matched)} matched points", f"within {NO_DIFFERENCE:.0%}")
+            Step(
+                f"As good at {len(alike) - 1} more of {len(matched)} matched points",
+                f"within {100 * NO_DIFFERENCE:.0f} %",
+            )
         )
     safest = max(matched, key=lambda point: point["modulus_margin"] or 0.0)
     if safest is not best:

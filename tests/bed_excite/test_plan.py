@@ -179,7 +179,7 @@ def test_the_command_writes_it(limited_path, tmp_path, capsys):
         == 0
     )
     said = capsys.readouterr().out
-    assert "asked for 80%" in said
+    assert "asked for 80 %" in said
     result = json.loads((out / "excite.json").read_text(encoding="utf-8"))
     assert max(result["limits_used"].values()) <= 0.8 + 1e-6
     check_schema("excite", result)

@@ -105,7 +105,7 @@ def test_a_feedback_law_is_held_to_the_same_limits(result):
         assert any(words in sentence for sentence in said)
     damped = replace(result.robust, beds=replace(result.robust.beds, damped=5, faults=(FAULT,)))
     (missed,) = not_kept(replace(result.case, loop=loop), damped)
-    assert missed.startswith("3 of 8 beds drawn within [uncertainty] damp the mode at 5.2 Hz (inertias.rotor, 70%")
+    assert missed.startswith("3 of 8 beds drawn within [uncertainty] damp the mode at 5.2 Hz (inertias.rotor, 70 %")
     assert not noted(replace(result.case, loop=loop), damped)
 
 
@@ -115,7 +115,7 @@ def test_a_worst_bed_damped_too_little_is_noted_with_how_much_it_has(result):
     robust = replace(result.robust, beds=replace(result.robust.beds, worst=worst, opened={}))
     assert not not_kept(result.case, robust)
     (note,) = noted(result.case, robust)
-    assert "80% of the" in note
+    assert "80 % of the" in note
     assert worst.named[0] in note
 
 
