@@ -511,7 +511,8 @@ def export_summary(result: dict[str, Any]) -> str:
 # --- Names that a shell offers on Tab
 
 # Quantities that every component of a table has, and those it has where its file gives them
-ALWAYS = {"inertias": ("J", "drag"), "shafts": ("stiffness", "damping"), "gears": ("ratio",)}
+ALWAYS = {"inertias": ("J", "drag"), "shafts": ("stiffness", "damping"), "gears": ("ratio",),
+          "planetary_gears": ("ratio",)}  # fmt: skip
 WHERE_GIVEN = {"shafts": ("ratio",)}
 LOOP = ("dead_time", "inverter_lag", "torque_sensor_lag", "sample_time")  # of every control structure
 SPEED_CONTROLLER = (

@@ -130,11 +130,13 @@ def test_a_point_of_an_observer_says_what_its_beds_do_not_keep(monkeypatch):
     observed = load_case(OBSERVER)
     error = SimpleNamespace(after=0.02, unmeasured=0.4, bound=0.01)
     worst = SimpleNamespace(damping_ratio=0.01)
-    beds = SimpleNamespace(stable=150, drawn=200, holds=False, worst=worst, measured=(0.05, 0.07), unmeasured=(0.3,))
+    beds = SimpleNamespace(stable=150, drawn=200, holds=False, worst=worst, measured=(0.05, 0.07), unmeasured=(0.3,),
+                           opened={}, opened_alone={})  # fmt: skip
     verification = SimpleNamespace(stable=True, modulus_margin=0.5, violations=(), beds=beds)
     made = SimpleNamespace(
         case=observed, tuned=observed, status="limited", response_error=error, verification=verification, targets=(),
-        robust=SimpleNamespace(beds=beds), limits=("so",), objective=1.0, parameters=(), pairs=(),
+        robust=SimpleNamespace(beds=beds, required=SimpleNamespace(opened_shafts=True)), limits=("so",), objective=1.0,
+        parameters=(), pairs=(), lash=SimpleNamespace(limit_cycles=0, words=lambda: "some swing on"),
     )  # fmt: skip
     monkeypatch.setattr("matching.match.map.match", lambda *given, **options: made)
     places = ("loop.dead_time", 5e-3), (STIFFNESS, 1e5)
@@ -145,6 +147,8 @@ def test_a_point_of_an_observer_says_what_its_beds_do_not_keep(monkeypatch):
     beds.stable, beds.holds, error.unmeasured = 200, True, 0.01
     point = match_at(observed, *places, 0, 1)
     assert (point.stable_beds, point.limited_by) == (1.0, ())
+    made.lash.limit_cycles = 3
+    assert match_at(observed, *places, 0, 1).limited_by == ("opened_shafts",)
 
 
 def test_a_quantity_is_on_one_axis_only(case):
