@@ -138,6 +138,8 @@ def run_notebook(path: Path) -> None:
     done.metadata["language_info"] = {"name": "python"}
     for cell in done.cells:
         cell.metadata.pop("execution", None)
+        if cell.cell_type == "code":  # progress passes by, and is no output
+            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
         for output in cell.get("outputs", []):
             if "image/png" in output.get("data", {}):
                 output["data"]["image/png"] = with_palette(output["data"]["image/png"])
