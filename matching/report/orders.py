@@ -77,7 +77,7 @@ def campbell_report(content: Mapping[str, Any], folder: str = "", made: Any = No
     met = content["crossings"]
     return Report(
         title="Campbell diagram",
-        status=str(len(met)),
+        status=counted(len(met), "crossing"),
         answer=f"{counted(len(met), 'time')} an order meets a mode {_range(content)}.",
         good=not met,
         table=Table([_crossing(one) for one in met]),
@@ -154,7 +154,7 @@ def order_report(content: Mapping[str, Any], folder: str = "", made: Any = None,
         answer += f"; the worst is {speed}, where {spaced(worst['shaft'])} carries {torque} beside the mean torque"
     return Report(
         title="Forced response to orders",
-        status=str(len(critical)),
+        status=counted(len(critical), "critical speed"),
         answer=f"{answer}.",
         good=not critical,
         table=Table([_critical(one) for one in critical[:MOST_CRITICAL]]),
