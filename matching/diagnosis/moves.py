@@ -479,13 +479,16 @@ class Search:
         return others
 
     def _compared(self, index: int) -> Hypothesis:
-        """The best hypothesis as it was fitted beside the rivals of one of its causes: one that went on longer would
-        leave less than they for that alone."""
+        """The best hypothesis, to be weighed against the rivals of one of its causes. Those near it are finished as it
+        is; where the time was up before, it is taken as it was fitted beside them: one that went on longer would leave
+        less than they for that alone."""
         best = self.state.best
+        if not self._late() or at_noise(best):
+            return best
         beside = tuple(cause for i, cause in enumerate(best.causes) if i != index)
         by_noise = best.fit.problem.weighting is None
         same = [other for other in self._in_place_of(beside) if other.places == best.places]
-        return self._once(weighted, same[0], by_noise) if same and not at_noise(best) else best
+        return self._once(weighted, same[0], by_noise) if same else best
 
     def _in_place_of(self, beside: tuple[Cause, ...]) -> list[Hypothesis]:
         """What was fitted beside some causes, simpler kinds of it included."""
