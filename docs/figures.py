@@ -22,7 +22,7 @@ TABS = {"Drivetrain": ".part", "Modes": ".swing"}  # of the explorer that are sh
 DRAWN_MS = 1500  # from then on, until fonts and figures stand too
 CORES = 2
 ENGINE = ("600:6000 1/min", {"engine_torque:2": 150.0, "engine_torque:4": 40.0})
-DEAD_TIMES = (0.5, 1, 2, 3, 5, 8, 12, 20)  # ms
+DEAD_TIMES = (0.5, 1, 2, 5, 10, 20)  # ms
 STRUCTURES = {"pi": "case.toml", "model_based": "case.toml", "observer": "observer.toml"}  # and the case that it is in
 MAP_AXES = ("loop.dead_time=1 ms,3 ms,5 ms,8 ms,12 ms", "rig.shafts.flange_left.stiffness=4e4,2e5,1e6")
 
