@@ -20,7 +20,6 @@ NOTEBOOK_TIMEOUT = 1200  # s a cell
 COLOURS = 64  # of a picture in a notebook: a quarter of the bytes of true colours, and no difference to the eye
 TABS = {"Drivetrain": ".part", "Modes": ".swing"}  # of the explorer that are shown, and what stands there when drawn
 DRAWN_MS = 1500  # from then on, until fonts and figures stand too
-CORES = 2
 ENGINE = ("600:6000 1/min", {"engine_torque:2": 150.0, "engine_torque:4": 40.0})
 DEAD_TIMES = (0.5, 1, 2, 5, 10, 20)  # ms
 STRUCTURES = {"pi": "case.toml", "model_based": "case.toml", "observer": "observer.toml"}  # and the case that it is in
@@ -64,9 +63,10 @@ def gallery() -> dict[str, Callable[[], Any]]:
 def dead_time() -> Any:
     """Response error of the reference match over the dead time: every structure, measured and unmeasured torques."""
     from matching.report.common import LIMIT, curve, figure, styled
+    from modelling.resources import cores
 
     points = [(name, ms) for ms in sorted(DEAD_TIMES, reverse=True) for name in STRUCTURES]
-    with ProcessPoolExecutor(CORES) as pool:  # a quarter of an hour of processor time
+    with ProcessPoolExecutor(cores()) as pool:  # a quarter of an hour of processor time
         found = dict(zip(points, pool.map(_at_dead_time, *zip(*points, strict=True)), strict=True))
     with styled():
         fig = figure(7.4, 3.4)

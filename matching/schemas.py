@@ -21,7 +21,7 @@ from matching.match.requirements import LIMIT_UNITS, OPENED_SHAFTS, TORQUE_OVER_
 from matching.uncertainty import budget
 from matching.uncertainty.budget import NAMES as DISTRIBUTIONS
 from modelling import model_file, system
-from modelling.bed.bed import HARDWARE
+from modelling.bed.bed import HARDWARE, OWN_TIMES
 from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import KINDS as MANOEUVRES
 from modelling.bed.manoeuvres import UNITS as MANOEUVRE_UNITS
@@ -146,7 +146,7 @@ def _case() -> Schema:
                             "items": table({"input": TEXT, "sensor": TEXT}, ("input", "sensor"))},
                 **dict.fromkeys(case_file.TOLERANCES, VALUE)}  # fmt: skip
     dynamometer = dict.fromkeys(case_file.DYNAMOMETER_KEYS, TEXT) | {"torque_gain": VALUE}
-    dynamometer |= dict.fromkeys(case_file.OWN_TIMES, value("s"))
+    dynamometer |= dict.fromkeys(OWN_TIMES, value("s"))
     of_dynamometer = [key for key in case_file.DYNAMOMETER_KEYS if key != case_file.MAY_LACK]
     targets = {field.name: VALUE for field in dataclasses.fields(Target)} | {"mode": {"type": "integer", "minimum": 1}}
     keys = {

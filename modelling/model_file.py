@@ -241,10 +241,7 @@ def _joined(effect: Effect) -> dict[str, Any]:
 def _exists(name: str, base: System) -> bool:
     """Whether a name such as ``shafts.link`` is one of a component of the system."""
     table, _, own = name.partition(".")
-    return any(part.name == own for part in getattr(base, table, ()) if table in COMPONENTS)
-
-
-COMPONENTS = TABLES
+    return any(part.name == own for part in getattr(base, table, ()) if table in TABLES)
 
 
 def _effect_place(table: dict, possible: Collection[str], place: str, base: System) -> str:

@@ -11,7 +11,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-JOINTS = ("gears", "differentials", "planetary_gears", "shafts")  # tables of what makes inertias turn together
+DIVIDING = ("differentials", "planetary_gears")  # tables of what divides a motion between two others
+JOINTS = ("gears", *DIVIDING, "shafts")  # tables of what makes inertias turn together
 
 
 class Tables(Protocol):
@@ -61,7 +62,7 @@ class Joint:
     @property
     def divides(self) -> bool:
         """Whether it divides a motion: a differential or a planetary gear."""
-        return self.place.startswith(("differentials.", "planetary_gears."))
+        return self.place.partition(".")[0] in DIVIDING
 
     def speed_per_speed(self, of: str, by: str) -> float:
         """Speed of one end where another turns by 1."""
@@ -72,8 +73,7 @@ class Joint:
 def joints(system: Tables, *tables: str, without: Collection[str] = ()) -> list[Joint]:
     """Joints of a drivetrain, of the ``tables`` named or of all; ``without`` are places that are left out."""
     every = [Joint(f"gears.{part.name}", part.between, part.ratio.value) for part in system.gears]
-    every += [Joint(f"differentials.{part.name}", part.ends) for part in system.differentials]
-    every += [Joint(f"planetary_gears.{part.name}", part.ends) for part in system.planetary_gears]
+    every += [Joint(f"{table}.{part.name}", part.ends) for table in DIVIDING for part in getattr(system, table)]
     every += [
         Joint(f"shafts.{part.name}", part.between, 1.0 if part.ratio is None else part.ratio.value)
         for part in system.shafts

@@ -186,10 +186,7 @@ def _largest(case: Case, name: str, driven: bool, settings: ChannelSettings) -> 
     limit, torques = case.limits.get("dynamometer_torque"), case.manoeuvre
     if driven and limit:
         return CHECK_TORQUE_SHARE * limit
-    sizes = {
-        source: float(np.abs(drive.torque(np.linspace(0, drive.duration, 2001))).max())
-        for source, drive in torques.items()
-    }
+    sizes = {source: drive.largest for source, drive in torques.items()}
     if not sizes and not limit:
         raise InputError(
             f"{case.path or 'case'}: limits.dynamometer_torque", "is missing",

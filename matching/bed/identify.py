@@ -13,7 +13,6 @@ import numpy as np
 from matching.bed.simulated_bed import (
     CONSTANT,
     FIT_RANGE_RATIO,
-    OWN_TIMES,
     around,
     as_states,
     bed_system,
@@ -30,7 +29,7 @@ from matching.diagnosis.statistics import Estimate
 from matching.match.box import LARGEST_SHARE, Box, Uncertain
 from matching.match.case import Case, Move
 from matching.match.case_file import case_files
-from modelling.bed.bed import Dynamometer
+from modelling.bed.bed import OWN_TIMES, Dynamometer
 from modelling.bed.vehicle import cut
 from modelling.display import Displayed
 from modelling.effects.effect import place_in_words
@@ -212,17 +211,12 @@ def _frictions(case: Case, diagnosis: Diagnosis) -> tuple[str, ...]:
         f"friction of {one.value:.2g} ± {COVERAGE * one.standard_uncertainty:.1g} N·m at inertias.{at} while it turns: "
         "the match is about steady motion and does not depend on it"
         for at, one in found.items()
-        if one.value > TOLD * one.standard_uncertainty and one.value > LEAST_FRICTION * _largest_torque(case)
+        if one.value > TOLD * one.standard_uncertainty and one.value > LEAST_FRICTION * case.largest_torque
     )
 
 
 TOLD = 5.0  # standard uncertainties from which a friction is told
 LEAST_FRICTION = 0.01  # of the largest torque of a manoeuvre: less is none that anybody looks for
-
-
-def _largest_torque(case: Case) -> float:
-    every = (np.abs(drive.torque(np.linspace(0, drive.duration, 2001))).max() for drive in case.manoeuvre.values())
-    return float(max(every, default=0.0))
 
 
 def _said(effect: Effect, taken: bool) -> str:
@@ -455,9 +449,10 @@ TURNING = 0.1  # of the largest speed of a rotor: what stays above it does not c
 def _identified(before: Uncertain, after: Uncertain, case: Case, made: Case, diagnosis: Diagnosis) -> IdentifiedValue:
     """A quantity before and after; the torque gain of a dynamometer as the case states it, not relative to that."""
     keys = [names_in_system(case).get(before.name, "")]
-    if before.name.removeprefix("loop.") in OWN_TIMES:
+    of_loop = before.name.removeprefix("loop.")
+    if of_loop in OWN_TIMES:
         own = [own_times(dynamometer) for dynamometer in case.loop.dynamometers]
-        keys = [names[before.name.removeprefix("loop.")] for names in own if before.name.removeprefix("loop.") in names]
+        keys = [names[of_loop] for names in own if of_loop in names]
     found = all(key in diagnosis.parameters and not diagnosis.parameters[key].note for key in keys)
     if not before.name.endswith(GAIN):
         return IdentifiedValue(before.name, before.value, after.value, after.half_width, found)

@@ -1,8 +1,8 @@
 """Free play as the check of the channels shows it: small torques from rest run through it again and again.
 
 The recording under torques from rest is compared with the model, with free play in one shaft after another and with dry
-friction. What is found enters the case at once. The bed is matched with its play closed, and a mean torque keeps it
-so: the bed is linear then, and nothing need be searched for among all effects.
+friction. The case takes the free play over. It is matched with the play closed, and a mean torque keeps the play closed
+on the bed. The bed is linear then, and the diagnosis need not search among all effects.
 """
 
 from __future__ import annotations
@@ -237,8 +237,7 @@ def _rubbing(system: System, case: Case, sent: dict[str, np.ndarray]) -> tuple[t
     known = {effect.at for effect in system.effects if effect.kind == CoulombFriction.kind}
     places = [part.on for part in system.inputs if part.name not in driven and part.name in sent and case.manoeuvre
               and f"inertias.{part.on}" not in known]  # fmt: skip
-    size = max((float(np.abs(drive.torque(np.linspace(0, drive.duration, 2001))).max())
-                for drive in case.manoeuvre.values()), default=0.0)  # fmt: skip
+    size = case.largest_torque
     effects = tuple(Effect(CoulombFriction.kind, f"inertias.{at}", (("torque", Quantity(0.0)),)) for at in places)
     return (effects, (size,) * len(effects)) if size else ((), ())
 

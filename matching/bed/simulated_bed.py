@@ -123,9 +123,6 @@ def _joined(system: System, fault: Effect) -> System:
 # --- The bed without emulation as a model file's system, with a range on all that the case's box leaves open.
 
 
-OWN_TIMES = ("dead_time", "inverter_lag", "torque_sensor_lag")  # of each dynamometer
-
-
 def names_in_system(case: Case) -> dict[str, str]:
     """Name in :func:`bed_system` of each uncertain quantity that a recording can tell, by its name in the box.
 
@@ -187,11 +184,9 @@ def bed_system(case: Case, *, turning: bool = False) -> System:
             Effect(InputGain.kind, command, (("factor", gain),)),
         ]
         if dynamometer.torque_sensor:
-            own = loop["torque_sensor_lag"] if dynamometer.torque_sensor_lag is None else dynamometer.torque_sensor_lag
-            of_sensor = _of(box, "loop.torque_sensor_lag", own)
+            of_sensor = _of(box, "loop.torque_sensor_lag", loop.lags("torque_sensor_lag")[j])
             effects.append(Effect(Lag.kind, f"sensors.{dynamometer.torque_sensor}", (("time_constant", of_sensor),)))
-    largest = max((float(np.abs(drive.torque(np.linspace(0, drive.duration, 2001))).max())
-                   for drive in case.manoeuvre.values()), default=0.0)  # fmt: skip
+    largest = case.largest_torque
     if turning and largest:
         effects += [
             Effect(ConstantTorque.kind, f"inertias.{at}", (("torque", Quantity(0.0, -largest, largest)),))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import tomlkit
@@ -13,6 +13,7 @@ from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_file
 from modelling.errors import InputError
 from modelling.system import System
+from modelling.topology import DIVIDING, joints
 
 # What can be added: table of the new part, and what it sits at
 ADDABLE = {
@@ -101,15 +102,19 @@ def remove_part(document: ModelDocument, place: str) -> list[str]:
         pairs = text["mirror"]["pairs"]  # type: ignore[index]
         kept = [pair for pair in pairs if not set(pair) & set(inertias)]  # type: ignore[union-attr]
         text["mirror"]["pairs"] = kept  # type: ignore[index]
+    _drop_effects(text, lambda at, _: any(each in gone for each in (at if isinstance(at, list) else [at])))
+    document.take(tomlkit.dumps(text))
+    return gone
+
+
+def _drop_effects(text: Any, dropped: Callable[[Any, str], bool]) -> None:
+    """Drop effects by place and kind from the content of a file, and the list with the last of them."""
     effects = text.get("effects", [])
     for number in range(len(effects) - 1, -1, -1):
-        at = effects[number]["at"]
-        if any(each in gone for each in (at if isinstance(at, list) else [at])):
+        if dropped(effects[number]["at"], effects[number]["kind"]):
             del effects[number]
     if "effects" in text and not effects:
         del text["effects"]
-    document.take(tomlkit.dumps(text))
-    return gone
 
 
 def _with_dependents(system: System, place: str) -> list[str]:
@@ -120,8 +125,7 @@ def _with_dependents(system: System, place: str) -> list[str]:
             for part in parts:
                 if name in part.between:
                     gone += _with_dependents(system, f"{own}.{part.name}")
-        gone += [f"differentials.{part.name}" for part in system.differentials if name in part.ends]
-        gone += [f"planetary_gears.{part.name}" for part in system.planetary_gears if name in part.ends]
+        gone += [joint.place for joint in joints(system, *DIVIDING) if name in joint.ends]
         gone += [f"inputs.{part.name}" for part in system.inputs if part.on == name]
     if table in ("inertias", "shafts"):
         of_shaft = table == "shafts"
@@ -167,12 +171,7 @@ def add_effect(document: ModelDocument, kind: str, place: str, values: Mapping[s
 def remove_effect(document: ModelDocument, kind: str, at: str) -> None:
     """Remove the effect of a kind at a place."""
     text = tomlkit.parse(document.text)
-    effects: Any = text["effects"]
-    for number in range(len(effects) - 1, -1, -1):
-        if (effects[number]["kind"], effects[number]["at"]) == (kind, place_in_file(at)):
-            del effects[number]
-    if not effects:
-        del text["effects"]
+    _drop_effects(text, lambda *found: found == (place_in_file(at), kind))
     document.take(tomlkit.dumps(text))
 
 

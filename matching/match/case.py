@@ -132,6 +132,11 @@ class Case:
             )
 
     @property
+    def largest_torque(self) -> float:
+        """Largest torque of the manoeuvre, N·m; 0 without one."""
+        return max((drive.largest for drive in self.manoeuvre.values()), default=0.0)
+
+    @property
     def emulated_vehicle(self) -> System:
         """The vehicle that the controller emulates: with the user's residual vehicle where the case has one."""
         return self.vehicle if self.simple_vehicle is None else self.simple_vehicle

@@ -14,7 +14,7 @@ import tomli_w
 from matching.match.box import read_uncertainty, uncertainty_table
 from matching.match.case import ERROR_SCALES, Case, Compared, Move, Target, table_of, text_of
 from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
-from modelling.bed.bed import HARDWARE, Dynamometer, Loop
+from modelling.bed.bed import HARDWARE, OWN_TIMES, Dynamometer, Loop
 from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.vehicle import ResidualVehicle, cut, own_part, with_residual_vehicle, without_exact_delays
@@ -111,7 +111,6 @@ def _bounds(case: Case, move: Move) -> dict[str, Any]:
 
 DYNAMOMETER_KEYS = ("torque_input", "torque_sensor", "speed_sensor", "follows")
 MAY_LACK = "torque_sensor"  # of these: a bed without torque flanges
-OWN_TIMES = ("dead_time", "inverter_lag", "torque_sensor_lag")  # of a dynamometer, where not as the loop states them
 SMALLEST_GAIN = 0.1  # of a dynamometer's torque: a smaller one is no calibration but a mistake
 
 

@@ -613,7 +613,7 @@ def excitation_report(content: Mapping[str, Any], *_: Any) -> Report:
         ]},
         table=Table(rows, FROM_NOISE),
         notes=[
-            f"{content['beds']} beds within what is not known use at most "
+            f"{content['beds']} beds drawn within [uncertainty] use at most "
             f"{100 * content['limits_used'][most]:.0f} % of one limit ({component(most)}); "
             f"asked for {100 * (1 - content['margin']):.0f} %",
             *content["notes"],

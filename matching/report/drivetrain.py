@@ -35,6 +35,7 @@ from modelling.equations.lagrange import derive
 from modelling.errors import InputError
 from modelling.modal.result import Mode
 from modelling.system import System
+from modelling.topology import DIVIDING
 from modelling.units import QUANTITY_UNITS
 
 # --- Where the inertias of a drivetrain stand on paper: a tree from one end, branches in lanes of their own.
@@ -42,9 +43,6 @@ from modelling.units import QUANTITY_UNITS
 # Where branches meet again (two wheels that carry one body), the inertia stands behind all of them and in their middle.
 
 MOST_INERTIAS = 80  # more are no drawing any more
-
-
-DIVIDING = ("differentials", "planetary_gears")  # tables of what divides a motion between two others
 
 
 @dataclass(frozen=True)

@@ -98,6 +98,9 @@ HARDWARE = {
 }
 
 
+OWN_TIMES = ("dead_time", "inverter_lag", "torque_sensor_lag")  # of a dynamometer, where not as the loop states them
+
+
 @dataclass(frozen=True)
 class Dynamometer:
     """One dynamometer: the rig input it drives, its torque and speed sensors, the cut shaft whose outer end it is.

@@ -76,6 +76,11 @@ class Manoeuvre:
         """Torque at its end, N·m."""
         return float(self.torque(np.array([self.duration]))[0])
 
+    @property
+    def largest(self) -> float:
+        """Largest torque without its sign, N·m, of 2001 moments."""
+        return float(np.abs(self.torque(np.linspace(0, self.duration, 2001))).max())
+
     def time(self, rate: float = 1000.0) -> np.ndarray:
         """Time stamps (t,) in s at a rate in Hz."""
         return np.arange(round(self.duration * rate) + 1) / rate

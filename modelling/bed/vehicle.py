@@ -165,9 +165,9 @@ def cut(vehicle: System, rig: System) -> ResidualVehicle:
 
 def _interfaces(vehicle: System, rig: System, only: set[str]) -> Iterable[Interface]:
     shared = {shaft.name: shaft for shaft in rig.shafts}
-    for joint in joints(vehicle, "gears", "differentials", "planetary_gears"):
+    for joint in joints(vehicle):
         ends = set(joint.ends)
-        if ends & only and ends - only:
+        if joint.rigid and ends & only and ends - only:
             raise InputError(
                 f"vehicle: {joint.place}", "is a rigid joint across the cut", "put the cut through a shaft"
             )

@@ -29,7 +29,7 @@ from modelling.equations import shaft_law
 from modelling.equations.shaft_law import CONTACT_TIME, differentiate
 from modelling.errors import ExcludedEffects, InputError
 from modelling.system import Gear, System
-from modelling.topology import joints, side
+from modelling.topology import DIVIDING, joints, side
 
 # --- Rigid gears and differentials, eliminated: every inertia's angle in terms of independent coordinates.
 #
@@ -221,7 +221,7 @@ def check_loss(system: System, gear: Gear, motions: Mapping[str, Motion], shafts
     """
     place = f"gears.{gear.name}"
     train = _rigid_train(system, gear.between[0])
-    for joint in joints(system, "differentials", "planetary_gears"):
+    for joint in joints(system, *DIVIDING):
         if set(joint.ends) & train:
             raise ExcludedEffects(place, f"is in one rigid train with {joint.place}", "leave its loss out")
     lossy = {effect.at for effect in system.effects}
