@@ -760,7 +760,7 @@ def write_controller(source: str, path: str, fmi: str) -> WrittenFmu:
     return WrittenFmu(
         target, fmi, "controller", about.title, made, step, 1 / step,
         _units(about.inputs), _units(about.outputs), _parameters(about.parameters, ()),
-        (*match.notes, *_not_noticed(controller), *_lacking(made)), len(controller.law.A), memory_bytes(controller),
+        (*match.notes, *_not_noticed(controller), *_lacking(made)), controller.law.states, memory_bytes(controller),
     )  # fmt: skip
 
 

@@ -8,14 +8,10 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import block_diag
 
-from modelling.bed.bed import ControlLaw, Loop
-from modelling.bed.observer import (
-    ObserverModel,
-    design,
-    emulated_modes,
-    observer_model,
-)
+from modelling.bed.bed import Begin, ControlLaw, Loop
+from modelling.bed.observer import ObserverModel, design, emulated_modes, observer_model
 from modelling.bed.vehicle import ResidualVehicle
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
@@ -58,6 +54,16 @@ class NonlinearVehicle:
     speed: np.ndarray
     inputs: tuple[str, ...]
 
+    def slope(self, states: np.ndarray) -> np.ndarray:
+        """Derivatives (v, v) of the rates by the states at one state (v,)."""
+        return self._slope(states).full()
+
+    @cached_property
+    def _slope(self) -> ca.Function:
+        x, T, w = (ca.SX.sym(f"in{number}", self.rates.size1_in(number)) for number in range(3))
+        slope = ca.jacobian(self.rates(x, T, w), x)
+        return ca.Function("slope", [x], [ca.substitute(slope, ca.vertcat(T, w), ca.SX.zeros(T.numel() + w.numel()))])
+
 
 def nonlinear_vehicle(residuals: Sequence[ResidualVehicle], loop: Loop, bodies: Sequence[str]) -> NonlinearVehicle:
     """The residual vehicle of a range.
@@ -96,7 +102,8 @@ def nonlinear_vehicle(residuals: Sequence[ResidualVehicle], loop: Loop, bodies: 
     A, steady = [], []
     for residual in residuals:
         lifts = [_lift(system) for system in residual.parts]
-        A.append(_block([lift.T @ linearise(system).A @ lift for system, lift in zip(residual.parts, lifts, strict=True)]))
+        parts = zip(residual.parts, lifts, strict=True)
+        A.append(block_diag(*(lift.T @ linearise(system).A @ lift for system, lift in parts)))
         steady.append(np.concatenate([
             lift.T @ operating_motion(system).state for system, lift in zip(residual.parts, lifts, strict=True)
         ]))  # fmt: skip
@@ -109,22 +116,7 @@ def _lift(system: System) -> np.ndarray:
     return deflated(linear, elements(linear.model, linear.p[None], linear.x0)).lift
 
 
-def _block(parts: Sequence[np.ndarray]) -> np.ndarray:
-    from scipy.linalg import block_diag
-
-    return block_diag(*parts)
-
-
 # --- The law
-
-
-@dataclass(frozen=True)
-class Begin:
-    """Where an emulation began: readings (y, …), known torques (w, …) and commands (k, …), absolute."""
-
-    readings: np.ndarray
-    known: np.ndarray
-    sent: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -150,6 +142,8 @@ class ScheduledLaw:
         Torque into the vehicle at each cut, N·m, by what was read and commanded in steady motion.
     known_inputs : tuple of int (r)
         Which of the known torques act on the residual vehicle.
+    speed_readings : tuple of int (k)
+        Which readings are the rotors' speeds.
     """
 
     laws: tuple[ControlLaw, ...]
@@ -161,11 +155,42 @@ class ScheduledLaw:
     cut_by_reading: np.ndarray
     cut_by_command: np.ndarray
     known_inputs: tuple[int, ...]
+    speed_readings: tuple[int, ...]
 
     @property
     def first(self) -> ControlLaw:
         """The law at the lowest speed: names, sizes and expectation are the same at all."""
         return self.laws[0]
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the readings (y)."""
+        return self.first.sensors
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Names of the known torques (w)."""
+        return self.first.known
+
+    @property
+    def dynamometers(self) -> tuple[str, ...]:
+        """Names of the dynamometers (k)."""
+        return self.first.dynamometers
+
+    @property
+    def sample_time(self) -> float:
+        """In s."""
+        return self.first.sample_time
+
+    @property
+    def states(self) -> int:
+        """Number x of states."""
+        return self.first.states
+
+    @property
+    def E(self) -> np.ndarray:
+        """Expectation (y, x) of the readings: sensors do not change with the speed."""
+        return self.first.E
 
     @cached_property
     def stacked(self) -> dict[str, np.ndarray]:
@@ -178,45 +203,70 @@ class ScheduledLaw:
         share = (speed - self.speeds[at]) / (self.speeds[at + 1] - self.speeds[at])
         return at, np.clip(share, 0.0, 1.0)
 
-    def steady_at(self, begin: Begin) -> tuple[np.ndarray, np.ndarray]:
-        """States of the vehicle (v, b) and torques at the cuts (k, b) when the emulation began."""
-        k = len(self.first.dynamometers)
-        rows = [self.first.sensors.index(name) for name in self.speed_sensors]
-        rotor = begin.readings[rows].mean(axis=0)
-        speed = np.interp(rotor, self.rotor_speeds, self.speeds)
-        at, share = self.between(speed)
-        low, high = self.vehicle.steady[at].T, self.vehicle.steady[at + 1].T
-        at_rest = np.clip(rotor / self.rotor_speeds[0], -1.0, 1.0) if self.rotor_speeds[0] > 0 else np.ones_like(rotor)
-        steady = at_rest * (low + share * (high - low))
-        return steady, self.cut_by_reading @ begin.readings + self.cut_by_command @ begin.sent[:k]
+    def begin(self, readings: np.ndarray, known: np.ndarray, sent: np.ndarray) -> Begin:
+        """Where an emulation begins, of one bed or of a batch: absolute readings (y, …), torques (w, …), (k, …).
 
-    speed_sensors: tuple[str, ...] = ()
+        The vehicle begins as it runs steadily at the rotors' speed; below the lowest speed of the grid in proportion.
+        """
+        rotor = readings[list(self.speed_readings)].mean(axis=0)
+        at, share = self.between(np.interp(rotor, self.rotor_speeds, self.speeds))
+        low, high = self.vehicle.steady[at].T, self.vehicle.steady[at + 1].T
+        part = np.clip(rotor / self.rotor_speeds[0], -1.0, 1.0)
+        return Begin(
+            part * (low + share * (high - low)), self.cut_by_reading @ readings + self.cut_by_command @ sent,
+            known[list(self.known_inputs)],
+        )  # fmt: skip
 
     def step(
         self, state: np.ndarray, readings: np.ndarray, known: np.ndarray,
-        limits: tuple[np.ndarray, np.ndarray], begin: Begin,
+        limits: np.ndarray | tuple[np.ndarray, np.ndarray], begin: Begin | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """As :meth:`ControlLaw.step` of a batch: state (x, b), readings (y, b), known (w, b)."""
-        parts, vehicle = self.stacked, self.vehicle
-        steady, at_cuts = self.steady_at(begin)
-        own = begin.known[list(self.known_inputs)]
-        speed = vehicle.speed @ (steady + state[self.observed])
-        at, share = self.between(speed)
+        """As :meth:`ControlLaw.step`; without ``begin`` the emulation began at rest, with nothing acting."""
+        if state.ndim == 1:
+            single = None if begin is None else Begin(*(part[:, None] for part in begin))
+            bounds = limits if isinstance(limits, tuple) else (-limits, limits)
+            low, high = (np.broadcast_to(side, len(self.dynamometers))[:, None] for side in bounds)
+            sent, after = self.step(state[:, None], readings[:, None], known[:, None], (low, high), single)
+            return sent[:, 0], after[:, 0]
+        parts, vehicle, count = self.stacked, self.vehicle, state.shape[1]
+        if begin is None:
+            sizes = len(self.sensors), len(self.known), len(self.dynamometers)
+            begin = self.begin(*(np.zeros((size, count)) for size in sizes))
+        at, share = self.between(vehicle.speed @ (begin.steady + state[self.observed]))
 
-        def taken(name: str, vector: np.ndarray) -> np.ndarray:
-            low, high = (np.einsum("bij,jb->ib", parts[name][number], vector) for number in (at, at + 1))
+        def taken(matrices: np.ndarray, vector: np.ndarray) -> np.ndarray:
+            low, high = (np.einsum("bij,jb->ib", matrices[number], vector) for number in (at, at + 1))
             return low + share * (high - low)
 
-        corrected = state + taken("L", readings - self.first.E @ state)
-        everything = [known]
+        corrected = state + taken(parts["L"], readings - self.E @ state)
+        acting = [known]
         for where in (self.observed, self.ahead):
             off = corrected[where]
-            rates = vehicle.rates(steady + off, at_cuts, own).full()
-            low, high = (np.einsum("bij,jb->ib", vehicle.A[number], off) for number in (at, at + 1))
-            everything.append(rates - (low + share * (high - low)))
-        together = np.vstack(everything)
-        sent = np.clip(taken("K", corrected) + taken("Dw", together), *limits)
-        return sent, taken("A", corrected) + taken("Bw", together) + taken("Bs", sent)
+            rates = vehicle.rates(begin.steady + off, begin.at_cuts, begin.own).full()
+            acting.append(rates - taken(vehicle.A, off))
+        together = np.vstack(acting)
+        least, most = limits if isinstance(limits, tuple) else (-limits, limits)
+        sent = np.clip(taken(parts["K"], corrected) + taken(parts["Dw"], together), least, most)
+        return sent, taken(parts["A"], corrected) + taken(parts["Bw"], together) + taken(parts["Bs"], sent)
+
+    def frozen(self, speed: float) -> ControlLaw:
+        """The law about steady motion at one speed (rad/s), linear: as plain feedback sees it."""
+        at, share = self.between(np.array([speed]))
+        low, high = int(at[0]), int(at[0]) + 1
+
+        def taken(matrices: np.ndarray) -> np.ndarray:
+            between: np.ndarray = matrices[low] + share[0] * (matrices[high] - matrices[low])
+            return between
+
+        made = {name: taken(matrices) for name, matrices in self.stacked.items()}
+        off = self.vehicle.slope(taken(self.vehicle.steady)) - taken(self.vehicle.A)
+        w, v = len(self.known), len(off)
+        A, K = made["A"].copy(), made["K"].copy()
+        for number, where in enumerate((self.observed, self.ahead)):
+            columns = slice(w + number * v, w + (number + 1) * v)
+            A[:, where] += made["Bw"][:, columns] @ off
+            K[:, where] += made["Dw"][:, columns] @ off
+        return replace(self.first, A=A, K=K, Bw=made["Bw"][:, :w], Dw=made["Dw"][:, :w], Bs=made["Bs"], L=made["L"])
 
 
 def scheduled_law(
@@ -260,7 +310,7 @@ def scheduled_law(
         laws, speeds, np.array([np.mean([each[name] for name in rotors]) for each in by_rig]), vehicle,
         slice(first.states, first.states + v), slice(size + first.states, size + first.states + v),
         by_reading, by_command, tuple(known.index(name) for name in vehicle.inputs),
-        tuple(one.speed_sensor for one in loop.dynamometers),
+        tuple(sensors.index(one.speed_sensor) for one in loop.dynamometers),
     )  # fmt: skip
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import scipy
 from scipy.linalg import solve_discrete_are
 
-from modelling.bed.bed import ControlLaw
+from modelling.bed.bed import Begin, ControlLaw
+from modelling.bed.scheduled import ScheduledLaw
 from modelling.bed.vehicle import FeedForward
 from modelling.errors import InputError
 from modelling.linear.state_space import StateSpace
@@ -341,7 +342,7 @@ class SupervisedController:
 
     Parameters
     ----------
-    law : ControlLaw
+    law : ControlLaw or ScheduledLaw
     settings : Settings
     torque_readings, speed_readings : sequence of int (k)
         Which readings are the dynamometers' flange torques, −1 without a flange, and speeds.
@@ -350,8 +351,8 @@ class SupervisedController:
     """
 
     def __init__(
-        self, law: ControlLaw, settings: Settings, torque_readings: list[int], speed_readings: list[int],
-        watched: WatchedShafts,
+        self, law: ControlLaw | ScheduledLaw, settings: Settings, torque_readings: list[int],
+        speed_readings: list[int], watched: WatchedShafts,
     ):  # fmt: skip
         self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
         self._torques, self._speeds = torque_readings, speed_readings
@@ -362,8 +363,9 @@ class SupervisedController:
         k, y = len(self.law.dynamometers), len(self.law.sensors)
         self._mode, self._fault, self._fallback = ZERO_TORQUE, 0, ZERO_TORQUE
         self._sent, self._integral, self._held = np.zeros(k), np.zeros(k), np.zeros(k)
-        self._state = np.zeros(len(self.law.A))
+        self._state = np.zeros(self.law.states)
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
+        self._begin: Begin | None = None
         self._last, self._mean, self._averaged = np.zeros(y), np.zeros(y), 0
         self._past_torques = np.zeros((max(KEPT_SAMPLES, WATCHED_SAMPLES), k))
         self._deviations = np.zeros((WATCHED_SAMPLES, y))
@@ -491,7 +493,8 @@ class SupervisedController:
         if mode == EMULATION:
             self._average(readings)
             self._start = self._mean.copy(), known.copy(), self._sent.copy()
-            self._state = np.zeros(len(self.law.A))
+            self._begin = self.law.begin(*self._start)
+            self._state = np.zeros(self.law.states)
             self._past_torques[:] = self._flange_torques(readings)
             self._surprised = 0
             self._deviations[:] = 0.0
@@ -507,12 +510,10 @@ class SupervisedController:
     def _command(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray, added: np.ndarray) -> np.ndarray:
         settings, limit = self.settings, self._torque_limits(readings)
         if self._mode == EMULATION:
-            law, (y0, w0, u0) = self.law, self._start
-            y, w = readings - y0, known - w0
-            corrected = self._state + law.L @ (y - law.E @ self._state)
-            sent = np.clip(u0 + law.K @ corrected + law.Dy @ y + law.Dw @ w, -limit, limit)
-            self._state = law.A @ corrected + law.By @ y + law.Bw @ w + law.Bs @ (sent - u0)
-            return sent
+            y0, w0, u0 = self._start
+            within = -limit - u0, limit - u0
+            sent, self._state = self.law.step(self._state, readings - y0, known - w0, within, self._begin)
+            return u0 + sent
         if self._mode == SPEED_HOLD:
             error = (self._held if self._fault else hold) - readings[self._speeds]
             asked = settings.hold_proportional * error + self._integral + added
@@ -536,7 +537,7 @@ class ExportedController:
     Attributes
     ----------
     title : str
-    law : ControlLaw
+    law : ControlLaw or ScheduledLaw
     settings : Settings
     units : tuple of str (y)
         SI units of the readings.
@@ -549,7 +550,7 @@ class ExportedController:
     """
 
     title: str
-    law: ControlLaw
+    law: ControlLaw | ScheduledLaw
     settings: Settings
     units: tuple[str, ...]
     torque_readings: tuple[int, ...]

@@ -798,7 +798,7 @@ def controller_fmu(controller: ExportedController, fmi: str = "2.0") -> Fmu:
     inside = contents(controller)
     page = page_of(
         "controller.html", contents=inside, sample_time=controller.law.sample_time, bytes=memory_bytes(controller),
-        states=len(controller.law.A),
+        states=controller.law.states,
     )  # fmt: skip
     return package(
         inside,
