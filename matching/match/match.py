@@ -24,6 +24,7 @@ from matching.match.limits import (
 from matching.match.loop import linear_bed
 from matching.match.minutes import minutes_of, minutes_without
 from matching.match.objective import search_for
+from matching.match.operating_range import at_speed, ends_of
 from matching.match.order import Fresh, Ordered, contributions, ordered, planned_unless_better
 from matching.match.problem import (
     MatchProblem,
@@ -37,6 +38,7 @@ from matching.match.problem import (
     target_results,
     unloaded_lashes,
 )
+from matching.match.range_search import RangeSearch
 from matching.match.requirements import OPENED_SHAFTS
 from matching.match.responses import ComparedBed, ResponseError, SimpleVehicle, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult
@@ -234,6 +236,9 @@ def _solved(
         return Solution({}, case, float("nan"), (), True, problem.beyond), Ordered(np.zeros(0), True)
     asked = problem.demands if not problem.beyond else replace(problem.demands, limits={})
     search = search_for(case, problem.moves, problem.shares, asked, settings)
+    if case.operating_range is not None:
+        ends = [search_for(at_speed(case, speed), problem.moves, problem.shares, asked, settings) for speed in ends_of(case)]
+        search = RangeSearch([search, *ends])
     found = solve(search, tell, begins)
     settled = Ordered(found.end.x, found.keeps_all)
     worth = found.end.judged.cost <= settings.hopeless
