@@ -20,7 +20,7 @@ from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.vehicle import ResidualVehicle, cut, own_part, with_residual_vehicle, without_exact_delays
 from modelling.errors import InputError, unknown
-from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
+from modelling.linear.steady_motion import operating_motion, torques_of
 from modelling.model_file import dumps, load, quantity
 from modelling.system import Effect, OperatingPoint, Quantity, System, mirror_image, resistance
 from modelling.toml import check_file, no_pipe, read_toml, title

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
 from matching.match.case import Case, Move, apply, scaled
+from matching.match.driving import driving
 from matching.match.in_time import lashes, simulate_deviations
 from matching.match.limits import (
     Relaxations,
@@ -123,6 +124,7 @@ def match(
     standing = (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated) if settings.emulated else None
     checked = verify(tuned, case.rig, beds=count, seed=seed)
     play = lashes(tuned) if settings.emulated or may_swing_on(checked) else None
+    over_range = driving(tuned, seed) if case.operating_range is not None and settings.emulated else None
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
     targets = target_results(problem, checked)
@@ -138,6 +140,7 @@ def match(
         *not_kept(case, checked, play),
         *missing_measurement(relaxed, case),
         *run.sentences(),
+        *(over_range.sentences(case.limits.get("dynamometer_torque")) if over_range is not None else ()),
         *unloaded_lashes(case),
     ]
     stands = led_by_dead_time(stands, case, error)
@@ -173,6 +176,7 @@ def match(
         contributions=settled.contributions,
         minutes=run,
         lash=play,
+        driving=over_range,
         simulated_in_time=None if in_time is None else in_time.result(),
         seconds=time.perf_counter() - begin,
     )
@@ -237,7 +241,9 @@ def _solved(
     asked = problem.demands if not problem.beyond else replace(problem.demands, limits={})
     search = search_for(case, problem.moves, problem.shares, asked, settings)
     if case.operating_range is not None:
-        ends = [search_for(at_speed(case, speed), problem.moves, problem.shares, asked, settings) for speed in ends_of(case)]
+        ends = [
+            search_for(at_speed(case, speed), problem.moves, problem.shares, asked, settings) for speed in ends_of(case)
+        ]
         search = RangeSearch([search, *ends])
     found = solve(search, tell, begins)
     settled = Ordered(found.end.x, found.keeps_all)

@@ -104,9 +104,7 @@ def read_range(
     entries = data.get("drives", [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise InputError(f"{where}: drives", "is no list of tables", 'write [[drives]] with vehicle_speed = "30 km/h"')
-    drives = tuple(
-        _drive(entry, number, made, vehicle, loop, known, where) for number, entry in enumerate(entries, 1)
-    )
+    drives = tuple(_drive(entry, number, made, vehicle, loop, known, where) for number, entry in enumerate(entries, 1))
     return replace(made, drives=drives)
 
 

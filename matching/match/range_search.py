@@ -23,7 +23,12 @@ class RangeSearch(Search):
     def __init__(self, members: Sequence[Search]):
         self._members = tuple(members)
         first = self._members[0]
-        self.case, self.required, self.demands, self.settings = first.case, first.required, first.demands, first.settings
+        self.case, self.required, self.demands, self.settings = (
+            first.case,
+            first.required,
+            first.demands,
+            first.settings,
+        )
         self.variables: tuple[Variable, ...] = first.variables
         self.known: dict[tuple[float, ...], Evaluation] = {}
 

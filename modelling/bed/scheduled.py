@@ -1,4 +1,4 @@
-"""One observer over a range of speeds: designs on a grid, interpolated in the vehicle's speed, the vehicle nonlinear."""
+"""One observer over a range of speeds: designs on a grid, interpolated in the speed, the vehicle nonlinear."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ from modelling.system import System
 # sample, from its own estimate, and treats like torques that it knows. All designs have the same physical states, so
 # nothing jumps where the speed passes from one to the next.
 
-STICKS_BELOW = 0.1  # rad/s: dry friction of the residual vehicle rises to its torque up to this speed, as a creeping tyre
+STICKS_BELOW = (
+    0.1  # rad/s: dry friction of the residual vehicle rises to its torque up to this speed, as a creeping tyre
+)
 
 
 @dataclass(frozen=True)

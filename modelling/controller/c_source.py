@@ -156,17 +156,24 @@ def _laws(law: ControlLaw | ScheduledLaw) -> tuple[ControlLaw, ...]:
 
 def _vehicle(law: ScheduledLaw) -> list[str]:
     """Numbers and rates of the residual vehicle that runs in the law."""
-    vehicle, generator = law.vehicle, ca.CodeGenerator("vehicle", {"with_header": False, "casadi_real": "controller_real"})
+    vehicle, generator = (
+        law.vehicle,
+        ca.CodeGenerator("vehicle", {"with_header": False, "casadi_real": "controller_real"}),
+    )
     generator.add(vehicle.rates)
     steady = (f"    {{{', '.join(map(_real, row))}}}," for row in vehicle.steady)
+
+    def listed(name: str, values: np.ndarray, meaning: str) -> str:
+        return f"static const controller_real {name}[] = {{{', '.join(map(_real, values))}}}; /* {meaning} */"
+
     lines = [
         "",
         f"#define CONTROLLER_VEHICLE_INPUTS {len(law.known_inputs)}",
         f"enum {{ OBSERVED = {law.observed.start}, AHEAD = {law.ahead.start} }};",
         f"static const int32_t KNOWN_INPUT[] = {{{', '.join(map(str, (*law.known_inputs, 0)))}}};",
-        f"static const controller_real SPEED[] = {{{', '.join(map(_real, law.speeds))}}}; /* rad/s of the vehicle */",
-        f"static const controller_real ROTOR_SPEED[] = {{{', '.join(map(_real, law.rotor_speeds))}}}; /* rad/s there */",
-        f"static const controller_real VEHICLE_SPEED[] = {{{', '.join(map(_real, vehicle.speed))}}}; /* by state */",
+        listed("SPEED", law.speeds, "rad/s of the vehicle"),
+        listed("ROTOR_SPEED", law.rotor_speeds, "rad/s there"),
+        listed("VEHICLE_SPEED", vehicle.speed, "by state"),
         "static const controller_real STEADY[CONTROLLER_SPEEDS][CONTROLLER_VEHICLE_STATES] = {", *steady, "};",
         "", *_rows("CUT_BY_READING", law.cut_by_reading), "", *_rows("CUT_BY_COMMAND", law.cut_by_command),
         "", *_at_speeds("VEHICLE", list(vehicle.A)),
