@@ -344,8 +344,8 @@ def _missed(drive: DriveResult, settings: DrivingSettings, torque_limit: float |
         said.append(f"{drive.title}: the controller leaves emulation {on} ({errors.fault})")
     if errors.planned is not None and errors.planned > settings.planned:
         said.append(
-            f"{drive.title}: {drive.worst_sensor.replace('_', ' ')} is off by {100 * errors.planned:.2g} % of its range, "
-            f"{100 * settings.planned:g} % is allowed of the bed as planned"
+            f"{drive.title}: {drive.worst_sensor.replace('_', ' ')} is off by {100 * errors.planned:.2g} % of its "
+            f"range, {100 * settings.planned:g} % is allowed of the bed as planned"
         )
     if errors.high is not None and errors.high > settings.tolerance:
         said.append(
@@ -395,14 +395,14 @@ def _driven(
     sensors = compared_sensors(case)
     vehicle = vehicles_in(own, torques, rows, sensors)
     played = [play(own, controller, torques, rows, sensors, seed, settings) for controller in controllers]
-    found = [_errors(vehicle, each, settings, step) for each in played]
+    errors, one_speed = (_errors(vehicle, each, settings, step) for each in played)
     planned_error = _relative(vehicle, played[0].readings)[:, 0]
     worst = sensors[int(planned_error.argmax())]
     traces = {
         name: (vehicle[:, i, 0], played[0].readings[:, i, 0], played[1].readings[:, i, 0])
         for i, name in enumerate(sensors)
     }
-    return DriveResult(drive.title, drive.vehicle_speed, seconds, worst, *found, (time, traces))
+    return DriveResult(drive.title, drive.vehicle_speed, seconds, worst, errors, one_speed, (time, traces))
 
 
 def _relative(vehicle: np.ndarray, bed: np.ndarray) -> np.ndarray:

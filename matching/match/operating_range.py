@@ -264,8 +264,8 @@ def law_over_speed(case: Case) -> ScheduledLaw:
     """
     about = case.operating_range
     assert about is not None
-    cases = [at_speed(case, float(speed)) for speed in grid(about)]
+    cases, turning = [at_speed(case, float(speed)) for speed in grid(about)], speeds_of(case.vehicle)
     return scheduled_law(
         [each.rig for each in cases], [each.residual_vehicle for each in cases], case.loop, case.loop.values,
-        about.bodies, linear_bed(cases[-1]).torque_signs,
+        about.bodies, linear_bed(cases[-1]).torque_signs, float(np.mean([turning[name] for name in about.bodies])),
     )  # fmt: skip

@@ -60,7 +60,8 @@ def add_scenarios(search: Search, at: SearchEnd) -> bool:
 
     Looked at are the worst beds of the box and further beds that fill it, at every speed of the search.
     """
-    return any([_added(one, SearchEnd(at.x, one.judged(at.x))) for one in search.members])
+    added = [_added(one, SearchEnd(at.x, one.judged(at.x))) for one in search.members]
+    return any(added)
 
 
 def _added(search: Search, at: SearchEnd) -> bool:

@@ -73,6 +73,11 @@ class ControlLaw:
         """Number x of states."""
         return len(self.A)
 
+    @property
+    def linear(self) -> ControlLaw:
+        """The law as a linear one: itself."""
+        return self
+
     def begin(self, readings: np.ndarray, known: np.ndarray, sent: np.ndarray) -> Begin | None:
         """What the law keeps of where an emulation begins beyond the deviations from it: nothing."""
         return None

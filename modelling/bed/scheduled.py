@@ -82,7 +82,8 @@ def nonlinear_vehicle(residuals: Sequence[ResidualVehicle], loop: Loop, bodies: 
     first = residuals[0]
     cuts = [next(cut for cut in first.interfaces if cut.shaft == one.follows).torque for one in loop.dynamometers]
     own = tuple(part.name for system in first.parts for part in system.inputs if part.name not in cuts)
-    states, at_cuts, at_own = [], ca.SX.sym("T", len(cuts)), ca.SX.sym("w", len(own))
+    states: list[ca.SX] = []
+    at_cuts, at_own = ca.SX.sym("T", len(cuts)), ca.SX.sym("w", len(own))
     rates, speeds = [], []
     for system in first.parts:
         model, lift = compiled(system), _lift(system)
@@ -104,8 +105,8 @@ def nonlinear_vehicle(residuals: Sequence[ResidualVehicle], loop: Loop, bodies: 
     A, steady = [], []
     for residual in residuals:
         lifts = [_lift(system) for system in residual.parts]
-        parts = zip(residual.parts, lifts, strict=True)
-        A.append(block_diag(*(lift.T @ linearise(system).A @ lift for system, lift in parts)))
+        pairs = list(zip(residual.parts, lifts, strict=True))
+        A.append(block_diag(*(lift.T @ linearise(system).A @ lift for system, lift in pairs)))
         steady.append(np.concatenate([
             lift.T @ operating_motion(system).state for system, lift in zip(residual.parts, lifts, strict=True)
         ]))  # fmt: skip
@@ -146,6 +147,8 @@ class ScheduledLaw:
         Which of the known torques act on the residual vehicle.
     speed_readings : tuple of int (k)
         Which readings are the rotors' speeds.
+    operating_speed : float
+        rad/s of the vehicle's inertia, about which a case reports its match.
     """
 
     laws: tuple[ControlLaw, ...]
@@ -158,6 +161,12 @@ class ScheduledLaw:
     cut_by_command: np.ndarray
     known_inputs: tuple[int, ...]
     speed_readings: tuple[int, ...]
+    operating_speed: float
+
+    @property
+    def linear(self) -> ControlLaw:
+        """The law about the operating point of its case."""
+        return self.frozen(self.operating_speed)
 
     @property
     def first(self) -> ControlLaw:
@@ -273,7 +282,7 @@ class ScheduledLaw:
 
 def scheduled_law(
     rigs: Sequence[System], residuals: Sequence[ResidualVehicle], loop: Loop, weights: Mapping[str, float],
-    bodies: Sequence[str], torque_signs: np.ndarray,
+    bodies: Sequence[str], torque_signs: np.ndarray, operating_speed: float,
 ) -> ScheduledLaw:  # fmt: skip
     """Design at every speed of a grid.
 
@@ -287,6 +296,8 @@ def scheduled_law(
         Inertias whose mean speed is the vehicle's.
     torque_signs : ndarray (k,)
         Torque that drives the rotor for a flange reading of 1 N·m, see ``LinearBed.torque_signs``.
+    operating_speed : float
+        rad/s, see :class:`ScheduledLaw`.
     """
     models = observer_models(rigs, residuals, loop)
     laws = tuple(design(model, weights) for model in models)
@@ -312,7 +323,7 @@ def scheduled_law(
         laws, speeds, np.array([np.mean([each[name] for name in rotors]) for each in by_rig]), vehicle,
         slice(first.states, first.states + v), slice(size + first.states, size + first.states + v),
         by_reading, by_command, tuple(known.index(name) for name in vehicle.inputs),
-        tuple(sensors.index(one.speed_sensor) for one in loop.dynamometers),
+        tuple(sensors.index(one.speed_sensor) for one in loop.dynamometers), operating_speed,
     )  # fmt: skip
 
 
