@@ -32,7 +32,7 @@ CAPTIONS = {
     "over_speed": "Response error of the one controller about steady speeds: on the bed as planned, and what 95 % of "
     "the drawn beds keep. Points: where it is designed; in between it is interpolated.",
     "drives": "The drives on the nonlinear bed as planned, with noise and encoders, next to the nonlinear vehicle. "
-    "Dotted: the controller of one speed.",
+    "Dotted: the controller of one speed. Values count from where the drive begins.",
 }
 HOW = (
     "Root mean square over the range of the vehicle's signal, of the worst compared sensor; the exported controller "
@@ -55,10 +55,10 @@ def over_speed_figure(driving: Driving, case: Case) -> Figure:
         ):
             planned = np.array([getattr(row, key) for row in rows])
             high = np.array([np.nan if (value := getattr(row, f"{key}_95")) is None else value for row in rows])
-            axes.plot(speed, planned, "-", color=colour, label=f"{name}, as planned")
+            axes.plot(speed, planned, "-", color=colour, label=name)
             axes.plot(speed[designed], planned[designed], "o", color=colour, markersize=4)
-            axes.plot(speed, high, "--", color=colour, label=f"{name}, 95 % of drawn beds")
-        axes.axhline(case.tolerance, color=LIMIT, linestyle=":", label="allowed as planned, measured")
+            axes.plot(speed, high, "--", color=colour, label="95 % of drawn beds")
+        axes.axhline(case.tolerance, color=LIMIT, linestyle=":", label="allowed, measured")
         axes.set(xscale="log", yscale="log", xlabel="Vehicle speed in km/h", ylabel="Response error")
         legend_above(fig, axes)
     return fig

@@ -85,14 +85,16 @@ class ControlLaw:
     def step(
         self, state: np.ndarray, readings: np.ndarray, known: np.ndarray,
         limits: np.ndarray | tuple[np.ndarray, np.ndarray], begin: Begin | None = None,
+        added: np.ndarray | float = 0.0,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Commands (k, …), N·m, and the state (x, …) of the next sample, of one bed or of a batch.
 
-        Commands stay within ±``limits`` (k, …), or between the first and the second of a pair.
+        Commands stay within ±``limits`` (k, …), or between the first and the second of a pair. ``added`` torques
+        (k, …) are part of them, and the law knows of them.
         """
         low, high = limits if isinstance(limits, tuple) else (-limits, limits)
         corrected = state + self.L @ (readings - self.E @ state)
-        sent = np.clip(self.K @ corrected + self.Dy @ readings + self.Dw @ known, low, high)
+        sent = np.clip(self.K @ corrected + self.Dy @ readings + self.Dw @ known + added, low, high)
         return sent, self.A @ corrected + self.By @ readings + self.Bw @ known + self.Bs @ sent
 
 

@@ -37,8 +37,8 @@ class Driver:
     """
 
     input: str
-    proportional: float = 20.0
-    integral: float = 10.0
+    proportional: float = 40.0
+    integral: float = 20.0
     largest: float = 400.0
 
 

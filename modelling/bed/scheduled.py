@@ -231,13 +231,14 @@ class ScheduledLaw:
     def step(
         self, state: np.ndarray, readings: np.ndarray, known: np.ndarray,
         limits: np.ndarray | tuple[np.ndarray, np.ndarray], begin: Begin | None = None,
+        added: np.ndarray | float = 0.0,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """As :meth:`ControlLaw.step`; without ``begin`` the emulation began at rest, with nothing acting."""
         if state.ndim == 1:
             single = None if begin is None else Begin(*(part[:, None] for part in begin))
             bounds = limits if isinstance(limits, tuple) else (-limits, limits)
-            low, high = (np.broadcast_to(side, len(self.dynamometers))[:, None] for side in bounds)
-            sent, after = self.step(state[:, None], readings[:, None], known[:, None], (low, high), single)
+            low, high, more = (np.broadcast_to(side, len(self.dynamometers))[:, None] for side in (*bounds, added))
+            sent, after = self.step(state[:, None], readings[:, None], known[:, None], (low, high), single, more)
             return sent[:, 0], after[:, 0]
         parts, vehicle, count = self.stacked, self.vehicle, state.shape[1]
         if begin is None:
@@ -257,7 +258,7 @@ class ScheduledLaw:
             acting.append(rates - taken(vehicle.A, off))
         together = np.vstack(acting)
         least, most = limits if isinstance(limits, tuple) else (-limits, limits)
-        sent = np.clip(taken(parts["K"], corrected) + taken(parts["Dw"], together), least, most)
+        sent = np.clip(taken(parts["K"], corrected) + taken(parts["Dw"], together) + added, least, most)
         return sent, taken(parts["A"], corrected) + taken(parts["Bw"], together) + taken(parts["Bs"], sent)
 
     def frozen(self, speed: float) -> ControlLaw:

@@ -60,7 +60,7 @@ def memory_bytes(controller: ExportedController) -> int:
         + 1
         + WATCHED_SAMPLES * y
     )
-    return 8 * reals + 4 * (11 + k + 2 * (s + 1))
+    return 8 * reals + 4 * (13 + k + 2 * (s + 1))
 
 
 def _header(controller: ExportedController) -> str:
@@ -85,6 +85,7 @@ def _header(controller: ExportedController) -> str:
             kept=KEPT_TORQUES,
             watched=WATCHED_SAMPLES,
             shafts=[c_comment(name) for name in controller.watched.shafts],
+            learned=len(controller.learned),
             curve=len(controller.settings.curve_speeds),
         )
         + "\n"
@@ -144,6 +145,9 @@ def _data(controller: ExportedController) -> str:
     }
     for name, stack in over_speed.items():
         lines += ["", *_at_speeds(name, stack)]
+    played = controller.learned if len(controller.learned) else np.zeros((1, len(law.dynamometers)))
+    lines += ["", "static const controller_real LEARNED[][CONTROLLER_DYNAMOMETERS] = {"]
+    lines += [f"    {{{', '.join(map(_real, row))}}}," for row in played.tolist()] + ["};"]
     if isinstance(law, ScheduledLaw):
         lines += _vehicle(law)
     return "\n".join(lines) + "\n"

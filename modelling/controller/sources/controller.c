@@ -395,6 +395,24 @@ static controller_real torque_limit(const controller *c, const controller_input 
     return within((of_power < of_curve) ? of_power : of_curve, (controller_real)0.0, own->torque_limit[j]);
 }
 
+/* what was learned over repetitions of a manoeuvre, from its trigger on; nothing before and after */
+static controller_real learned_torque(const controller *c, int32_t j)
+{
+    return ((c->played > 0) && (c->played <= CONTROLLER_LEARNED)) ? LEARNED[c->played - 1][j] : (controller_real)0.0;
+}
+
+static void follow_trigger(controller *c, const controller_input *in)
+{
+    if ((in->trigger != 0) && (c->triggered == 0)) {
+        c->played = 1;
+    } else if ((c->played > 0) && (c->played <= CONTROLLER_LEARNED)) {
+        c->played++;
+    } else {
+        /* nothing is played */
+    }
+    c->triggered = in->trigger;
+}
+
 static void emulate(controller *c, const controller_input *in)
 {
     controller_real z[WIDTH];
@@ -420,7 +438,8 @@ static void emulate(controller *c, const controller_input *in)
 #endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
-        c->sent[j] = within(c->sent_start[j] + between(COMMAND, at, share, j, z), -limit, limit);
+        const controller_real added = in->added_torque[j] + learned_torque(c, j);
+        c->sent[j] = within(c->sent_start[j] + between(COMMAND, at, share, j, z) + added, -limit, limit);
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         z[AT_SENT + j] = c->sent[j] - c->sent_start[j];
@@ -480,6 +499,7 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
     answer_fault(c, in, fault);
     const int32_t wanted = (c->fault != CONTROLLER_NO_FAULT) ? c->fallback : in->mode;
     enter(c, in, unknown ? CONTROLLER_ZERO_TORQUE : wanted);
+    follow_trigger(c, in);
     if (c->mode == CONTROLLER_EMULATION) {
         emulate(c, in);
     } else if (c->mode == CONTROLLER_SPEED_HOLD) {
