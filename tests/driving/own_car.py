@@ -45,10 +45,9 @@ class Drive:
     def shaft(self, name, twist, rate, play=0.0):
         """Torque of a shaft; none within its free play, and never one that pulls where it pushes."""
         over = np.sign(twist) * np.maximum(np.abs(twist) - play / 2, 0.0)
-        torque = self.k[name] * over + self.c[name] * rate * (np.abs(over) > 0)
-        return np.where(np.abs(over) > 0, np.where(np.sign(torque) == np.sign(over), torque, 0.0), 0.0) if np.any(
-            play
-        ) else torque
+        torque = self.k[name] * over + self.c[name] * rate * ((np.abs(over) > 0) | (play == 0))
+        pushes = (np.abs(over) > 0) & (np.sign(torque) == np.sign(over))
+        return np.where(pushes | (play == 0), torque, 0.0)
 
     def front(self, s, motor_torque, slopes):
         """Rates of motor, gearbox and differential but for the side shafts; torque into the differential."""
@@ -69,6 +68,19 @@ class Car(Drive):
         *(f"{part}_{side}" for side in SIDES for part in ("wheel", "tyre", "body", "side", "belt", "slip")),
     )  # fmt: skip
 
+    def tyre(self, side, tyre, body, z):
+        """Torque of a tyre whose carcass is deflected by z, and the rate of z: a slip that saturates, or a damper."""
+        k, c = self.k[f"tyre_body_{side}"], self.c[f"tyre_body_{side}"]
+        place = f"shafts.tyre_body_{side}"
+        if ("slip", place) in self.effects:
+            damper = self.effects["slip", place]["coefficient"]
+            z_rate = (damper * (tyre - body) - k * z) / (damper + c)
+            return k * z + c * z_rate, z_rate
+        law, v = self.effects["tyre_slip", place], np.abs(body)
+        z_rate = (law["slip_stiffness"] * (tyre - body) - v * k * z) / (law["slip_stiffness"] + v * c)
+        linear = k * z + c * z_rate
+        return law["peak"] * np.sin(SHAPE * np.arctan(linear / (SHAPE * law["peak"]))), z_rate
+
     def rates(self, s, motor_torque):
         slopes = {}
         into = self.front(s, motor_torque, slopes)
@@ -77,15 +89,9 @@ class Car(Drive):
             twist_rate = s["diff"] - wheel
             torque = self.shaft(f"side_{side}", s[f"side_{side}"], twist_rate, self.play)
             belt = self.shaft(f"wheel_tyre_{side}", s[f"belt_{side}"], wheel - tyre)
-            law = self.effects["tyre_slip", f"shafts.tyre_body_{side}"]
-            C, peak, v = law["slip_stiffness"], law["peak"], np.abs(body)
-            k, c = self.k[f"tyre_body_{side}"], self.c[f"tyre_body_{side}"]
-            z = s[f"slip_{side}"]
-            z_rate = (C * (tyre - body) - v * k * z) / (C + v * c)
-            linear = k * z + c * z_rate
-            road = peak * np.sin(SHAPE * np.arctan(linear / (SHAPE * peak)))
-            air = self.effects["quadratic_drag", f"inertias.body_{side}"]["coefficient"]
-            rolling = self.effects["coulomb_friction", f"inertias.body_{side}"]["torque"]
+            road, z_rate = self.tyre(side, tyre, body, s[f"slip_{side}"])
+            air = self.effects.get(("quadratic_drag", f"inertias.body_{side}"), {"coefficient": 0.0})["coefficient"]
+            rolling = self.effects.get(("coulomb_friction", f"inertias.body_{side}"), {"torque": 0.0})["torque"]
             against = air * body * np.abs(body) + rolling * np.tanh(body / SETTLES) + self.drag[f"body_{side}"] * body
             slopes[f"wheel_{side}"] = (torque - belt) / self.J[f"wheel_{side}"]
             slopes[f"tyre_{side}"] = (belt - road) / self.J[f"tyre_{side}"]
@@ -102,8 +108,8 @@ class Bed(Drive):
 
     names = (
         "motor", "gearbox", "diff", "mesh", "output",
-        *(f"{part}_{side}" for side in SIDES for part in ("adapter", "rotor", "side", "flange", "air", "read", "angle")),
-        "motor_angle",
+        *(f"{part}_{side}" for side in SIDES for part in ("adapter", "rotor", "side", "flange", "air", "read")),
+        *(f"angle_{side}" for side in SIDES), "motor_angle",
     )  # fmt: skip
 
     def __init__(self, path, factors, count, inverter, sensor, gains, play=None, friction=None):

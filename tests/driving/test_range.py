@@ -33,8 +33,8 @@ def drives_over(time):
     part = np.clip((time - 0.8) / 0.3, 0, 1)
     slowing = -60 * np.clip(time / 0.3, 0, 1) * (time < 2.35)  # rolling resistance stops it, and holds it
     return [
-        (0.0, 150 * part**2 * (3 - 2 * part)), (10.0, tip_in(time, 100, 0.2, 0.05)), (30.0, tip_in(time, 100, 0.2, 0.05)),
-        (80.0, tip_in(time, 100, 0.2, 0.05)), (10.0, slowing),
+        (0.0, 150 * part**2 * (3 - 2 * part)), *((kmh, tip_in(time, 100, 0.2, 0.05)) for kmh in (10.0, 30.0, 80.0)),
+        (10.0, slowing),
     ]  # fmt: skip
 
 
