@@ -49,7 +49,8 @@ class Learned(Displayed):
     recordings : int
     time : ndarray (n,)
         s from the trigger on.
-    dynamometers, sensors : tuple of str
+    dynamometers, sensors, units : tuple of str
+        Units are those of the sensors, SI.
     torques : ndarray (n, k)
         N·m, to be added in the next repetition.
     error, noise : float
@@ -74,6 +75,7 @@ class Learned(Displayed):
     time: np.ndarray = field(repr=False)
     dynamometers: tuple[str, ...]
     sensors: tuple[str, ...]
+    units: tuple[str, ...]
     torques: np.ndarray = field(repr=False)
     error: float
     noise: float
@@ -206,7 +208,7 @@ def learn(
     own, speed = case_of_manoeuvre(case, vehicle_speed)
     exported = exported_controller(case)
     law = exported.law.frozen(speed) if isinstance(exported.law, ScheduledLaw) else exported.law
-    recorded = read_recordings(recordings, own, channels)
+    recorded = read_recordings(recordings, own, channels, any_length=True)
     step = law.sample_time
     torques, readings = _together(recorded, step)
     count = readings.shape[1]
@@ -232,11 +234,14 @@ def learn(
         off = _size(mean[:shared] - before.predicted[:shared], ranges)
         unexplained = float(np.sqrt(max(off**2 - 2 * correction.noise**2, 0.0)))
     table = added + correction.torques
+    units = {sensor.name: sensor.unit for sensor in own.rig.sensors}
     return Learned(
-        1 + (0 if before is None else len(before.history)), len(recordings), np.arange(count) * step,
-        law.dynamometers, recorded.sensors, table, correction.size, correction.noise,
-        _size(correction.predicted, ranges), unexplained, correction.share,
-        () if before is None else before.history, replace(exported, learned=table), (mean, correction.predicted),
+        repetition=1 + (0 if before is None else len(before.history)), recordings=len(recordings),
+        time=np.arange(count) * step, dynamometers=law.dynamometers, sensors=recorded.sensors,
+        units=tuple(units[name] for name in recorded.sensors), torques=table, error=correction.size,
+        noise=correction.noise, predicted=_size(correction.predicted, ranges), unexplained=unexplained,
+        share=correction.share, history=() if before is None else before.history,
+        controller=replace(exported, learned=table), traces=(mean, correction.predicted),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from matching.bed.learn import CONTROLLER, TABLE, Learned
-from matching.report.common import MATCHED, RIG, decimated, figure, legend_above, number, percent, spaced, styled
+from matching.report.common import MATCHED, RIG, decimated, figure, legend_above, number, percent, spaced, styled, unit
 from matching.report.page import Picture, Report, Step, Table, View, register
 
 HOW = "Errors: root mean square over the range of the vehicle's signal, mean of the compared sensors."
@@ -25,10 +25,10 @@ def learned_figure(learned: Learned) -> Figure:
     with styled():
         fig = figure(8.0, 0.6 + 1.7 * panels)
         rows = fig.subplots(panels, 1, sharex=True)
-        for axes, name, was, next_one in zip(rows, learned.sensors, error.T, predicted.T):
+        for axes, name, si, was, next_one in zip(rows, learned.sensors, learned.units, error.T, predicted.T):
             axes.plot(*decimated(learned.time, was), color=RIG, linestyle="--", label="error")
             axes.plot(*decimated(learned.time, next_one), color=MATCHED, label="expected")
-            axes.set_ylabel(spaced(name), fontsize=8)
+            axes.set_ylabel(f"{spaced(name)}\nin {unit(si)}", fontsize=8)
         for name, torque in zip(learned.dynamometers, learned.torques.T, strict=True):
             rows[-1].plot(*decimated(learned.time, torque), label=spaced(name))
         rows[-1].set(xlabel="Time from the trigger in s", ylabel="added torque\nin N·m")
