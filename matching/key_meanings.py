@@ -98,7 +98,7 @@ RANGE = {
 DRIVE = {
     "title": "a line for reports",
     "vehicle_speed": "from which it begins; that of the profile, or 0, unless stated",
-    "profile": "file with `time`, `vehicle_speed` and, where the road climbs, `grade`; a driver follows it in the vehicle",
+    "profile": "file with `time`, `vehicle_speed` and, where the road climbs, `grade`; a driver follows it",
     "driver": "`input` that it acts on, `proportional`, `integral`, `largest` torque",
 }
 CHANNEL = {

@@ -13,11 +13,13 @@ import numpy as np
 from matching.bed.excite import bed_inputs
 from matching.bed.simulated_bed import SETTLING_SECONDS, FmuBed, Tripped, held_as_linear, run_csv
 from matching.bed.verify import BedRecordings, read_recordings
+from matching.dry_run import computing
 from matching.export import exported_controller
 from matching.match.case import Case
 from matching.match.learning import Learner, added_to
 from matching.match.operating_range import at_speed
 from matching.match.running import run
+from modelling.bed.bed import Dynamometer
 from modelling.bed.nonlinear import NonlinearBeds
 from modelling.bed.scheduled import ScheduledLaw
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, ExportedController
@@ -138,7 +140,7 @@ class Played:
     history: tuple[float, ...]
 
 
-def read_played(directory: Path, dynamometers: Sequence[str]) -> Played:
+def read_played(directory: Path, dynamometers: Sequence[Dynamometer]) -> Played:
     """What a repetition before wrote.
 
     Raises
@@ -150,7 +152,7 @@ def read_played(directory: Path, dynamometers: Sequence[str]) -> Played:
     if not file.is_file():
         raise InputError(str(file), "does not exist", "name the directory that the last `rigmatch learn` wrote")
     content = json.loads(file.read_text(encoding="utf-8"))
-    names = [added_to(name) for name in dynamometers]
+    names = [added_to(one.name) for one in dynamometers]
     table = read_signals(directory / TABLE, names)
     if missing := [name for name in names if name not in table.channels]:
         raise InputError(str(directory / TABLE), f"has no column {missing[0]!r}", "it belongs to another case")
@@ -206,13 +208,14 @@ def learn(
             'match the case with structure = "observer"',
         )  # fmt: skip
     own, speed = case_of_manoeuvre(case, vehicle_speed)
+    recorded = read_recordings(recordings, own, channels, any_length=True)
+    before = read_played(played, own.loop.dynamometers) if played is not None else None
+    computing(lambda: dict.fromkeys(map(str, recordings), "a recording of a manoeuvre on the controlled bed"))
     exported = exported_controller(case)
     law = exported.law.frozen(speed) if isinstance(exported.law, ScheduledLaw) else exported.law
-    recorded = read_recordings(recordings, own, channels, any_length=True)
     step = law.sample_time
     torques, readings = _together(recorded, step)
     count = readings.shape[1]
-    before = read_played(played, law.dynamometers) if played is not None else None
     added = np.zeros((count, len(law.dynamometers)))
     if before is not None:
         shared = min(count, len(before.torques))

@@ -183,11 +183,7 @@ def test_recordings_are_learned_from_and_played_again(tmp_path):
     again = learn(case, paths, played=folder)
     assert again.repetition == 2
     assert again.history == pytest.approx((learned.error,))
-    np.testing.assert_allclose(read_played(folder, case_names(case)).torques, learned.torques, atol=1e-9)
-
-
-def case_names(case):
-    return tuple(one.name for one in case.loop.dynamometers)
+    np.testing.assert_allclose(read_played(folder, case.loop.dynamometers).torques, learned.torques, atol=1e-9)
 
 
 def test_what_cannot_be_learned_is_refused(tmp_path):
