@@ -696,10 +696,13 @@ EXAMPLES = {
     ),
     "learn": (
         "export examples/from_recordings/bed.toml --fmu out/bed.fmu",
-        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 1 --repeat 1 --diagnosis-limit 30 "
+        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 1 --repeat 2 --diagnosis-limit 30 "
         "--out out/repeated",
         "learn out/repeated/1_match out/repeated/learned/repetition_1/recording_1.csv "
         "out/repeated/learned/repetition_1/recording_2.csv --out out/learned",
+        "learn out/repeated/1_match out/repeated/learned/repetition_2/recording_1.csv "
+        "out/repeated/learned/repetition_2/recording_2.csv --played out/repeated/learned/repetition_1 --out "
+        "out/learned_again",
     ),
 }
 NO_OUT: dict[str, Any] = {"out": None}
