@@ -508,7 +508,7 @@ class Circle:
                     lambda path: judge_channels(case, read_recording(path, bed_system(case))).sentence(),
                 )  # fmt: skip
             else:
-                law = exported_controller(case).law.linear
+                law = exported_controller(case).law
                 with self._fmu(case) as bed, FmuController(exported, law) as controller:
                     content, tripped = channel_recording(bed, case, law, controller, plan)
                 taken = HandedRecording(BY_FMU, content)
@@ -538,9 +538,9 @@ class Circle:
                 )  # fmt: skip
             else:
                 made = exported_controller(case)
-                with self._fmu(case) as bed, FmuController(exported, made.law.linear) as controller:
+                with self._fmu(case) as bed, FmuController(exported, made.law) as controller:
                     try:
-                        text = proof_recording(bed, case, made.law.linear, controller, wanted, speed, made.running())
+                        text = proof_recording(bed, case, made.law, controller, wanted, speed, made.running())
                     except Tripped as fault:
                         keep_recording(self._folder / name, HandedRecording(BY_FMU, fault.recording))
                         return {BY_FMU: fault.recording}, self._not_judged(fault) | {"tripped": fault.wrong}

@@ -281,6 +281,9 @@ class ScheduledLaw:
         return replace(self.first, A=A, K=K, Bw=made["Bw"][:, :w], Dw=made["Dw"][:, :w], Bs=made["Bs"], L=made["L"])
 
 
+Law = ControlLaw | ScheduledLaw
+
+
 def scheduled_law(
     rigs: Sequence[System], residuals: Sequence[ResidualVehicle], loop: Loop, weights: Mapping[str, float],
     bodies: Sequence[str], torque_signs: np.ndarray, operating_speed: float,

@@ -9,7 +9,7 @@ import scipy
 from scipy.linalg import solve_discrete_are
 
 from modelling.bed.bed import Begin, ControlLaw
-from modelling.bed.scheduled import ScheduledLaw
+from modelling.bed.scheduled import Law
 from modelling.bed.vehicle import FeedForward
 from modelling.errors import InputError
 from modelling.linear.state_space import StateSpace
@@ -353,7 +353,7 @@ class SupervisedController:
     """
 
     def __init__(
-        self, law: ControlLaw | ScheduledLaw, settings: Settings, torque_readings: list[int],
+        self, law: Law, settings: Settings, torque_readings: list[int],
         speed_readings: list[int], watched: WatchedShafts, learned: np.ndarray | None = None,
     ):  # fmt: skip
         self._learned = np.zeros((0, 0)) if learned is None else learned
@@ -569,7 +569,7 @@ class ExportedController:
     """
 
     title: str
-    law: ControlLaw | ScheduledLaw
+    law: Law
     settings: Settings
     units: tuple[str, ...]
     torque_readings: tuple[int, ...]

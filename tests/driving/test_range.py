@@ -1,5 +1,6 @@
 """One controller over a range of speeds, on a bed and beside a car that rigmatch knows nothing of."""
 
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +8,7 @@ import pytest
 from driving.own_car import Bed, Car, Sensors, drive_car, run_bed, steady
 from needs import compiles
 
-from matching.cli import main
-from matching.export import exported_controller, tuned_case
+from matching.export import exported_controller
 from modelling.controller.batch import ControllerBatch
 
 pytestmark = compiles
@@ -39,11 +39,9 @@ def drives_over(time):
 
 
 @pytest.fixture(scope="module")
-def controller(tmp_path_factory):
-    """Of the example, matched by its command."""
-    out = tmp_path_factory.mktemp("drive_away")
-    assert main(["match", str(EXAMPLE / "case.toml"), "--out", str(out)]) == 0
-    return exported_controller(tuned_case(out).case)
+def controller():
+    """Of the example as its run.py matches it, with its figures asserted."""
+    return exported_controller(runpy.run_path(str(EXAMPLE / "run.py"))["main"]().tuned)
 
 
 @pytest.fixture(scope="module")
