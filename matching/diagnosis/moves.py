@@ -159,7 +159,7 @@ class Search:
         """Add causes, one or two at a time, while unseen data are met better with them."""
         state = self.state
         while len(state.best.causes) < self.settings.most_causes and not self._over(state.best):
-            fitted = self.refitted(state.best, self.promising(state.best))
+            fitted = self._everywhere(state.best, self.promising(state.best))
             if not state.best.causes:
                 state.with_one_cause = self.in_place[()] = fitted
             accepted = self.first_accepted(fitted) or self.first_accepted(self.pairs())
@@ -264,6 +264,20 @@ class Search:
             ]
             out = self._sharpened(again)
         return distinct(out)
+
+    def _everywhere(self, parent: Hypothesis, candidates: list[ScreenedCandidate]) -> list[Hypothesis]:
+        """Candidates refitted, and the kind that explains most at further places too, where it leaves more than noise:
+        to first order its neighbour may promise more."""
+        out = self.refitted(parent, candidates)
+        if not out or at_noise(out[0]):
+            return out
+        fitted = {(each.causes[-1].kind, each.causes[-1].at) for each in out}
+        others: dict[tuple[str, str], ScreenedCandidate] = {}
+        for candidate in self.screened(parent)[1]:
+            if candidate.kind == out[0].causes[-1].kind and candidate.kind_and_place not in fitted:
+                others.setdefault(candidate.kind_and_place, candidate)
+        more = self.refitted(parent, list(others.values())[: self.settings.places])
+        return distinct(sorted([*out, *more], key=lambda hypothesis: hypothesis.cost))
 
     def _over_windows(self, parent: Hypothesis, hypothesis: Hypothesis) -> Hypothesis:
         """A hypothesis whose last cause is a free play, fitted over short windows first, where that is better."""
@@ -467,7 +481,7 @@ class Search:
         if beside not in self.in_place:
             rest = self._without(index)
             candidates = [] if rest is None else self.screened(rest)[1][: self.settings.exchanged]
-            self.in_place[beside] = [] if rest is None else self.refitted(rest, candidates)
+            self.in_place[beside] = [] if rest is None else self._everywhere(rest, candidates)
         by_noise = best.fit.problem.weighting is None
         known = [self._once(weighted, other, by_noise) for other in self._in_place_of(beside)]
         others = [other for other in known if other.places != best.places]

@@ -31,6 +31,9 @@ class DiagnosisSettings:
     candidates, kinds : int
         Most promising candidates that are refitted in a round, and further kinds, each at its most promising place.
         Trial.
+    places : int
+        Further places at which the kind that explains most is refitted, where it leaves more than noise: a drivetrain
+        of one motor and two wheels has four shafts.
     exchanged, pairs : int
         Candidates that are refitted in the place of each of several causes, and pairs that are. Trial.
     paired : int
@@ -101,6 +104,7 @@ class DiagnosisSettings:
     draws: int = 2000
     candidates: int = 7
     kinds: int = 5
+    places: int = 4
     exchanged: int = 4
     pairs: int = 2
     paired: int = 10
