@@ -1,8 +1,9 @@
 """One selection: a set of causes with their values, and moves from it. Each refits from the best values so far.
 
 The moves are: add a cause, or two that hide each other; share one cause between channels; put a simpler kind, or a
-ripple over another angle, in the place of a cause; drop a cause, the only one too; exchange a cause. One rule decides downward, to the model without a
-cause: a cause stands where unseen data are met better with it than without it, beyond chance and in every sensor.
+ripple over another angle, in the place of a cause; drop a cause, the only one too; exchange a cause. One rule decides
+downward, to the model without a cause: a cause stands where unseen data are met better with it than without it, beyond
+chance and in every sensor.
 """
 
 from __future__ import annotations
