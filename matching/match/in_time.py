@@ -277,7 +277,7 @@ def bed_motions(
     systems = [perturbed_system(case.rig, run.imperfection, case) for run in runs]
     beds = NonlinearBeds(systems, loop, loop.dynamometers, [hardware(case, run.imperfection) for run in runs])
     drives = stacked([acting(case, run) for run in runs], beds.drives)
-    limit, held = case.limits.get("dynamometer_torque", np.inf), torques_of(case.rig)
+    limit, held = case.limits_of("torque")[:, None], torques_of(case.rig)
     trim = np.array([held[dynamometer.torque_input] for dynamometer in loop.dynamometers])[:, None]
     running = RunningLaw(
         law, [beds.model.sensors.index(name) for name in law.sensors],
