@@ -1109,7 +1109,7 @@ def _lash(lash: OpenLash | None) -> str:
     """What drawn lashes do, as a sentence; empty where none was tried."""
     if lash is None:
         return ""
-    come = f"{lash.limit_cycles} of {lash.drawn} beds swing on" if lash.limit_cycles else "every bed rests"
+    come = f"{lash.limit_cycles} of {lash.drawn} beds swing on" if lash.limit_cycles else "no bed swings on"
     return (
         f"After a short torque pulse with an open lash {come}; at the end the worst bed swings by "
         f"{number(lash.largest_swing, 2)} N·m rms, the vehicle by {number(lash.vehicle_swing, 2)} N·m."
