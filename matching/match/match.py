@@ -40,7 +40,7 @@ from matching.match.problem import (
 from matching.match.requirements import OPENED_SHAFTS
 from matching.match.responses import ComparedBed, ResponseError, SimpleVehicle, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult
-from matching.match.robustness import may_swing_on, not_kept, noted
+from matching.match.robustness import not_kept, noted
 from matching.match.search import solve
 from matching.match.targets import LEAST_SHARE_TO_MOVE, change_weight
 from matching.match.variables import CONTROLLER, RESIDUAL, RIG, SearchSettings
@@ -174,7 +174,7 @@ def judged(
     in_time = None if aside is None else aside.begin(simulate_deviations, tuned)
     standing = (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated) if settings.emulated else None
     checked = verify(tuned, case.rig, beds=count, seed=seed)
-    play = lashes(tuned) if settings.emulated or may_swing_on(checked) else None
+    play = lashes(tuned) if settings.emulated or checked.required.opened_shafts else None
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
     targets = target_results(problem, checked)

@@ -100,14 +100,10 @@ def _unstable_worst_bed(robust: Verification) -> list[str]:
     ]
 
 
-# Whether free play makes a bed swing on is decided in time, on nonlinear beds with play. That the bed is stable with
-# every share of its cut shafts' stiffness is what a search can ask for: a sufficient condition (describing function),
-# and no necessary one, since a swing passes through the shares at which it would grow faster than it grows there.
-
-
-def may_swing_on(robust: Verification) -> bool:
-    """Whether only a simulation in time can say that free play leaves the bed at rest, and the case asks for it."""
-    return robust.required.opened_shafts and bool(_opened(robust))
+# Whether free play makes a bed swing on is decided in time, on nonlinear beds with play. That the bed as planned is
+# stable with every share of its cut shafts' stiffness is what a search can ask for (describing function). It is not
+# necessary, since a swing passes through the shares at which it would grow faster than it grows there; and it is not
+# sufficient, since drawn beds have other shares, and a command at its limit of torque is less gain than the share says.
 
 
 def swings_on(robust: Verification, play: OpenLash | None) -> bool:
