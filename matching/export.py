@@ -299,14 +299,14 @@ class OpenedShaftRule:
     rows: tuple[OpenedShaft, ...]
 
 
-def opened_shaft_rule(case: Case, law: ControlLaw, lost_torque: float) -> OpenedShaftRule:
+def opened_shaft_rule(case: Case, law: ControlLaw, lost_torque: np.ndarray) -> OpenedShaftRule:
     """Design the rule of a controller.
 
     Parameters
     ----------
     case : Case
     law : ControlLaw
-    lost_torque : float
+    lost_torque : ndarray (k,)
         N·m: from this flange torque on the controller judges whether it is gone at once.
     """
     shafts = tuple(part.name for part in case.rig.shafts)
@@ -315,20 +315,21 @@ def opened_shaft_rule(case: Case, law: ControlLaw, lost_torque: float) -> Opened
         return OpenedShaftRule(nothing_watched(len(law.sensors), len(law.dynamometers)), np.zeros(0), without)
     beds = [watched_bed(case, law, case.uncertainty.at(at)) for at in case.uncertainty.spread(DRAWN_BEDS)]
     carried = watched_bed(case, law, {}).carried(shafts)
-    limit = case.limits.get("dynamometer_torque", NO_LIMIT)
-    scale = lost_torque if limit < NO_LIMIT else 0.0
+    limit = case.limits_of("torque")
+    limited = bool(np.isfinite(limit).all())
+    scale = float(lost_torque.max()) if limited else 0.0
     what, unwatched = None, _why_nothing_is_watched(case, law)
     rows, weights, least = [], [], []
     for shaft, of_flanges in zip(shafts, carried, strict=True):
-        if limit < NO_LIMIT and gone_at_once(beds, shaft, of_flanges):
-            rows.append(OpenedShaft(shaft, "lost_torque", float(np.abs(of_flanges).sum() * lost_torque)))
+        if limited and gone_at_once(beds, shaft, of_flanges):
+            rows.append(OpenedShaft(shaft, "lost_torque", float(np.abs(of_flanges) @ lost_torque)))
             continue
         if unwatched:
             rows.append(OpenedShaft(shaft, "", None, unwatched))
             continue
         if what is None:
             what = disturbances(case, beds, scale)
-        row, weights_of_shaft = _judged(beds, shaft, of_flanges, what, scale, limit)
+        row, weights_of_shaft = _judged(beds, shaft, of_flanges, what, scale, np.minimum(limit, NO_LIMIT))
         rows.append(row)
         if weights_of_shaft is not None:
             weights.append((shaft, weights_of_shaft, of_flanges))
@@ -352,7 +353,7 @@ def _why_nothing_is_watched(case: Case, law: ControlLaw) -> str:
 
 
 def _judged(
-    beds: Sequence[WatchedBed], shaft: str, of_flanges: np.ndarray, what: Disturbances, scale: float, limit: float
+    beds: Sequence[WatchedBed], shaft: str, of_flanges: np.ndarray, what: Disturbances, scale: float, limit: np.ndarray
 ) -> tuple[OpenedShaft, np.ndarray | None]:
     """A shaft's row, and its weights where an opening can be told from everything else."""
     if not of_flanges.any():
@@ -366,7 +367,7 @@ def _judged(
         return OpenedShaft(shaft, "", None, words), None
     noise = float(np.sqrt(np.sum((what.noise @ weights) ** 2)))
     reached = float(np.abs(what.steps @ weights).max(initial=0.0)) + NOISE_DEVIATIONS * noise
-    least, largest = max(reached / OPENED_SHARE, smallest), float(np.abs(of_flanges).sum()) * limit
+    least, largest = max(reached / OPENED_SHARE, smallest), float(np.abs(of_flanges) @ limit)
     if least > LARGEST_LEAST * largest:
         words = (
             f"noise and torques that are not as measured look like {reached:.3g} N·m lost, and it carries "
@@ -444,7 +445,7 @@ def exported_controller(case: Case) -> ExportedController:
     speeds = tuple(law.sensors.index(dynamometer.speed_sensor) for dynamometer in dynamometers)
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
     settings = _settings(parts, law, torques)
-    rule = opened_shaft_rule(case, law, float(settings.lost_torque.max()))
+    rule = opened_shaft_rule(case, law, settings.lost_torque)
     return ExportedController(
         f"Controller: {case.title or case.path}",
         law if case.operating_range is None else law_over_speed(case),
@@ -459,7 +460,7 @@ def exported_controller(case: Case) -> ExportedController:
 
 def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Settings:
     case, loop, k = parts.case, parts.case.loop, len(parts.case.loop.dynamometers)
-    torque = case.limits.get("dynamometer_torque", NO_LIMIT)
+    torque = np.minimum(case.limits_of("torque"), NO_LIMIT)
     speed = case.limits.get("dynamometer_speed", NO_LIMIT)
     bed, names, first = parts.bed, tuple(dynamometer.name for dynamometer in loop.dynamometers), len(loop.flanges)
     speeds = StateSpace(bed.A, bed.commands, bed.readings[first : first + k], np.zeros((k, k)), names, names)
@@ -473,16 +474,15 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
         float(loop.lags("inverter_lag").max()), loop["sample_time"],
     )  # fmt: skip
     unexpected = np.full(len(law.sensors), NO_LIMIT)
-    if torque < NO_LIMIT:
-        # a controller without a model of the rig expects nothing
-        expecting = [at for at in torques if at >= 0 and law.E[at].any()]
-        unexpected[expecting] = UNEXPECTED_TORQUE * torque
-    lost = LOST_TORQUE * torque if torque < NO_LIMIT else NO_LIMIT
+    for at, largest in zip(torques, torque, strict=True):
+        if largest < NO_LIMIT and at >= 0 and law.E[at].any():  # without a model of the rig nothing is expected
+            unexpected[at] = UNEXPECTED_TORQUE * largest
+    limited = torque < NO_LIMIT
     return Settings(
-        np.full(k, torque), np.full(k, speed), proportional, integral, np.full(k, lost),
+        torque, np.full(k, speed), proportional, integral, np.where(limited, LOST_TORQUE * torque, NO_LIMIT),
         np.array([dynamometer.torque_gain for dynamometer in loop.dynamometers]), unexpected,
         np.full(k, case.limits.get("dynamometer_power", NO_LIMIT)), *_curve(case),
-        np.full(k, CHECK_TORQUE_SHARE * torque if torque < NO_LIMIT else NO_LIMIT),
+        np.where(limited, CHECK_TORQUE_SHARE * torque, NO_LIMIT),
         np.full(k, CHECK_SPEED_SHARE * speed if speed < NO_LIMIT else NO_LIMIT),
     )  # fmt: skip
 

@@ -73,7 +73,8 @@ LIMITS = {
     "margin_from": "from where the margin counts; twice the highest target mode unless stated",
     "rolled_off": "largest \\|T\\| of the loop from `rolled_off_from` on; 0.5 unless stated",
     "rolled_off_from": "from where \\|T\\| counts; 100 Hz unless stated",
-    "command_noise": "largest rms torque that sensor noise may make; 2 % of `dynamometer_torque` unless stated",
+    "command_noise": "largest rms torque that sensor noise may make; 2 % of `dynamometer_torque` unless stated; "
+    '`"dynamometers.NAME.command_noise"` for one of them',
     "sensor_offset": "largest flange torque that an observer does not expect, a minute after every sensor is off by "
     "its uncertainty; 2 % of `dynamometer_torque` unless stated",
     "damping_ratio": "least damping ratio of any closed-loop mode; 0.01 unless stated",
@@ -81,7 +82,7 @@ LIMITS = {
     "of the target modes; 1/3 unless stated",
     "opened_shafts": "whether the bed has to stay stable with free play in the shafts at the cut; true unless stated, "
     "false where they have none",
-    "dynamometer_torque": "largest torque of a dynamometer",
+    "dynamometer_torque": 'largest torque of a dynamometer; `"dynamometers.NAME.torque"` where one has another',
     "dynamometer_speed": "largest speed",
     "dynamometer_power": "largest power",
 }

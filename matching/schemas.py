@@ -16,7 +16,7 @@ from typing import Any
 from matching import fidelity
 from matching import key_meanings as meanings
 from matching.match import case_file
-from matching.match.case import Target
+from matching.match.case import LIMITS_OF_ALL, Target
 from matching.match.requirements import LIMIT_UNITS, OPENED_SHAFTS, TORQUE_OVER_SPEED
 from matching.uncertainty import budget
 from matching.uncertainty.budget import NAMES as DISTRIBUTIONS
@@ -158,7 +158,8 @@ def _case() -> Schema:
         "response": table(response, ("compare",)),
         "manoeuvre": by_name(_manoeuvre()),
         "limits": table(limits | {TORQUE_OVER_SPEED: {"type": "array"}},
-                        patternProperties={r"^shafts\..+\.(torque|twist)$": VALUE}),
+                        patternProperties={r"^shafts\..+\.(torque|twist)$": VALUE,
+                                           rf"^dynamometers\..+\.({'|'.join(LIMITS_OF_ALL)})$": VALUE}),
         "move": by_name(table(
             dict.fromkeys(sorted(case_file.MOVE_KEYS), VALUE)
             | {"catalogue": {"type": "array", "minItems": 1, "items": VALUE}, "step": VALUE}, ("lower", "upper"),

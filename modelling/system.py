@@ -7,7 +7,7 @@ import functools
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from modelling import display
@@ -587,6 +587,16 @@ class System(Components):
 
     def __post_init__(self) -> None:
         check(self)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @functools.cached_property
+    def _hash(self) -> int:  # every component is hashed for it, and each look-up of the compiled model asks for it
+        return hash(tuple(getattr(self, own.name) for own in fields(self)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_hash"}  # texts hash by process
 
     @functools.cached_property
     def units(self) -> dict[str, str]:

@@ -57,7 +57,8 @@ def keys_page() -> str:
             "reach the controller beside the dynamometers'), `fixed` (true: no search moves the controller), and:", "",
             *_quantities(HARDWARE), "", *structures,
             _table("[limits]", [*LIMIT_UNITS, OPENED_SHAFTS], LIMITS, LIMIT_UNITS),
-            'Also `"shafts.NAME.torque"` (N·m) and `"shafts.NAME.twist"` (rad) of every shaft of the rig, and '
+            'Also `"shafts.NAME.torque"` (N·m) and `"shafts.NAME.twist"` (rad) of every shaft of the rig, '
+            '`"dynamometers.NAME.torque"` and `"dynamometers.NAME.command_noise"` (N·m) of one dynamometer, and '
             "`dynamometer_torque_over_speed`, pairs of speed and torque.", "",
             _table("[operating_point]", OPERATING_POINT, OPERATING),
             "## Channel file", "", _table("[channels] NAME", channels.KEYS, CHANNEL),

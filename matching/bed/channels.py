@@ -183,16 +183,18 @@ def _pulses(case: Case, settings: ChannelSettings, step: float) -> np.ndarray:
 
 
 def _largest(case: Case, name: str, driven: bool, settings: ChannelSettings) -> float:
-    limit, torques = case.limits.get("dynamometer_torque"), case.manoeuvre
-    if driven and limit:
+    inputs, torques = [dynamometer.torque_input for dynamometer in case.loop.dynamometers], case.manoeuvre
+    limits = case.limits_of("torque")
+    limit = float(limits[inputs.index(name)] if driven else limits.min())
+    if driven and limit < np.inf:
         return CHECK_TORQUE_SHARE * limit
     sizes = {source: drive.largest for source, drive in torques.items()}
-    if not sizes and not limit:
+    if not sizes and limit == np.inf:
         raise InputError(
             f"{case.path or 'case'}: limits.dynamometer_torque", "is missing",
             "state it: the check of the channels stays below a tenth of it",
         )  # fmt: skip
-    return settings.motor_share * (sizes.get(name) or max(sizes.values(), default=limit or 0.0))
+    return settings.motor_share * (sizes.get(name) or max(sizes.values(), default=limit))
 
 
 def _answers(system: System, torques: np.ndarray, inputs: Sequence[str], step: float, case: Case) -> np.ndarray:
@@ -953,5 +955,5 @@ def _zero_limit(
     """Largest reading at rest, SI, that counts as none."""
     if uncertainty:
         return settings.offset_ratio * uncertainty
-    limit = case.limits.get("dynamometer_torque" if quantity == "torque" else "dynamometer_speed")
-    return settings.offset_share * (limit if limit else float(np.ptp(model)))
+    limit = case.limits_of("torque").min() if quantity == "torque" else case.limits.get("dynamometer_speed", np.inf)
+    return settings.offset_share * float(limit if limit < np.inf else np.ptp(model))

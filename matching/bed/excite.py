@@ -429,7 +429,9 @@ class ExcitationLimits:
             np.abs(steady[0] + scale * moved.command[0]), np.abs(steady[0] + scale * moved.command[1])
         )
         shares = {"slowest rotor": float((1 - lowest[:, self._speed_rows].min() / self.speed) / (1 - SLOWEST))}
-        peaks = {"dynamometer_torque": commands.max(), "dynamometer_speed": largest[self._speed_rows].max()}
+        if np.isfinite(largest_torques := case.limits_of("torque")).any():
+            shares["dynamometer_torque"] = float((commands / largest_torques).max())
+        peaks = {"dynamometer_speed": largest[self._speed_rows].max()}
         if "dynamometer_power" in limits or case.torque_curve is not None:
             torques, speeds = steady[0] + scale * moved.commands, self.speed + scale * moved.speeds
             peaks["dynamometer_power"] = np.abs(torques * speeds).max()
@@ -795,8 +797,9 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
 def check_order(case: Case, order: ExcitationOrder) -> None:
     """Whether a case holds what a plan needs, and an order can be met."""
     check_demanded(case, order.largest)
-    for name in ("dynamometer_torque", "dynamometer_speed"):
-        if name not in case.limits:
+    stated = np.isfinite(case.limits_of("torque")).all(), "dynamometer_speed" in case.limits
+    for name, there in zip(("dynamometer_torque", "dynamometer_speed"), stated, strict=True):
+        if not there:
             raise InputError(
                 f"{case.path}: limits.{name}", "is missing", "an excitation is planned within the bed's limits"
             )
@@ -837,7 +840,7 @@ def _signals(
     low = _lowest(case, order)
     high = min(HIGHEST_TIMES_BAND * case.band[1], HIGHEST_TIMES_SAMPLING / step)
     allowed = 1 - order.margin
-    sizes = np.concatenate([np.full(len(case.loop.dynamometers), case.limits["dynamometer_torque"]), limits.demanded])
+    sizes = np.concatenate([case.limits_of("torque"), limits.demanded])
     usable = [j for j, size in enumerate(sizes) if size > 0]
     lasts = SHARES[0][1] * order.duration
     lines = np.unique(np.round(np.geomspace(low, high, LINES) * lasts)) / lasts

@@ -227,7 +227,7 @@ def _check(case: Case, bed: RecordedBed, names: tuple[str, ...], demanded: np.nd
     for name in names:
         if name in bed.inputs and demanded[bed.inputs.index(name) - k] == 0:
             raise InputError(f"manoeuvre.{name}", "is missing", "its largest torque says how large the proof may be")
-        if name not in bed.inputs and "dynamometer_torque" not in case.limits:
+        if name not in bed.inputs and np.isinf(case.limits_of("torque")).any():
             raise InputError("limits.dynamometer_torque", "is missing", f"it says how large {name} may be in the proof")
 
 
@@ -420,8 +420,7 @@ class _Shaping:
         """Root sum of squares (l,) of the shares of the limits that a torque of 1 N·m uses, on the bed as planned."""
         case, bed = self.case, self.bed
         outputs, total = np.abs(self.beds.outputs[0][:, :, e]) ** 2, np.zeros(len(self.lines))
-        if "dynamometer_torque" in case.limits:
-            total += (np.abs(self.beds.commands[0][:, :, e]) ** 2).sum(axis=1) / case.limits["dynamometer_torque"] ** 2
+        total += ((np.abs(self.beds.commands[0][:, :, e]) / case.limits_of("torque")) ** 2).sum(axis=1)
         rotors = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in case.loop.dynamometers]
         total += outputs[:, rotors].sum(axis=1) / ((1 - SLOWEST) * self.limits.speed) ** 2
         limited = [f"shafts.{shaft}.{what}" for what in ("torque", "twist") for shaft in bed.shafts]

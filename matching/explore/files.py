@@ -630,7 +630,11 @@ class CaseForm:
     def statable(self) -> dict[str, str]:
         """Units of limits that the case might state and does not, by their key."""
         stated = self.document.content.get("limits", {})
-        return {key: si for key, si in limit_units(self.case.rig).items() if key not in stated}
+        return {
+            key: si
+            for key, si in limit_units(self.case.rig, self.document.content.get("dynamometers", {})).items()
+            if key not in stated
+        }
 
     def set(self, keys: Keys, text: str) -> None:
         """Write the field at ``keys``; raises ``InputError`` where the case is wrong with it; then nothing changed."""

@@ -158,6 +158,17 @@ class Case:
                 f"end it below, or sample faster (loop.sample_time = {self.loop['sample_time']:g} s)",
             )
 
+    def limit_key(self, dynamometer: str, what: str) -> str:
+        """The key of ``limits`` that holds for a dynamometer: its own, else that of all; ``torque`` or a figure of the
+        loop."""
+        own = own_limit(dynamometer, what)
+        return own if own in self.limits else LIMITS_OF_ALL.get(what, what)
+
+    def limits_of(self, what: str) -> np.ndarray:
+        """``torque`` (N·m) or another limit of every dynamometer (k,), SI; infinite where the case states none."""
+        keys = [self.limit_key(dynamometer.name, what) for dynamometer in self.loop.dynamometers]
+        return np.array([self.limits.get(key, np.inf) for key in keys])
+
     @property
     def largest_torque(self) -> float:
         """Largest torque of the manoeuvre, N·m; 0 without one."""
@@ -174,6 +185,16 @@ class Case:
 
     def _repr_html_(self) -> str:
         return display.html(self)
+
+
+# --- Limits that one dynamometer has for itself.
+
+LIMITS_OF_ALL = {"torque": "dynamometer_torque", "command_noise": "command_noise"}  # by what a dynamometer's own limits
+
+
+def own_limit(dynamometer: str, what: str) -> str:
+    """The key of a dynamometer's own limit."""
+    return f"dynamometers.{dynamometer}.{what}"
 
 
 # --- Tables and texts of a case file, checked.

@@ -12,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from matching.match.box import read_uncertainty, uncertainty_table
-from matching.match.case import ERROR_SCALES, Case, Compared, Move, Target, table_of, text_of
+from matching.match.case import ERROR_SCALES, LIMITS_OF_ALL, Case, Compared, Move, Target, own_limit, table_of, text_of
 from matching.match.operating_range import range_tables, read_range, trace_file, turning_as, with_point_in_range
 from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
 from modelling.bed.bed import HARDWARE, OWN_TIMES, Dynamometer, Loop
@@ -214,6 +214,10 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
         for key in set(HARDWARE) - set(OWN_TIMES):
             if isinstance(tables[name], dict) and key in tables[name]:
                 raise _one_for_all(f"{where}: {place}.{key}", key)
+        for what, key in LIMITS_OF_ALL.items():
+            if isinstance(tables[name], dict) and (stated := {what, key} & set(tables[name])):
+                own = f'"{own_limit(name, what)}"'
+                raise InputError(f"{where}: {place}.{min(stated)}", "is a limit", f"write {own} = … under [limits]")
         table = table_of(tables, name, f"{where}: dynamometers", {*DYNAMOMETER_KEYS, "torque_gain", *OWN_TIMES})
         keys = [key for key in DYNAMOMETER_KEYS if key != MAY_LACK or key in table]
         texts = {key: text_of(table, key, f"{where}: {place}") for key in keys}

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
-from matching.match.case import Case
+from matching.match.case import LIMITS_OF_ALL, Case, own_limit
 from matching.match.requirements import TORQUE_OVER_SPEED
 from modelling.bed.vehicle import TorqueCurve
 from modelling.linear.state_space import discretise
@@ -195,7 +195,8 @@ class Demands:
             yield one(dynamometer, f"shafts.{shaft}.twist", torque / stiffness)
         for dynamometer, torque in loads.torques.items():
             speed = loads.speeds[dynamometer]
-            yield one(dynamometer, "dynamometer_torque", torque)
+            own = own_limit(dynamometer, "torque")
+            yield one(dynamometer, own if own in self.limits else LIMITS_OF_ALL["torque"], torque)
             yield one(dynamometer, "dynamometer_power", torque * speed)
             if self.torque_curve is not None:
                 yield one(dynamometer, TORQUE_OVER_SPEED, torque / self.torque_curve.at(speed))

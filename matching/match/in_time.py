@@ -277,7 +277,7 @@ def bed_motions(
     systems = [perturbed_system(case.rig, run.imperfection, case) for run in runs]
     beds = NonlinearBeds(systems, loop, loop.dynamometers, [hardware(case, run.imperfection) for run in runs])
     drives = stacked([acting(case, run) for run in runs], beds.drives)
-    limit, held = case.limits.get("dynamometer_torque", np.inf), torques_of(case.rig)
+    limit, held = case.limits_of("torque")[:, None], torques_of(case.rig)
     trim = np.array([held[dynamometer.torque_input] for dynamometer in loop.dynamometers])[:, None]
     running = RunningLaw(
         law, [beds.model.sensors.index(name) for name in law.sensors],
@@ -319,14 +319,44 @@ def _sensing(case: Case, law: ControlLaw, runs: Sequence[BedRun], seed: int) -> 
 
 # --- Whether a bed swings on in an open lash where the vehicle comes to rest.
 
-LASHES_RAD = (np.radians(0.5), np.radians(5.0))  # of a drive's whole lash, from new to worn
-DRAWN = 10
-AS_PLANNED = 3  # runs of the bed as planned, from the least lash to the largest
-LASH_S = 5.0  # of a run: a bed whose swing dies out has come to rest
-PULSE_S = (0.2, 0.3)  # torque that closes the lash, and leaves it open
-JUDGED_S = 0.5  # at the end
-EXCESS = 0.02  # of the vehicle's range, by which the bed's torque swings more than the vehicle's
-DECAYING = 0.95  # swing over that of the half second before: below it the bed comes to rest as well
+
+@dataclass(frozen=True)
+class FreePlay:
+    """How beds with free play are judged in time.
+
+    Attributes
+    ----------
+    gaps : (float, float)
+        rad, whole lash of every shaft at the cut: of a drive from new (0.5°) to worn (5°).
+    drawn : int
+        Beds drawn from the case's box with drawn gaps: where none of thirteen swings on, fewer than 21 % of all beds do
+        (95 %).
+    as_planned : int
+        Runs of the bed as planned, from the least gap to the largest: a swing grows with its gap.
+    duration : float
+        s of a run: a swing of 1 Hz with a damping ratio of 0.05 is a fifth of itself in one second.
+    pulse : (float, float)
+        s, begin and end of the torque that closes the gap and then leaves it open.
+    judged : float
+        s at the end, over which the swing is taken: half a period of the slowest swing, 1 Hz.
+    rest : float
+        Of the range of the vehicle's torque, by which the bed's may swing more than the vehicle's: what swings by less
+        is below what a response error of 0.1 allows.
+    decaying : float
+        Swing over that of the time before, below which the bed is still coming to rest.
+    """
+
+    gaps: tuple[float, float] = (float(np.radians(0.5)), float(np.radians(5.0)))
+    drawn: int = 10
+    as_planned: int = 3
+    duration: float = 5.0
+    pulse: tuple[float, float] = (0.2, 0.3)
+    judged: float = 0.5
+    rest: float = 0.02
+    decaying: float = 0.95
+
+
+FREE_PLAY = FreePlay()
 
 
 @dataclass(frozen=True)
@@ -345,31 +375,39 @@ class OpenLash:
     limit_cycles: int
     largest_swing: float
     vehicle_swing: float
+    settings: FreePlay = field(default=FREE_PLAY, repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {name: value for name, value in vars(self).items() if name != "settings"}
 
     def words(self) -> str:
         """What the beds do."""
-        low, high = np.degrees(LASHES_RAD)
+        low, high = np.degrees(self.settings.gaps)
         said = (
             f"{self.limit_cycles or 'none'} of {self.drawn} beds with {low:.2g}° to {high:.2g}° of free play in the "
             "cut shafts, as planned and drawn, "
         )
         if not self.limit_cycles:
-            return f"{said}swings on after a pulse"
+            return (
+                f"{said}swings on after a pulse by more than {self.settings.rest:.0%} of the range of the vehicle's "
+                f"torque; the largest swing left is {self.largest_swing:.2g} N·m rms"
+            )
         return f"{said}swing on after a pulse, by up to {self.largest_swing:.3g} N·m rms"
 
 
 def lash_runs(
-    case: Case, torques: Mapping[str, np.ndarray], known: tuple[str, ...], seed: int, count: int = DRAWN
+    case: Case, torques: Mapping[str, np.ndarray], known: tuple[str, ...], seed: int, settings: FreePlay = FREE_PLAY
 ) -> list[BedRun]:
-    """A pulse at the input of the rig that the manoeuvre drives hardest, on ``count`` drawn beds with drawn lashes.
+    """A pulse at the input of the rig that the manoeuvre drives hardest, on drawn beds with drawn gaps.
 
     ``torques`` are those of the manoeuvre, (t,) in N·m by input.
     """
     pulse = _pulse(case, torques, len(next(iter(torques.values()))))
     if not pulse:
         return []
-    gaps = np.random.default_rng(seed).uniform(*LASHES_RAD, count)
-    beds = case.uncertainty.draw(count, seed + 1)
+    gaps = np.random.default_rng(seed).uniform(*settings.gaps, settings.drawn)
+    beds = case.uncertainty.draw(settings.drawn, seed + 1)
     return [
         BedRun(Imperfection("open lash", case.uncertainty.at(bed), float(gap)), pulse, known)
         for bed, gap in zip(beds, gaps, strict=True)
@@ -387,29 +425,33 @@ def _pulse(case: Case, torques: Mapping[str, np.ndarray], count: int) -> dict[st
         return {}
     name, time = max(sizes, key=lambda name: sizes[name]), np.arange(count) * case.loop["sample_time"]
     size = sizes[name] or max(float(np.abs(torque).max()) for torque in torques.values())
-    return {name: size * ((time >= PULSE_S[0]) & (time < PULSE_S[1]))}
+    return {name: size * ((time >= FREE_PLAY.pulse[0]) & (time < FREE_PLAY.pulse[1]))}
 
 
 def open_lash(
-    vehicles: Sequence[np.ndarray], beds: Sequence[BedMotion | None], at: Sequence[int], step: float
+    vehicles: Sequence[np.ndarray],
+    beds: Sequence[BedMotion | None],
+    at: Sequence[int],
+    step: float,
+    settings: FreePlay = FREE_PLAY,
 ) -> OpenLash:
     """Judge vehicles (t, y) and beds of lashes by the readings ``at``, torques at the cuts; ``step`` in s."""
-    count = min(round(JUDGED_S / step), len(vehicles[0]) // 2)
+    count = min(round(settings.judged / step), len(vehicles[0]) // 2)
     before, last = slice(-2 * count, -count), slice(-count, None)
     swings, limit_cycles = [], 0
     for vehicle, bed in zip(vehicles, beds, strict=True):
         of_vehicle, of_bed = _swing(vehicle[last][:, at]), np.inf
         if bed is not None:
             of_bed = _swing(bed.readings[last][:, at])
-            decaying = of_bed < DECAYING * _swing(bed.readings[before][:, at])
-            least = of_vehicle + EXCESS * float(np.ptp(vehicle[:, at], axis=0).max())
+            decaying = of_bed < settings.decaying * _swing(bed.readings[before][:, at])
+            least = of_vehicle + settings.rest * float(np.ptp(vehicle[:, at], axis=0).max())
         limit_cycles += bed is None or (of_bed > least and not decaying)
         swings.append((of_bed, of_vehicle))
     worst = max(swings, key=lambda pair: pair[0] - pair[1])
-    return OpenLash(len(beds), limit_cycles, *worst)
+    return OpenLash(len(beds), limit_cycles, *worst, settings)
 
 
-def lashes(case: Case, seed: int = 0) -> OpenLash | None:
+def lashes(case: Case, seed: int = 0, settings: FreePlay = FREE_PLAY) -> OpenLash | None:
     """What free play in the cut shafts does on a tuned case's bed as planned and on drawn ones, in time.
 
     None where the controller gives no torque, where no input but the dynamometers' could move the bed, and where a
@@ -420,16 +462,18 @@ def lashes(case: Case, seed: int = 0) -> OpenLash | None:
     try:
         law, (torques, _) = control_law(linear_bed(case)), manoeuvre_torques(linear_bed(case))
         largest = {name: float(np.abs(torque).max()) for name, torque in torques.items()}
-        count = round(LASH_S / law.sample_time)
+        count = round(settings.duration / law.sample_time)
         case, cuts = with_cut_torques(case)
         known = tuple(name for name in law.known if name in {part.name for part in case.rig.inputs})
-        runs = lash_runs(case, {name: np.full(count, size) for name, size in largest.items()}, known, seed)
+        runs = lash_runs(case, {name: np.full(count, size) for name, size in largest.items()}, known, seed, settings)
         if not runs:
             return None
-        planned = (Imperfection("open lash", gap=float(gap)) for gap in np.geomspace(*LASHES_RAD, AS_PLANNED))
+        planned = (
+            Imperfection("open lash", gap=float(gap)) for gap in np.geomspace(*settings.gaps, settings.as_planned)
+        )
         runs += [replace(runs[0], imperfection=each) for each in planned]
         beds = bed_motions(case, law, runs, cuts, seed)
-        return open_lash(vehicle_motions(case, runs, cuts), beds, range(len(cuts)), law.sample_time)
+        return open_lash(vehicle_motions(case, runs, cuts), beds, range(len(cuts)), law.sample_time, settings)
     except (NoDesign, SimulationError):
         return None
 
@@ -473,7 +517,7 @@ def standstill(
     pulse = _pulse(case, torques, round(COME_TO_REST_S / law.sample_time))
     if not pulse or case.rig.operating_point is not None:
         return None
-    back = round((PULSE_S[1] - PULSE_S[0]) / law.sample_time)
+    back = round((FREE_PLAY.pulse[1] - FREE_PLAY.pulse[0]) / law.sample_time)
     both = {name: torque - np.roll(torque, back) for name, torque in pulse.items()}
     runs = [BedRun(Imperfection("", encoders=encoders), both, known) for encoders in (True, False)]
     case, _ = with_cut_torques(case)

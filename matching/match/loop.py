@@ -430,6 +430,12 @@ class BedSet:
     commanded: np.ndarray
     vehicle: np.ndarray
 
+    def at(self, part: slice) -> BedSet:
+        """The same at some of the frequencies."""
+        names = ("held", "read", "answered", "commanded", "vehicle")
+        parts = {name: getattr(self, name)[:, part] for name in names}
+        return replace(self, frequencies=self.frequencies[part], **parts)
+
 
 def sampled_beds(case: Case, values: Sequence[Mapping[str, float]]) -> SampledBeds:
     """Beds with these values (SI, by name; :func:`bed_of`)."""

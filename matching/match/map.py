@@ -16,7 +16,7 @@ from matching.match.beds import quantile
 from matching.match.case import ERROR_SCALES, Case, apply
 from matching.match.case_file import Movable, case_files, movable
 from matching.match.demands import demands
-from matching.match.match import match
+from matching.match.match import attempt, judged, match
 from matching.match.requirements import OPENED_SHAFTS
 from matching.match.result import MatchResult
 from matching.match.robustness import of_beds, swings_on
@@ -261,13 +261,12 @@ def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Ne
         return None
     settings = replace(OF_A_POINT, rounds=1, joint_rounds=1)
     try:
-        result = match(
-            held_at(held_at(case, *x), *y), ordering=False, begins=near.solutions,
-            settings=settings,
-        )  # fmt: skip
+        found = attempt(held_at(held_at(case, *x), *y), ordering=False, begins=near.solutions, settings=settings)
+        if not near.beaten_by(found.solution.cost):
+            return None
+        return _point(x[1], y[1], judged(found, ordering=False))
     except NoDesign:
         return None
-    return _point(x[1], y[1], result) if near.beaten_by(result.objective) else None
 
 
 def _point(x: float, y: float, result: MatchResult) -> Point:

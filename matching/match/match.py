@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -43,7 +43,7 @@ from matching.match.range_search import RangeSearch
 from matching.match.requirements import OPENED_SHAFTS
 from matching.match.responses import ComparedBed, ResponseError, SimpleVehicle, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult
-from matching.match.robustness import may_swing_on, not_kept, noted
+from matching.match.robustness import not_kept, noted
 from matching.match.search import solve
 from matching.match.targets import LEAST_SHARE_TO_MOVE, change_weight
 from matching.match.variables import CONTROLLER, RESIDUAL, RIG, SearchSettings
@@ -70,6 +70,58 @@ LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start st
 # the first one by its reserve; where it ends elsewhere, three per cent more are no other bed to an engineer.
 ABOVE_THE_ERROR = (0.01, 0.03)
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A case that was searched and not yet judged.
+
+    Attributes
+    ----------
+    problem : MatchProblem
+    simple : SimpleVehicle or None
+        The case's own residual vehicle as fitted.
+    settings : SearchSettings
+        The effort that the case is worth, and ``short``, what is to be said of it.
+    solution : Solution
+        Not verified.
+    settled : Ordered
+    fresh : Fresh
+        The beds that judge it.
+    begun : float
+        When it began, by :func:`time.perf_counter`.
+    """
+
+    problem: MatchProblem
+    simple: SimpleVehicle | None
+    settings: SearchSettings
+    short: list[str]
+    solution: Solution
+    settled: Ordered
+    fresh: Fresh
+    begun: float
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def attempt(
+    case: Case, seed: int = 0, starts: int | None = None, progress: Progress | None = None, *, beds: int | None = None,
+    aside: SideProcesses | None = None, ordering: bool = True, begins: Sequence[Mapping[str, float]] = (),
+    settings: SearchSettings | None = None,
+) -> Attempt:  # fmt: skip
+    """The search of :func:`match` alone, whose parameters it has."""
+    begun = time.perf_counter()
+    tell = progress or (lambda _: None)
+    check_sliding(case)
+    case, simple = fitted_simple_vehicle(case)
+    problem = problem_of(case)
+    tell("vehicle, rig and manoeuvre")
+    if aside is not None:
+        aside.start()
+    settings, short = _effort(case, settings or SearchSettings(), simple)
+    settings = settings if starts is None else replace(settings, starts=min(starts, settings.starts))
+    fresh = Fresh(settings.fresh if beds is None else beds, seed)
+    solution, settled = _solved(problem, settings, fresh, tell, ordering, begins)
+    return Attempt(problem, simple, settings, short, solution, settled, fresh, begun)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -107,23 +159,25 @@ def match(
         ``status`` is ``matched`` only if every target is met, in the closed loop and in the simulation, every limit is
         kept, every bed is stable and damped, and every check of stability agrees.
     """
-    begin = time.perf_counter()
+    found = attempt(
+        case, seed, starts, progress, beds=beds, aside=aside, ordering=ordering, begins=begins, settings=settings
+    )
+    return judged(found, progress, aside=aside, ordering=ordering)
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def judged(
+    found: Attempt, progress: Progress | None = None, *, aside: SideProcesses | None = None, ordering: bool = True
+) -> MatchResult:
+    """The rest of :func:`match`: a search's end verified, judged on fresh beds and in time, with what limits it."""
     tell = progress or (lambda _: None)
-    check_sliding(case)
-    case, simple = fitted_simple_vehicle(case)
-    problem = problem_of(case)
-    tell("vehicle, rig and manoeuvre")
-    if aside is not None:
-        aside.start()
-    settings, short = _effort(case, settings or SearchSettings(), simple)
-    settings = settings if starts is None else replace(settings, starts=min(starts, settings.starts))
-    count = settings.fresh if beds is None else beds
-    solution, settled = _solved(problem, settings, Fresh(count, seed), tell, ordering, begins)
-    tuned = solution.tuned
+    problem, simple, settings, short = found.problem, found.simple, found.settings, found.short
+    solution, settled, count, seed = found.solution, found.settled, found.fresh.count, found.fresh.seed
+    case, tuned = problem.case, solution.tuned
     in_time = None if aside is None else aside.begin(simulate_deviations, tuned)
     standing = (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated) if settings.emulated else None
     checked = verify(tuned, case.rig, beds=count, seed=seed)
-    play = lashes(tuned) if settings.emulated or may_swing_on(checked) else None
+    play = lashes(tuned) if settings.emulated or checked.required.opened_shafts else None
     over_range = driving(tuned, seed) if case.operating_range is not None and settings.emulated else None
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
@@ -178,16 +232,16 @@ def match(
         lash=play,
         driving=over_range,
         simulated_in_time=None if in_time is None else in_time.result(),
-        seconds=time.perf_counter() - begin,
+        seconds=time.perf_counter() - found.begun,
     )
     # where adapters are ordered as well, a whole match more takes too long for a sentence
     of_rig = any(move.name.startswith(RIG) for move in problem.moves)
     if ordering and settings.remedies and not short and not of_rig and any(too_large(case, error)):
         given = replace(settings, remedies=False, decides=True)
         limited = replace(case, limits={**case.limits, **relaxed.limits})
-        said = _with_larger_tolerances(limited, result, lambda one: match(one, seed, beds=beds, settings=given))
+        said = _with_larger_tolerances(limited, result, lambda one: match(one, seed, beds=count, settings=given))
         tell("larger tolerances")
-        result = replace(result, limits=(*result.limits, *said), seconds=time.perf_counter() - begin)
+        result = replace(result, limits=(*result.limits, *said), seconds=time.perf_counter() - found.begun)
     return with_simple_vehicle(result, simple)
 
 

@@ -395,7 +395,7 @@ class Search:
 
     def requirement_margins(self, x: np.ndarray, at: Point) -> list[np.ndarray]:
         """Of damping, of own poles, manoeuvre, noise, offsets, roll-off, margin, targets, errors as planned."""
-        settings, plan, allowed = self.settings, at.hardware.plan, self.required.command_noise
+        settings, plan, allowed = self.settings, at.hardware.plan, np.array(self.required.command_noise)
         margin, rolled_off = counted(plan, self.required)
         noise = command_noise(at.curves, plan.every.frequencies)
         own = self.slowest_own_rate(at)[0]
@@ -403,7 +403,7 @@ class Search:
             1 + self.damping_margins(at.poles, at.active) - self.damping_shares(),
             np.zeros(0) if own is None else np.array([own / self.own_rate - 1]),
             1 - (1 + settings.reserve) * self.demands.shares(rig_values(at.hardware.case)),
-            np.ones(len(noise)) if allowed is None else 1 - (1 + settings.reserve) * noise / allowed,
+            1 - (1 + settings.reserve) * noise / allowed,
             self._offset_margins(at),
             1 - (1 + settings.reserve) * at.curves.closed[rolled_off] / self.required.rolled_off,
             at.curves.margin[margin] / (self.required.modulus_margin * (1 + settings.reserve)) - 1,
@@ -413,8 +413,8 @@ class Search:
 
     def _offset_margins(self, at: Point) -> np.ndarray:
         """Of what offsets of the sensors make an observer expect."""
-        offsets, allowed = at.offsets, self.required.sensor_offset
-        if offsets is None or allowed is None:
+        offsets, allowed = at.offsets, np.array(self.required.sensor_offset)
+        if offsets is None:
             return np.zeros(0)
         return 1 - (1 + self.settings.reserve) * offsets.torque / allowed
 
@@ -707,7 +707,8 @@ def _loop_rows(
     ``sides`` are what stands left and right of the change in the controller's response, ``of_margin`` the same where
     the margin is looked at: at a minimum over frequency its place does not count.
     """
-    settings, plan, curves, allowed = search.settings, at.hardware.plan, at.curves, search.required.command_noise
+    settings, plan, curves = search.settings, at.hardware.plan, at.curves
+    allowed = np.array(search.required.command_noise)
     margin, rolled_off = counted(plan, search.required)
     f, held = plan.every.frequencies, plan.every.held[0]
     y = held.shape[1]
@@ -717,13 +718,12 @@ def _loop_rows(
     noisy = np.eye(y) * plan.uncertainty + held @ curves.noise
     power = command_noise(curves, f)
     noise = np.zeros((len(power), len(change)))
-    if allowed is not None:
-        for k in range(len(power)):
-            pull = np.einsum(
-                "f,fj,fy,fly->fjl", noise_weights(f), inverse[:, k], curves.noise[:, k].conj(), noisy, optimize=True
-            )
-            total = np.einsum("fji,fjl,fml->im", left, pull, readings, optimize=True).real
-            noise[k] = -(1 + settings.reserve) / allowed * np.tensordot(change, total, 2) / power[k]
+    for k in np.flatnonzero(np.isfinite(allowed)).tolist():
+        pull = np.einsum(
+            "f,fj,fy,fly->fjl", noise_weights(f), inverse[:, k], curves.noise[:, k].conj(), noisy, optimize=True
+        )
+        total = np.einsum("fji,fjl,fml->im", left, pull, readings, optimize=True).real
+        noise[k] = -(1 + settings.reserve) / allowed[k] * np.tensordot(change, total, 2) / power[k]
     u, _, v = np.linalg.svd(inverse - np.eye(inverse.shape[-1]))
     before = np.einsum("fk,fkl,fli->fi", u[:, :, 0].conj(), inverse, left)
     after = np.einsum("fml,fly,fyj,fj->fm", readings, held, inverse, v[:, 0].conj(), optimize=True)
@@ -732,15 +732,15 @@ def _loop_rows(
     before = np.einsum("fk,fki->fi", u[:, :, -1].conj(), of_margin[0])
     after = np.einsum("fml,fly,fy->fm", of_margin[1][..., :y], curves.held, v[:, -1].conj(), optimize=True)
     least = -_products(before[margin], change, after[margin]).real
-    offsets, allowed = at.offsets, search.required.sensor_offset
+    offsets, allowed = at.offsets, np.array(search.required.sensor_offset)
     of_offsets = np.zeros((0, len(change)))
-    if offsets is not None and allowed is not None:
+    if offsets is not None:
         o, states, y_all, k = at.controller.reached, len(at.controller.A), change.shape[2], len(power)
         flanges = len(offsets.torque)
         before, after = np.zeros((flanges, states + k)), np.zeros((flanges, y_all))
         before[:, :o], before[:, states:] = offsets.left[:, :o], offsets.left[:, o:]
         after[:, :o], after[:, states : states + y] = offsets.right[:, :o], offsets.right[:, o:]
-        of_offsets = -(1 + settings.reserve) / allowed * _products(before, change, after)
+        of_offsets = -(1 + settings.reserve) / allowed[:, None] * _products(before, change, after)
     return [
         noise, of_offsets, -(1 + settings.reserve) * closed / search.required.rolled_off,
         least / (search.required.modulus_margin * (1 + settings.reserve)), _target_rows(search, at, change),

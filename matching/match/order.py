@@ -350,4 +350,5 @@ def _rated_torque(case: Case, name: str) -> float | None:
     place, _, quantity = name.removeprefix(RIG).rpartition(".")
     if quantity != "stiffness" or not place.startswith("shafts."):
         return None
-    return case.limits.get(f"{place}.torque", case.limits.get("dynamometer_torque"))
+    largest = float(case.limits_of("torque").max())
+    return case.limits.get(f"{place}.torque", largest if np.isfinite(largest) else None)

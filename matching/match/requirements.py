@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from matching.match.case import Case, table_of
+from matching.match.case import LIMITS_OF_ALL, Case, own_limit, table_of
 from matching.match.targets import target_modes
 from modelling.bed.vehicle import TorqueCurve, read_torque_curve
 from modelling.errors import InputError, unknown
@@ -46,10 +46,11 @@ OFFSET_SHARE = 0.02  # of the same, a twentieth of what ends an emulation: ``sen
 TORQUE_OVER_SPEED = "dynamometer_torque_over_speed"  # as a limit: 1, on the share of the curve that is used
 
 
-def limit_units(rig: System) -> dict[str, str]:
+def limit_units(rig: System, dynamometers: Iterable[str] = ()) -> dict[str, str]:
     """Unit of every limit that a case may state, by its key; but for the torque over speed, which is a list."""
     return (
         LIMIT_UNITS
+        | {own_limit(name, what): LIMIT_UNITS[key] for name in dynamometers for what, key in LIMITS_OF_ALL.items()}
         | {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts}
         | {f"shafts.{part.name}.twist": "rad" for part in rig.shafts}
     )
@@ -58,7 +59,7 @@ def limit_units(rig: System) -> dict[str, str]:
 def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[str, float], TorqueCurve | None]:
     """Limits by key, SI, and the dynamometers' torque over speed; its last speed limits the speed."""
     table = table_of(data, "limits", where)
-    units = limit_units(rig)
+    units = limit_units(rig, table_of(data, "dynamometers", where))
     limits = dict(DEFAULT_LIMITS)
     curve = None
     for key, value in table.items():
@@ -105,11 +106,11 @@ class Requirements:
         Least singular value of I + L, and from where it counts, Hz.
     rolled_off, rolled_off_from : float
         Largest abs(T), and from where it counts, Hz.
-    command_noise : float or None
-        N·m rms.
-    sensor_offset : float or None
+    command_noise : tuple of float (k)
+        N·m rms of every dynamometer, infinite where the case states no limit.
+    sensor_offset : tuple of float (f)
         N·m: how far a flange torque may be from what an observer expects, a minute after every sensor is off by its
-        uncertainty.
+        uncertainty; infinite without a limit.
     opened_shafts : bool
         Whether an observer has to keep beds stable whose cut shafts free play opens (:mod:`matching.match.opened`).
     """
@@ -120,8 +121,8 @@ class Requirements:
     margin_from: float
     rolled_off: float
     rolled_off_from: float
-    command_noise: float | None
-    sensor_offset: float | None = None
+    command_noise: tuple[float, ...]
+    sensor_offset: tuple[float, ...]
     vehicle_modes: tuple[tuple[float, float], ...] = ()
     decay_rate: float = 0.0
     opened_shafts: bool = True
@@ -133,12 +134,9 @@ def requirements(case: Case) -> Requirements:
     within = [mode for mode in swinging if mode.damping_ratio < 1 and mode.frequency <= case.band[1]]
     damped = [mode for _, mode in target_modes(case)] or within or swinging
     vehicle = tuple((2 * np.pi * mode.frequency, mode.damping_ratio) for mode in swinging if mode.damping_ratio < 1)
-    noise = limits.get("command_noise")
-    if noise is None and "dynamometer_torque" in limits:
-        noise = NOISE_SHARE * limits["dynamometer_torque"]
-    offset = limits.get("sensor_offset")
-    if offset is None and "dynamometer_torque" in limits:
-        offset = OFFSET_SHARE * limits["dynamometer_torque"]
+    torque, noise = case.limits_of("torque"), case.limits_of("command_noise")
+    noise = np.where(np.isinf(noise), NOISE_SHARE * torque, noise)
+    offset = np.full(len(torque), limits["sensor_offset"]) if "sensor_offset" in limits else OFFSET_SHARE * torque
     return Requirements(
         limits["damping_share"] * min(mode.damping_ratio for mode in damped),
         limits["damping_share"],
@@ -146,8 +144,8 @@ def requirements(case: Case) -> Requirements:
         limits.get("margin_from", MARGIN_FROM_HIGHEST_TARGET * max(mode.frequency for mode in damped)),
         limits["rolled_off"],
         limits["rolled_off_from"],
-        noise,
-        offset,
+        tuple(noise.tolist()),
+        tuple(offset[case.loop.with_flange].tolist()),
         vehicle,
         limits["damping_share"] * min((size * ratio for size, ratio in vehicle), default=0.0),
         bool(limits[OPENED_SHAFTS]) and case.loop.structure.is_observer,

@@ -261,7 +261,7 @@ class MatchResult(Displayed):
             "operating_point": speeds_of(self.tuned.rig),
             "operating_torques": torques_of(self.tuned.rig),
             "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
-            "in_time": self.in_time.to_dict() | {"open_lash": None if self.lash is None else dict(vars(self.lash))},
+            "in_time": self.in_time.to_dict() | {"open_lash": None if self.lash is None else self.lash.to_dict()},
             "minutes": self.minutes.to_dict(),
             "verification": checks.to_dict(),
             "adapters": [adapter.to_dict() for adapter in self.adapters],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case
 from matching.match.in_time import OpenLash
@@ -98,14 +100,10 @@ def _unstable_worst_bed(robust: Verification) -> list[str]:
     ]
 
 
-# Whether free play makes a bed swing on is decided in time, on nonlinear beds with play. That the bed is stable with
-# every share of its cut shafts' stiffness is what a search can ask for: a sufficient condition (describing function),
-# and no necessary one, since a swing passes through the shares at which it would grow faster than it grows there.
-
-
-def may_swing_on(robust: Verification) -> bool:
-    """Whether only a simulation in time can say that free play leaves the bed at rest, and the case asks for it."""
-    return robust.required.opened_shafts and bool(_opened(robust))
+# Whether free play makes a bed swing on is decided in time, on nonlinear beds with play. That the bed as planned is
+# stable with every share of its cut shafts' stiffness is what a search can ask for (describing function). It is not
+# necessary, since a swing passes through the shares at which it would grow faster than it grows there; and it is not
+# sufficient, since drawn beds have other shares, and a command at its limit of torque is less gain than the share says.
 
 
 def swings_on(robust: Verification, play: OpenLash | None) -> bool:
@@ -156,15 +154,22 @@ def _loop(robust: Verification) -> list[str]:
             f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
             f"there, {required.rolled_off:g} is allowed"
         )
-    noise = max(loop.command_noise.values())
-    if required.command_noise is not None and noise > required.command_noise:
+    if worst := _worst_share(loop.command_noise, required.command_noise):
+        name, noise, allowed = worst
         sentences.append(
-            f"sensor noise makes {noise:.1f} N·m rms of command, {required.command_noise:g} N·m is allowed"
+            f"sensor noise makes {noise:.1f} N·m rms of command at dynamometer {name}, {allowed:g} N·m is allowed"
         )
-    unexpected = max(loop.unexpected_torque.values(), default=0.0)
-    if required.sensor_offset is not None and unexpected > required.sensor_offset:
+    if worst := _worst_share(loop.unexpected_torque, required.sensor_offset):
+        name, torque, allowed = worst
         sentences.append(
-            f"a minute after every sensor is off by its uncertainty, a flange torque is {unexpected:.1f} N·m from what "
-            f"the observer expects, {required.sensor_offset:g} N·m is allowed"
+            f"a minute after every sensor is off by its uncertainty, the flange torque of dynamometer {name} is "
+            f"{torque:.1f} N·m from what the observer expects, {allowed:g} N·m is allowed"
         )
     return sentences
+
+
+def _worst_share(figures: Mapping[str, float], allowed: Sequence[float]) -> tuple[str, float, float] | None:
+    """The dynamometer whose figure is most above what is allowed of it, with both; None where none is above."""
+    above = [(value / most, name, value, most) for (name, value), most in zip(figures.items(), allowed)]
+    share, name, value, most = max(above, default=(0.0, "", 0.0, 0.0))
+    return (name, value, most) if share > 1 else None

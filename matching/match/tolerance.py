@@ -34,7 +34,6 @@ from matching.match.loop import (
     linear_bed,
     responses,
     responses_of,
-    side_by_side,
 )
 from matching.match.loop_modes import ClosedLoop, LoopMode, eigenvalue_of, neutral_motions
 from matching.match.requirements import requirements
@@ -235,16 +234,18 @@ class Prepared:
         self, case: Case, controller: SampledController, values: Sequence[Mapping[str, float]]
     ) -> dict[str, np.ndarray]:  # fmt: skip
         beds = [bed_of(case, of_bed) for of_bed in values]
-        sampled = side_by_side(beds)
+        grids = np.concatenate([self._grid, self.nodes.frequencies])  # one Schur form of a bed serves both
+        responding = responses_of(case, beds, values, grids)
+        sampled, count = responding.sampled, len(self._grid)
         poles = closed_poles(sampled, controller)
         z = without_resting(poles, self.neutral)
         asked = sampled.asked_damping(z, controller.sample_time, self.required)
         figures = {
-            "modulus_margin": margins_of(responses_of(case, beds, values, self._grid), controller),
+            "modulus_margin": margins_of(responding.at(slice(count)), controller),
             "stable": stable_loops(poles, self.neutral).astype(float),
             "damped": (damping_ratios(z, controller.sample_time) >= asked).all(axis=1).astype(float),
         }
-        of_band = responses_of(case, beds, values, self.nodes.frequencies)
+        of_band = responding.at(slice(count, None))
         acting = frequency_response(controller, self.nodes.frequencies)
         every = np.ones(len(case.compared), bool)
         for name, known, pairs in (

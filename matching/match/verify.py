@@ -473,7 +473,7 @@ def violations_of(
             values = {
                 name: peak
                 for name, peak in peaks.items()
-                if name.startswith("dynamometers.") and name.endswith(f".{what}")
+                if name.startswith("dynamometers.") and name.endswith(f".{what}") and name not in case.limits
             }
             violations += [Violation(limit, name, value, allowed) for name, value in values.items() if value > allowed]
         elif peaks.get(limit, 0.0) > allowed:

@@ -132,16 +132,14 @@ def requirement_rows(robust: Verification) -> list[dict[str, str]]:
         (f"roll-off: |T| from {number(required.rolled_off_from)} Hz", number(loop.largest_rolled_off, 3),
          f"at most {number(required.rolled_off)}", loop.largest_rolled_off <= required.rolled_off),
     ]  # fmt: skip
-    allowed = required.command_noise
-    for name, noise in loop.command_noise.items():
-        asked = "no limit" if allowed is None else f"at most {number(allowed)} N·m rms"
+    for (name, noise), allowed in zip(loop.command_noise.items(), required.command_noise, strict=True):
+        asked = "no limit" if allowed == np.inf else f"at most {number(allowed)} N·m rms"
         what = f"command of dynamometer {name} from sensor noise"
-        rows.append((what, f"{number(noise, 3)} N·m rms", asked, allowed is None or noise <= allowed))
-    allowed = required.sensor_offset
-    for name, torque in loop.unexpected_torque.items():
-        asked = "no limit" if allowed is None else f"at most {number(allowed)} N·m"
+        rows.append((what, f"{number(noise, 3)} N·m rms", asked, noise <= allowed))
+    for (name, torque), allowed in zip(loop.unexpected_torque.items(), required.sensor_offset):
+        asked = "no limit" if allowed == np.inf else f"at most {number(allowed)} N·m"
         what = f"flange torque of dynamometer {name} that offsets of all sensors make unexpected in a minute"
-        rows.append((what, f"{number(torque, 3)} N·m", asked, allowed is None or torque <= allowed))
+        rows.append((what, f"{number(torque, 3)} N·m", asked, torque <= allowed))
     table = [
         {"requirement": what, "value": value, "asked": asked, "": HOLDS[holds]} for what, value, asked, holds in rows
     ]
@@ -1119,7 +1117,7 @@ def _lash(lash: OpenLash | None) -> str:
     """What drawn lashes do, as a sentence; empty where none was tried."""
     if lash is None:
         return ""
-    come = f"{lash.limit_cycles} of {lash.drawn} beds swing on" if lash.limit_cycles else "every bed rests"
+    come = f"{lash.limit_cycles} of {lash.drawn} beds swing on" if lash.limit_cycles else "no bed swings on"
     return (
         f"After a short torque pulse with an open lash {come}; at the end the worst bed swings by "
         f"{number(lash.largest_swing, 2)} N·m rms, the vehicle by {number(lash.vehicle_swing, 2)} N·m."

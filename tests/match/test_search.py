@@ -138,7 +138,7 @@ def test_a_stated_requirement_is_what_the_search_keeps():
     at, required = search.point(x), search.required
     least = min(mode.damping_ratio for _, mode in target_modes(search.case))
     assert required.damping_ratio == pytest.approx(least / 3)
-    assert (required.rolled_off, required.rolled_off_from, required.command_noise) == (0.5, 100.0, 20.0)
+    assert (required.rolled_off, required.rolled_off_from, required.command_noise) == (0.5, 100.0, (20.0, 20.0))
     stated = {"damping_share": 1 / 6, "rolled_off": 0.25, "command_noise": 10.0}
     other = requirements(replace(search.case, limits={**search.case.limits, **stated}))
     assert other.damping_ratio == pytest.approx(least / 6)

@@ -240,10 +240,11 @@ KINDS = (
 )  # fmt: skip
 
 
-def write(number, folder: Path) -> Path:
-    """Draw a bed and write its files; the case file."""
-    random = np.random.default_rng([50, number])
+def write(number, folder: Path, seed=50, **loop) -> Path:
+    """Draw a bed and write its files, with other values of the loop; the case file."""
+    random = np.random.default_rng([seed, number])
     vehicle, rig, case, *own = KINDS[number]()
+    case["loop"] |= loop
     factors: dict = {}
     for model in (vehicle, rig):
         for table, keys in (("inertias", ("J", "drag")), ("shafts", ("stiffness", "damping"))):

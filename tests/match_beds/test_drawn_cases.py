@@ -39,12 +39,9 @@ def broken(result):
         found.append("error to unmeasured torques")
     if loop.largest_rolled_off > required.rolled_off:
         found.append("roll-off")
-    if required.command_noise is not None and max(loop.command_noise.values()) > required.command_noise:
+    if any(noise > most for noise, most in zip(loop.command_noise.values(), required.command_noise)):
         found.append("noise")
-    if (
-        required.sensor_offset is not None
-        and max(loop.unexpected_torque.values(), default=0.0) > required.sensor_offset
-    ):
+    if any(torque > most for torque, most in zip(loop.unexpected_torque.values(), required.sensor_offset)):
         found.append("offsets")
     if robust.slowest_own is not None and robust.slowest_own.rate < required.decay_rate:
         found.append("feed-forward")

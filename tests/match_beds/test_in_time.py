@@ -17,6 +17,7 @@ from matching.match.in_time import (
     EVERYTHING_STATED,
     BedMotion,
     BedRun,
+    FreePlay,
     Imperfection,
     PoorSensors,
     acting,
@@ -193,7 +194,7 @@ def test_a_limit_cycle_in_a_lash_is_found_where_there_is_one(small_case):
     """Four lashes on drawn beds under weights that were not tuned for this drive: one swings on for ever."""
     loop = small_case.loop.with_values(WITHOUT_SWING)
     law = control_law(linear_bed(replace(small_case, loop=loop)))
-    runs = lash_runs(small_case, {"motor_torque": np.full(3000, 60.0)}, ("motor_torque",), 3, count=6)[:4]
+    runs = lash_runs(small_case, {"motor_torque": np.full(3000, 60.0)}, ("motor_torque",), 3, FreePlay(drawn=6))[:4]
     vehicles, beds = vehicle_motions(small_case, runs, SENSORS), bed_motions(small_case, law, runs, SENSORS)
     found = open_lash(vehicles, beds, [1], law.sample_time)
     assert (found.drawn, found.limit_cycles) == (4, 1)
@@ -266,7 +267,7 @@ def test_no_limit_cycle_of_the_reference_with_twenty_lashes(milliseconds, exact)
     case = match(replace(case, loop=loop, uncertainty=box), beds=8).tuned
     law, names = control_law(linear_bed(case)), ("side_left_torque", "side_right_torque")
     time = np.arange(8000) * 1e-3
-    runs = lash_runs(case, {"motor_torque": 100.0 * (time > 0.2)}, ("motor_torque",), 7, count=20)
+    runs = lash_runs(case, {"motor_torque": 100.0 * (time > 0.2)}, ("motor_torque",), 7, FreePlay(drawn=20))
     found = open_lash(vehicle_motions(case, runs, names), bed_motions(case, law, runs, names), [0, 1], 1e-3)
     assert (found.drawn, found.limit_cycles) == (20, 0)
     assert found.largest_swing < found.vehicle_swing + 2.0  # N·m

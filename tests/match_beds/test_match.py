@@ -78,7 +78,9 @@ def test_an_ideal_estimator_does_as_well_as_noise_and_dead_time_allow(small_case
 
 
 def test_what_is_not_kept_is_named(result):
-    robust = replace(result.robust, required=replace(result.robust.required, command_noise=1e-3, rolled_off_from=40.0))
+    robust = replace(
+        result.robust, required=replace(result.robust.required, command_noise=(1e-3,), rolled_off_from=40.0)
+    )
     robust = replace(robust, loop=replace(robust.loop, largest_rolled_off=0.7))
     robust = replace(robust, beds=replace(robust.beds, damped=5, faults=(FAULT,)))
     strict = replace(result.case, unmeasured_tolerance=1e-4)
