@@ -254,7 +254,8 @@ def diagnose(
         while True:
             selected, fits = identified.selected, equivalent_fits(best.fit, best.causes)
             base, final = selected.base, replace(best, fit=fits[0])
-            left = [_left(hypothesis, judge, unseen) for hypothesis in (base, final)]
+            left = [_left(base, judge, unseen)]
+            left.append(left[0] if final.fit is base.fit else _left(final, judge, unseen))
             before, after = (rms_by_sensor(list(of.residuals)) for of in left)
             verdict = _verdict(final, judge, after, data.rounding)
             values, judging = fitted_values(final, fits), None if verdict == "explained" else unseen
