@@ -24,9 +24,9 @@ HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
 }
 __all__ = [
     "BackOut", "DiagnosisSettings", "DriveAway", "InputError", "SimulationError", "Step", "Sweep", "TipIn",
-    "campbell", "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "load", "load_case",
-    "load_result", "map", "match", "modes", "new", "order_response", "read_recording", "response", "show", "simulate",
-    "to_ss", "tolerance", "uncertainty", "verify",
+    "campbell", "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "learn", "load",
+    "load_case", "load_result", "map", "match", "modes", "new", "order_response", "read_recording", "response", "show",
+    "simulate", "to_ss", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         export,
         fidelity,
         identify,
+        learn,
         load,
         load_case,
         load_result,

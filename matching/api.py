@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matching.bed.commission import Commissioning, CommissionOrder
     from matching.bed.excite import ExcitationPlan
     from matching.bed.identify import FromRecordings
+    from matching.bed.learn import Learned
     from matching.bed.proof import Proof
     from matching.bed.verify import BedVerification
     from matching.diagnosis.result import Diagnosis
@@ -1045,7 +1046,7 @@ def commission(
     case: File, bed: File, out: File, *, vehicle_recording: Sequence[File] = (), rounds: int = 3,
     duration: float | str = 12.0, speed: float | str | None = None, diagnosis_limit: float | str = 240.0, seed: int = 0,
     workers: int | None = None, follow: float | str | None = None, skip_channel_check: bool = False,
-    progress: Callable[[str], None] | None = None,
+    repeat: int = 0, progress: Callable[[str], None] | None = None,
 ) -> Commissioning:  # fmt: skip
     """Go the whole way onto the bed: match, check the channels, run, verify; then record, diagnose and match again.
 
@@ -1082,6 +1083,8 @@ def commission(
         With a folder: wait for each recording, and follow it until it has not grown for so long (s, or with a unit).
     skip_channel_check : bool
         Begin emulation at once: sign, unit and place of every channel are known to be right.
+    repeat : int
+        With an FMU: repeat the case's manoeuvre so often at the end with the best controller, learning each time.
     progress : callable, optional
         Is called with a line of text at every step; by default a terminal or a notebook shows it.
 
@@ -1107,8 +1110,61 @@ def commission(
         skip_channel_check=skip_channel_check,
     )  # fmt: skip
     computing(lambda: _files_read(tuned_case_of(case), Path(bed), order))
+    if repeat < 0 or (repeat and not Path(bed).is_file()):
+        raise InputError("repeat", f"{repeat} is not possible here", "0 or more, and the FMU of a bed; else use learn")
     with shown("commission", progress) as tell:
-        return Circle(Path(out), Path(bed), order, tell).run(Path(case))
+        result = Circle(Path(out), Path(bed), order, tell).run(Path(case))
+        if repeat and result.best_round is not None:
+            from matching.bed.learn import learn_on_bed
+
+            tuned = tuned_case_of(Path(out) / f"{result.best_round}_match")
+            learn_on_bed(tuned, Path(bed), Path(out) / "learned", repeat, tell=tell)
+        return result
+
+
+def learn(
+    case: Case | File, *recordings: File, channels: File | None = None, played: File | None = None,
+    vehicle_speed: float | str | None = None,
+) -> Learned:  # fmt: skip
+    """Learn from repetitions of a manoeuvre on the bed what to add to the commands the next time.
+
+    What the controlled bed gets wrong in the same way every time is foreseen: torques, sample by sample from the
+    trigger of the manoeuvre on, corrected after every repetition. A correction improves the bed as planned and every
+    bed drawn from what is not known exactly; what does not repeat is not learned. The command writes learned.csv,
+    controller.fmu, which plays it from its trigger on, learned.json and report.html.
+
+    Parameters
+    ----------
+    case : Case or path
+        Directory or result.json of a match with an observer, or a case file (TOML).
+    recordings : paths
+        Two or more recordings of the same manoeuvre, each from its trigger on, with the compared torques and sensors by
+        name (CSV, MDF, .mat, Parquet).
+    channels : path, optional
+        File that says what the signals are called in the recordings (TOML).
+    played : path, optional
+        Directory that the last repetition was written to, whose torques were played.
+    vehicle_speed : float or str, optional
+        Speed of the vehicle in m/s, or with a unit, at which the manoeuvre begins: of a case with a range of speeds.
+
+    Returns
+    -------
+    Learned
+        The torques of the next repetition, the error, what of it does not repeat, and whether another one is worth it.
+
+    Examples
+    --------
+    >>> learned = rm.learn("out/road_to_rig", "tip_in_1.csv", "tip_in_2.csv")  # doctest: +SKIP
+    >>> learned.sentence()  # doctest: +SKIP
+    """
+    from matching.bed.learn import learn as run
+
+    if not recordings:
+        raise InputError("recordings", "are none", "give two or more recordings of the same manoeuvre")
+    speed = None if vehicle_speed is None else in_si(vehicle_speed, "m/s", "vehicle_speed")
+    return run(
+        tuned_case_of(case), [Path(path) for path in recordings], channels_of(channels), path_of(played), speed
+    )  # fmt: skip
 
 
 def _files_read(case: Case, bed: Path, order: CommissionOrder) -> dict[str, str]:

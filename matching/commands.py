@@ -694,6 +694,16 @@ EXAMPLES = {
         "commission examples/from_recordings/case.toml --vehicle-recording examples/from_recordings/road.csv "
         "--bed out/bed.fmu --rounds 1 --diagnosis-limit 30 --out out/known_vehicle",
     ),
+    "learn": (
+        "export examples/from_recordings/bed.toml --fmu out/bed.fmu",
+        "commission examples/from_recordings/case.toml --bed out/bed.fmu --rounds 1 --repeat 2 --diagnosis-limit 30 "
+        "--out out/repeated",
+        "learn out/repeated/1_match out/repeated/learned/repetition_1/recording_1.csv "
+        "out/repeated/learned/repetition_1/recording_2.csv --out out/learned",
+        "learn out/repeated/1_match out/repeated/learned/repetition_2/recording_1.csv "
+        "out/repeated/learned/repetition_2/recording_2.csv --played out/repeated/learned/repetition_1 --out "
+        "out/learned_again",
+    ),
 }
 NO_OUT: dict[str, Any] = {"out": None}
 IF_ASKED: dict[str, Any] = {"out": OPTIONAL}
@@ -720,6 +730,7 @@ COMMANDS: dict[str, Command] = {
     "identify": Command(BED, api.identify),
     "verify": Command(BED, api.verify, run_verify, further=verify_arguments),
     "commission": Command(BED, api.commission, run_commission, required=("bed", "out"), **NO_OUT),
+    "learn": Command(BED, api.learn),
 }
 
 

@@ -17,6 +17,7 @@ from matching.match.case import Case, apply
 from matching.match.case_file import load_case
 from matching.match.in_time import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
 from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque
+from matching.match.operating_range import law_over_speed
 from modelling.bed.bed import ControlLaw, delayed_bed
 from modelling.bed.observer import NOISE
 from modelling.bed.vehicle import Interface, ResidualVehicle, cut
@@ -436,7 +437,7 @@ UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be f
 
 
 def exported_controller(case: Case) -> ExportedController:
-    """The controller of a tuned case."""
+    """The controller of a tuned case: over its range of speeds where it has one."""
     parts = linear_bed(case)
     law = control_law(parts)
     dynamometers = case.loop.dynamometers
@@ -447,7 +448,7 @@ def exported_controller(case: Case) -> ExportedController:
     rule = opened_shaft_rule(case, law, settings.lost_torque)
     return ExportedController(
         f"Controller: {case.title or case.path}",
-        law,
+        law if case.operating_range is None else law_over_speed(case),
         replace(settings, opened_torque=rule.least),
         tuple(units[name] for name in law.sensors),
         torques,
@@ -760,7 +761,7 @@ def write_controller(source: str, path: str, fmi: str) -> WrittenFmu:
     return WrittenFmu(
         target, fmi, "controller", about.title, made, step, 1 / step,
         _units(about.inputs), _units(about.outputs), _parameters(about.parameters, ()),
-        (*match.notes, *_not_noticed(controller), *_lacking(made)), len(controller.law.A), memory_bytes(controller),
+        (*match.notes, *_not_noticed(controller), *_lacking(made)), controller.law.states, memory_bytes(controller),
     )  # fmt: skip
 
 

@@ -63,6 +63,8 @@ CASE = {
     "limits": "what must not be exceeded",
     "move": "what may be tuned: `\"NAME\" = { lower, upper }`; of an adapter also `catalogue` or `step`",
     "operating_point": "the steady motion that the manoeuvre begins from; standstill unless stated",
+    "operating_range": "speeds of the vehicle that one observer has to cover; the match is reported about their middle",
+    "drives": "a list: manoeuvres that judge it, each from a steady speed: torques by input, or a speed profile",
     "uncertainty": "half-widths of what is not known exactly, by name or pattern; beds are drawn from it",
     "residual_vehicle": "`model`: a model file of a residual vehicle of one's own, simpler than the vehicle",
 }  # fmt: skip
@@ -88,6 +90,17 @@ OPERATING = {
     "vehicle_speed": "of the vehicle, with `rolling_radius`",
     "rolling_radius": "of the wheels, m",
     "road_load": "`constant` (N), `linear` (N·s/m), `quadratic` (N·s²/m²); added to the vehicle's drag",
+}
+RANGE = {
+    "vehicle_speed": "lowest and highest speed; backwards is the mirror image",
+    "rolling_radius": "of the wheels, m",
+    "road_load": "as under `[operating_point]`",
+}
+DRIVE = {
+    "title": "a line for reports",
+    "vehicle_speed": "from which it begins; that of the profile, or 0, unless stated",
+    "profile": "file with `time`, `vehicle_speed` and, where the road climbs, `grade`; a driver follows it",
+    "driver": "`input` that it acts on, `proportional`, `integral`, `largest` torque",
 }
 CHANNEL = {
     "channel": "its name in the recording; of a matrix in a `.mat` the column: `data[:,2]` or `data(:,3)` is the third",

@@ -25,6 +25,7 @@ from modelling.bed.bed import HARDWARE, OWN_TIMES
 from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import KINDS as MANOEUVRES
 from modelling.bed.manoeuvres import UNITS as MANOEUVRE_UNITS
+from modelling.bed.profile import UNITS as DRIVER_UNITS
 from modelling.effects import EFFECTS
 from modelling.errors import InputError
 from modelling.fidelity.measures import ARITHMETICS, DYNAMIC_DOMAINS, MEASUREMENT_DOMAIN, NRMSE_FORMS
@@ -165,6 +166,14 @@ def _case() -> Schema:
         )),
         "operating_point": {"type": "object", "properties": described(
             {"vehicle_speed": value("m/s"), "rolling_radius": value("m"), "road_load": road_load}, meanings.OPERATING)},
+        "operating_range": table(described(
+            {"vehicle_speed": {"type": "array", "minItems": 2, "maxItems": 2, "items": value("m/s")},
+             "rolling_radius": value("m"), "road_load": road_load}, meanings.RANGE),
+            ("vehicle_speed", "rolling_radius")),
+        "drives": {"type": "array", "items": {"type": "object", "properties": described(
+            {"title": TEXT, "vehicle_speed": value("m/s"), "profile": TEXT,
+             "driver": table({"input": TEXT} | {key: value(unit) for key, unit in DRIVER_UNITS.items()})},
+            meanings.DRIVE)}},
         "uncertainty": {"type": "object"},
     }  # fmt: skip
     needed = ("vehicle", "rig", "dynamometers", "targets", "response", "manoeuvre")

@@ -21,7 +21,7 @@ from scipy.ndimage import uniform_filter1d
 from matching.bed.excite import bed_inputs, torques_csv
 from matching.bed.simulated_bed import FmuBed, FmuController, bed_system, held_as_linear, run_csv
 from matching.match.case import Case
-from modelling.bed.bed import ControlLaw
+from modelling.bed.scheduled import Law
 from modelling.controller.law import (
     CHANNEL_CHECK,
     CHECK_SPEED_SHARE,
@@ -211,7 +211,7 @@ COAST_SECONDS = 0.3  # that are recorded after the controller has given up: what
 
 
 def channel_recording(
-    bed: FmuBed, case: Case, law: ControlLaw, controller: FmuController | SupervisedController, plan: ChannelPlan
+    bed: FmuBed, case: Case, law: Law, controller: FmuController | SupervisedController, plan: ChannelPlan
 ) -> tuple[str, str]:
     """Text of the CSV recording of the check of the channels, from rest; what ended it early, empty where nothing did.
 

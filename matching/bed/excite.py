@@ -627,7 +627,7 @@ def error_weights(case: Case) -> np.ndarray:
     frequencies = np.exp(low + (high - low) * (np.arange(POINTS) + 0.5) / POINTS)
     positions = STEP * np.vstack([np.eye(p), -np.eye(p)])
     beds = bed_set(case, [box.at(position) for position in positions], frequencies)
-    acting = law_response(exported_controller(case).law, frequencies, loop.controller_sensors)
+    acting = law_response(exported_controller(case).law.linear, frequencies, loop.controller_sensors)
     ratio = responses(beds, acting, acting.known) / beds.vehicle
     slopes = np.log(ratio[:p] / ratio[p:]) / (2 * STEP)
     flat = slopes.reshape(p, -1)

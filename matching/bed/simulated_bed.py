@@ -17,7 +17,8 @@ from matching.bed.proof import Proof
 from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared, snapshots
 from matching.match.box import Uncertain
 from matching.match.case import Case
-from modelling.bed.bed import ControlLaw, Dynamometer
+from modelling.bed.bed import Dynamometer
+from modelling.bed.scheduled import Law
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, SupervisedController
 from modelling.effects.effect import shared_place
 from modelling.effects.friction_and_compliance import CoulombFriction, StribeckFriction
@@ -461,7 +462,7 @@ class FmuBed(Slave):
 class FmuController(Slave):
     """The exported controller's FMU, with the step of :class:`modelling.controller.law.SupervisedController`."""
 
-    def __init__(self, path: Path, law: ControlLaw):
+    def __init__(self, path: Path, law: Law):
         self._commands = [f"{name}.command" for name in law.dynamometers]
         self._hold = [f"{name}.hold_speed" for name in law.dynamometers]
         self._added = [f"{name}.added_torque" for name in law.dynamometers]
@@ -538,7 +539,7 @@ class Tripped(InputError):
 def proof_recording(
     bed: FmuBed,
     case: Case,
-    law: ControlLaw,
+    law: Law,
     controller: FmuController | SupervisedController,
     wanted: Proof,
     speed: float,

@@ -480,11 +480,13 @@ def read_recordings(
     case: Case,
     channels: Mapping[str, Channel] | None = None,
     sources: Sequence[str | Path] | None = None,
+    *,
+    any_length: bool = False,
 ) -> BedRecordings:
     """Read recordings of the controlled bed with the names of the case's compared functions.
 
     A compared torque that a recording lacks is taken as constant there. ``sources`` say what the recordings are called
-    where the paths are copies.
+    where the paths are copies. Of ``any_length`` are those of one manoeuvre, from which no response is estimated.
     """
     torques = list(dict.fromkeys(pair.input for pair in case.compared))
     wanted = list(dict.fromkeys(pair.sensor for pair in case.compared))
@@ -496,7 +498,7 @@ def read_recordings(
     ]
     notes = [f"{recording.source}: {note}" for recording in read for note in recording.notes]
     for recording in read:
-        _check_length(recording, case.band)
+        _check_length(recording, case.band, 0.0 if any_length else PERIODS)
     sensors = tuple(name for name in wanted if all(name in recording.channels for recording in read))
     if not sensors:
         raise InputError(
@@ -527,7 +529,7 @@ def _moves(recording: Recording, name: str) -> bool:
     return bool(np.ptp(torque) > MOVES * max(np.abs(torque).max(), 1e-300))
 
 
-def _check_length(recording: Recording, band: tuple[float, float]) -> None:
+def _check_length(recording: Recording, band: tuple[float, float], periods: float) -> None:
     step, lasts = float(np.median(np.diff(recording.time))), float(np.ptp(recording.time))
     if 1 / step < SAMPLES_A_PERIOD * band[1]:
         raise InputError(
@@ -535,11 +537,11 @@ def _check_length(recording: Recording, band: tuple[float, float]) -> None:
             f"is sampled at {1 / step:g} Hz",
             f"{SAMPLES_A_PERIOD * band[1]:g} Hz or more is needed for a band up to {band[1]:g} Hz",
         )
-    if lasts < PERIODS / band[0]:
+    if lasts < periods / band[0]:
         raise InputError(
             recording.source,
             f"lasts {lasts:g} s",
-            f"{PERIODS / band[0]:g} s or more is needed for a band from {band[0]:g} Hz",
+            f"{periods / band[0]:g} s or more is needed for a band from {band[0]:g} Hz",
         )
 
 

@@ -92,6 +92,32 @@ ERROR_SCALES = ErrorScales()
 
 
 @dataclass(frozen=True)
+class Drive:
+    """A manoeuvre that begins at a steady speed of the vehicle: ``vehicle_speed`` in m/s, 0 at standstill.
+
+    ``torques`` are added to those of the steady motion, as those of ``[manoeuvre]``.
+    """
+
+    title: str
+    vehicle_speed: float
+    torques: Mapping[str, Manoeuvre]
+
+
+@dataclass(frozen=True)
+class OperatingRange:
+    """Speeds of the vehicle that one controller has to cover, m/s, and the manoeuvres that judge it.
+
+    ``rolling_radius`` (m) is that of the tyres; ``bodies`` are the inertias whose mean speed is the vehicle's.
+    """
+
+    lowest: float
+    highest: float
+    rolling_radius: float
+    bodies: tuple[str, ...]
+    drives: tuple[Drive, ...] = ()
+
+
+@dataclass(frozen=True)
 class Case:
     """A match as asked for; see ``examples/road_to_rig/case.toml`` for every key with a comment.
 
@@ -119,6 +145,7 @@ class Case:
     tolerance: float = ERROR_SCALES.measured  # largest response error to measured torques that is still called matched
     unmeasured_tolerance: float = ERROR_SCALES.unmeasured  # the same to unmeasured torques
     torque_curve: TorqueCurve | None = None
+    operating_range: OperatingRange | None = None
     simple_vehicle: System | None = None  # the vehicle with a residual vehicle of the user's own, if the case has one
     notes: tuple[str, ...] = ()  # what was changed of the model files, as sentences
 

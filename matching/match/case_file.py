@@ -13,13 +13,14 @@ import tomli_w
 
 from matching.match.box import read_uncertainty, uncertainty_table
 from matching.match.case import ERROR_SCALES, LIMITS_OF_ALL, Case, Compared, Move, Target, own_limit, table_of, text_of
+from matching.match.operating_range import range_tables, read_range, trace_file, turning_as, with_point_in_range
 from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
 from modelling.bed.bed import HARDWARE, OWN_TIMES, Dynamometer, Loop
 from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.vehicle import ResidualVehicle, cut, own_part, with_residual_vehicle, without_exact_delays
 from modelling.errors import InputError, unknown
-from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
+from modelling.linear.steady_motion import operating_motion, torques_of
 from modelling.model_file import dumps, load, quantity
 from modelling.system import Effect, OperatingPoint, Quantity, System, mirror_image, resistance
 from modelling.toml import check_file, no_pipe, read_toml, title
@@ -42,6 +43,10 @@ def case_files(case: Case) -> dict[str, str]:
     for name, torque in case.manoeuvre.items():
         if isinstance(torque, RecordedTorque):
             files[_trace_file(name)] = torque.csv(name)
+    for number, drive in enumerate(case.operating_range.drives if case.operating_range else (), 1):
+        for name, torque in drive.torques.items():
+            if isinstance(torque, RecordedTorque):
+                files[trace_file(number, name)] = torque.csv(name)
     if case.simple_vehicle is not None:
         files[OWN_RESIDUAL_VEHICLE] = dumps(own_part(case.simple_vehicle, case.residual_vehicle))
     parts = case.residual_vehicle.parts
@@ -77,6 +82,8 @@ def case_text(case: Case) -> str:
     }
     if (point := case.vehicle.operating_point) is not None:
         data["operating_point"] = dict((*point.speeds, *point.torques))
+    if case.operating_range is not None:
+        data |= range_tables(case.operating_range)
     if case.simple_vehicle is not None:
         data["residual_vehicle"] = {"model": OWN_RESIDUAL_VEHICLE}
     data["limits"] = dict(case.limits)
@@ -421,7 +428,7 @@ def rig_at_operating_point(vehicle: System, rig: System, residual: ResidualVehic
     dynamometers = {dynamometer.torque_input for dynamometer in loop.dynamometers}
     held = [part.name for part in rig.inputs if part.name not in dynamometers]
     try:
-        return _turning_as(vehicle, rig, [(cut.rig_end, cut.vehicle_end) for cut in residual.interfaces], held)
+        return turning_as(vehicle, rig, [(cut.rig_end, cut.vehicle_end) for cut in residual.interfaces], held)
     except InputError as fault:
         raise InputError(
             f"{where}: operating_point",
@@ -447,27 +454,13 @@ def simple_at_operating_point(
         simple = _with_road_load(simple, bodies, table["road_load"], _radius(table, place), f"{place}.road_load")
     acting = [part.name for part in simple.inputs if part.on not in near]
     try:
-        return _turning_as(vehicle, simple, [(cut.vehicle_end, cut.vehicle_end) for cut in residual.interfaces], acting)
+        return turning_as(vehicle, simple, [(cut.vehicle_end, cut.vehicle_end) for cut in residual.interfaces], acting)
     except InputError as fault:
         raise InputError(
             place,
             f"the vehicle has it, with the residual vehicle of the case it does not: {fault.wrong}",
             "where the shafts of the cut end, both have to be able to turn at the same speeds",
         ) from None
-
-
-def _turning_as(vehicle: System, system: System, ends: Sequence[tuple[str, str]], inputs: Sequence[str]) -> System:
-    """A system whose ``ends`` turn as the inertias of the vehicle that they stand for, with its torques at
-    ``inputs``.
-    """
-    speeds, torques = speeds_of(vehicle), torques_of(vehicle)
-    point = OperatingPoint(
-        tuple((end, speeds[of_vehicle]) for end, of_vehicle in ends),
-        tuple((name, torques.get(name, 0.0)) for name in inputs),
-    )
-    system = replace(system, operating_point=point)
-    operating_motion(system)
-    return system
 
 
 def vehicle_inertias(vehicle: System, rig: System) -> list[str]:
@@ -543,7 +536,7 @@ TOLERANCES = {"tolerance": ERROR_SCALES.measured, "unmeasured_tolerance": ERROR_
 UNLIKE = 10.0  # ratio of a shared quantity's values from which it can hardly be the same hardware
 TOP = {
     "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",
-    "operating_point", "uncertainty", "residual_vehicle",
+    "operating_point", "operating_range", "drives", "uncertainty", "residual_vehicle",
 }  # fmt: skip
 
 
@@ -561,6 +554,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     """As :func:`load_case` for tables as ``tomllib`` reads them; model files are looked for next to ``where``."""
     path = Path(where)
     check_file(data, TOP, where, "case")
+    data = with_point_in_range(data, where)
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
     _check_not_swapped(data, vehicle, rig, where)
     rig, late = _without_late_dynamometers(data, rig)
@@ -579,6 +573,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     loop = read_loop(data, rig, residual, where)
     loop, of_dynamometers = _with_late_dynamometers(loop, late)
     rig = rig_at_operating_point(vehicle, rig, residual, loop, where)
+    covered = read_range(data, vehicle, rig, loop, vehicle_inertias(vehicle, rig), where)
     band = _band(data, where)
     limits, curve = read_limits(data, rig, where)
     moves = read_moves(data, rig, residual, loop, where)
@@ -598,6 +593,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         where,
         read_uncertainty(data, vehicle, rig, loop, where),
         torque_curve=curve,
+        operating_range=covered,
         simple_vehicle=simple,
         notes=(*_unlike(vehicle, rig), *notes, *of_dynamometers),
         **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
 from matching.match.case import Case, Move, apply, scaled
+from matching.match.driving import driving
 from matching.match.in_time import lashes, simulate_deviations
 from matching.match.limits import (
     Relaxations,
@@ -24,6 +25,7 @@ from matching.match.limits import (
 from matching.match.loop import linear_bed
 from matching.match.minutes import minutes_of, minutes_without
 from matching.match.objective import search_for
+from matching.match.operating_range import at_speed, ends_of
 from matching.match.order import Fresh, Ordered, contributions, ordered, planned_unless_better
 from matching.match.problem import (
     MatchProblem,
@@ -37,6 +39,7 @@ from matching.match.problem import (
     target_results,
     unloaded_lashes,
 )
+from matching.match.range_search import RangeSearch
 from matching.match.requirements import OPENED_SHAFTS
 from matching.match.responses import ComparedBed, ResponseError, SimpleVehicle, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult
@@ -175,6 +178,7 @@ def judged(
     standing = (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated) if settings.emulated else None
     checked = verify(tuned, case.rig, beds=count, seed=seed)
     play = lashes(tuned) if settings.emulated or checked.required.opened_shafts else None
+    over_range = driving(tuned, seed) if case.operating_range is not None and settings.emulated else None
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
     targets = target_results(problem, checked)
@@ -190,6 +194,11 @@ def judged(
         *not_kept(case, checked, play),
         *missing_measurement(relaxed, case),
         *run.sentences(),
+        *(
+            over_range.sentences(float(limit) if np.isfinite(limit := case.limits_of("torque").min()) else None)
+            if over_range is not None
+            else ()
+        ),
         *unloaded_lashes(case),
     ]
     stands = led_by_dead_time(stands, case, error)
@@ -225,6 +234,7 @@ def judged(
         contributions=settled.contributions,
         minutes=run,
         lash=play,
+        driving=over_range,
         simulated_in_time=None if in_time is None else in_time.result(),
         seconds=time.perf_counter() - found.begun,
     )
@@ -288,6 +298,11 @@ def _solved(
         return Solution({}, case, float("nan"), (), True, problem.beyond), Ordered(np.zeros(0), True)
     asked = problem.demands if not problem.beyond else replace(problem.demands, limits={})
     search = search_for(case, problem.moves, problem.shares, asked, settings)
+    if case.operating_range is not None:
+        ends = [
+            search_for(at_speed(case, speed), problem.moves, problem.shares, asked, settings) for speed in ends_of(case)
+        ]
+        search = RangeSearch([search, *ends])
     found = solve(search, tell, begins)
     settled = Ordered(found.end.x, found.keeps_all)
     worth = found.end.judged.cost <= settings.hopeless

@@ -6,7 +6,7 @@ each encoder and the tolerances of the bed are what stands there every day.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -244,8 +244,16 @@ def _run(case: Case, controller: ExportedController, seed: int, settings: Minute
     )
 
 
+def readings_of(
+    case: Case, names: Sequence[str], values: Sequence[Mapping[str, float]], settings: MinuteSettings, step: float,
+    seed: int,
+) -> _Sensors:  # fmt: skip
+    """Sensors by name as they stand on beds with these values, for a run of its own."""
+    return _sensors(case, names, values, settings, step, np.random.default_rng(seed))
+
+
 def _sensors(
-    case: Case, names: Sequence[str], values: Sequence[dict[str, float]], settings: MinuteSettings, step: float,
+    case: Case, names: Sequence[str], values: Sequence[Mapping[str, float]], settings: MinuteSettings, step: float,
     random: np.random.Generator,
 ) -> _Sensors:  # fmt: skip
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}

@@ -178,6 +178,16 @@ class Search:
             for opened in openings(self.case):
                 self._pool(np.zeros((1, self.positions.shape[1])), self.settings.stable_share, opened)
 
+    @property
+    def members(self) -> tuple[Search, ...]:
+        """The searches of every speed: itself alone."""
+        return (self,)
+
+    @property
+    def of_errors(self) -> int:
+        """How many of the margins, the last ones, are errors of the bed as planned."""
+        return OF_ERRORS
+
     # points
 
     @property

@@ -129,9 +129,10 @@ class Requirements:
 
 
 def requirements(case: Case) -> Requirements:
-    """What a case asks for."""
-    damped = [mode for _, mode in target_modes(case)]
+    """What a case asks for; without targets, at another speed of a range, of the vehicle's modes within the band."""
     limits, swinging = case.limits, [mode for mode in damped_modes(case.emulated_vehicle) if mode.frequency > 0]
+    within = [mode for mode in swinging if mode.damping_ratio < 1 and mode.frequency <= case.band[1]]
+    damped = [mode for _, mode in target_modes(case)] or within or swinging
     vehicle = tuple((2 * np.pi * mode.frequency, mode.damping_ratio) for mode in swinging if mode.damping_ratio < 1)
     torque, noise = case.limits_of("torque"), case.limits_of("command_noise")
     noise = np.where(np.isinf(noise), NOISE_SHARE * torque, noise)

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from matching.match.case import Case
+from matching.match.driving import Driving
 from matching.match.in_time import InTime, OpenLash, simulate_deviations
 from matching.match.loop import linear_bed
 from matching.match.loop_modes import LoopMode
@@ -190,6 +191,8 @@ class MatchResult(Displayed):
         The exported controller at rest and at speed.
     lash : OpenLash or None
         Drawn beds with free play in their cut shafts; None where there was nothing to simulate.
+    driving : Driving or None
+        The controller over its range of speeds; None where the case has none.
     simulated_in_time : InTime or None
         What ``in_time`` is, where it was worked out during the verification; None where only on request.
     """
@@ -216,6 +219,7 @@ class MatchResult(Displayed):
     simple_vehicle: SimpleVehicle | None = None
     minutes: Minutes = field(default_factory=Minutes)
     lash: OpenLash | None = None
+    driving: Driving | None = None
     simulated_in_time: InTime | None = field(default=None, repr=False)
 
     @property
@@ -266,6 +270,7 @@ class MatchResult(Displayed):
             "starts": list(self.starts),
             "settings_without_controller": dict(self.failures),
             **_of_beds(checks),
+            **({} if self.driving is None else {"driving": self.driving.to_dict()}),
             **({} if self.simple_vehicle is None else {"residual_vehicle": self.simple_vehicle.to_dict()}),
         }
 

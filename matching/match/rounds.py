@@ -87,7 +87,7 @@ def _improve(search: Search, begin: np.ndarray, within: tuple[np.ndarray, np.nda
     moving = np.flatnonzero(search.free)
     room = search.judged(begin).margins
     of_damping = np.arange(len(room)) < len(search.active)
-    of_errors = np.arange(len(room)) >= len(room) - OF_ERRORS
+    of_errors = np.arange(len(room)) >= len(room) - search.of_errors
     robust = bool(room[~of_errors].min(initial=np.inf) >= settings.kept)
     kinds = (
         (of_damping, settings.penalty), (~of_damping & ~of_errors, settings.penalty),

@@ -62,7 +62,7 @@ class RunningLaw:
     state: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        self.state = np.zeros((len(self.law.A), self.known.shape[2]))
+        self.state = np.zeros((self.law.states, self.known.shape[2]))
 
     def commands(self, sample: int, readings: np.ndarray, flanges: np.ndarray) -> np.ndarray:
         """See :class:`Running`."""

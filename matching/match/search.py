@@ -128,6 +128,10 @@ def _decided(search: Search, end: SearchEnd) -> bool:
 
 def is_stable(search: Search, x: np.ndarray) -> bool:
     """Whether the bed as planned and every bed of the pool are stable at a point (m,), also where they creep away."""
+    return all(_is_stable(one, x) for one in search.members)
+
+
+def _is_stable(search: Search, x: np.ndarray) -> bool:
     _, poles = search.pool_poles(x)
     closed = [number for number in range(len(search.positions)) if number not in search.opened]
     planned = closed_poles(side_by_side([bed_of(search.hardware(x).case, {})]), search.controller(x))

@@ -58,8 +58,13 @@ def worst_positions(room: Callable[[np.ndarray], np.ndarray], pool: np.ndarray) 
 def add_scenarios(search: Search, at: SearchEnd) -> bool:
     """Whether beds miss their damping there that the search did not see; it sees the least damped from now on.
 
-    Looked at are the worst beds of the box and further beds that fill it.
+    Looked at are the worst beds of the box and further beds that fill it, at every speed of the search.
     """
+    added = [_added(one, SearchEnd(at.x, one.judged(at.x))) for one in search.members]
+    return any(added)
+
+
+def _added(search: Search, at: SearchEnd) -> bool:
     settings, box = search.settings, search.case.uncertainty
     if not box.uncertain:
         return False

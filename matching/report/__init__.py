@@ -7,6 +7,7 @@ VIEWS = {
     "matching.saved.SavedResult": "matching.commands",
     "matching.bed.verify.BedVerification": "matching.report.bed",
     "matching.bed.commission.Commissioning": "matching.report.bed",
+    "matching.bed.learn.Learned": "matching.report.learn",
     "modelling.modal.result.Mode": "matching.report.modes",
     "matching.bed.identify.FromRecordings": "matching.report.bed",
     "matching.bed.proof.Proof": "matching.report.bed",
@@ -38,6 +39,7 @@ RESULTS = {  # by the name of a result's file: the command that writes it, and t
     "excite.json": ("excite", "bed"), "proof.json": ("excite", "bed"),
     "identification.json": ("identify", "bed"),
     "verification.json": ("verify", "bed"), "commission.json": ("commission", "bed"),
+    "learned.json": ("learn", "learn"),
 }  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from matching.match.loop import bed_set, controller_of, frequency_response, retu
 from matching.match.loop_modes import LoopMode
 from matching.match.result import AdapterTrade, MatchResult, TargetResult
 from matching.match.verify import DISAGREEMENT, Deviation, Verification
+from matching.report import driving as driving_report
 from matching.report.common import (
     BAND,
     INK,
@@ -722,6 +723,7 @@ CAPTIONS = {
     "beds": "Drawn beds: share of them whose response error is at most so large; the points are median and 95 %.",
     "trade": "What to order: the response error for unmeasured torques over each adapter quantity, the rest tuned for "
     "each value, and the range that is no worse than 2 % and the scatter. Dotted: what the bed as planned reaches.",
+    **driving_report.CAPTIONS,
     "robustness": "How accurately each quantity must be known: response error when one value is wrong.",
 }
 
@@ -751,6 +753,10 @@ def pictures(result: MatchResult) -> dict[str, Picture]:
         draw["beds"] = lambda: beds_figure(beds, case.unmeasured_tolerance)
     if result.adapters:
         draw["trade"] = lambda: trade_figure(result.adapters)
+    if (over_range := result.driving) is not None:
+        draw["over_speed"] = lambda: driving_report.over_speed_figure(over_range, case)
+        if over_range.drives:
+            draw["drives"] = lambda: driving_report.drives_figure(over_range, case)
     if wrong := result.verification.robustness:
         draw["robustness"] = lambda: robustness_figure(wrong, result.response_error.after)
     data = curve_data(result)
@@ -816,6 +822,7 @@ def key_figures(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
         spread = f"{number(beds['unmeasured_median'], 2)}, {number(beds['unmeasured_95'], 2)}"
         rows.append((f"  on {beds['drawn']} drawn beds: median, 95 %", "", "", spread, ""))
         rows.append(("drawn beds stable, damped", "", "", f"{beds['stable']}, {beds['damped']}", str(beds["drawn"])))
+    rows += driving_report.key_rows(result)
     if limited := [need for need in result.get("needs", []) if need["limit"]]:
         most = max(limited, key=lambda need: need["peak"] / need["limit"])
         part, _, quantity = most["what"].rpartition(".")
@@ -951,6 +958,7 @@ def _evidence(result: MatchResult, content: Mapping[str, Any]) -> list[Fold]:
             Table(bed_errors(beds), OF_BEDS),
             Show("beds"),
         ] if beds else []),
+        *driving_report.fold(content),
         Fold("In time, on beds that are not the model",
              [in_time_table(result.in_time, result.lash), Show("in_time")] if result.in_time.rows else []),
         Fold("What must be known accurately", [Show("robustness")]),

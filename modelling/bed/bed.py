@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, expm
@@ -14,6 +15,17 @@ from modelling.linear.state_space import StateSpace, by_tustin, state_space
 from modelling.system import Input, Sensor, Shaft, System
 
 # --- The sampled control law in one form for every structure.
+
+
+class Begin(NamedTuple):
+    """What a law over a range of speeds keeps of the moment at which an emulation began.
+
+    States of the vehicle in steady motion (v, …), torques into it at the cuts (k, …) and own torques (r, …) there.
+    """
+
+    steady: np.ndarray
+    at_cuts: np.ndarray
+    own: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -56,17 +68,33 @@ class ControlLaw:
     sample_time: float
     delayed_commands: slice | None = None
 
+    @property
+    def states(self) -> int:
+        """Number x of states."""
+        return len(self.A)
+
+    @property
+    def linear(self) -> ControlLaw:
+        """The law as a linear one: itself."""
+        return self
+
+    def begin(self, readings: np.ndarray, known: np.ndarray, sent: np.ndarray) -> Begin | None:
+        """What the law keeps of where an emulation begins beyond the deviations from it: nothing."""
+        return None
+
     def step(
         self, state: np.ndarray, readings: np.ndarray, known: np.ndarray,
-        limits: np.ndarray | tuple[np.ndarray, np.ndarray],
+        limits: np.ndarray | tuple[np.ndarray, np.ndarray], begin: Begin | None = None,
+        added: np.ndarray | float = 0.0,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Commands (k, …), N·m, and the state (x, …) of the next sample, of one bed or of a batch.
 
-        Commands stay within ±``limits`` (k, …), or between the first and the second of a pair.
+        Commands stay within ±``limits`` (k, …), or between the first and the second of a pair. ``added`` torques
+        (k, …) are part of them, and the law knows of them.
         """
         low, high = limits if isinstance(limits, tuple) else (-limits, limits)
         corrected = state + self.L @ (readings - self.E @ state)
-        sent = np.clip(self.K @ corrected + self.Dy @ readings + self.Dw @ known, low, high)
+        sent = np.clip(self.K @ corrected + self.Dy @ readings + self.Dw @ known + added, low, high)
         return sent, self.A @ corrected + self.By @ readings + self.Bw @ known + self.Bs @ sent
 
 

@@ -76,6 +76,8 @@ class ObserverModel:
         Speed of the rig less that of the residual vehicle at each cut, rad/s.
     readings : Readings
     known : tuple of str (w)
+        The last ``remainders`` of them are no torques: what the residual vehicle's states (v) do beyond its linear
+        model, which the controller computes itself.
     dynamometers : tuple of str (k)
     sample_time : float
         s.
@@ -91,6 +93,12 @@ class ObserverModel:
     known: tuple[str, ...]
     dynamometers: tuple[str, ...]
     sample_time: float
+    remainders: int = 0
+
+    @property
+    def torques_known(self) -> int:
+        """How many of the known ones are torques: w − v."""
+        return len(self.known) - self.remainders
 
     @property
     def estimated(self) -> int:
@@ -104,8 +112,18 @@ class ObserverModel:
         return slice(x, x + len(self.dynamometers) * (self.bed.delay + 1))
 
 
-def observer_model(rig: System, residual: ResidualVehicle, loop: Loop) -> ObserverModel:
+def observer_model(
+    rig: System, residual: ResidualVehicle, loop: Loop, modes: Sequence[complex] | None = None,
+    remainders: bool = False,
+) -> ObserverModel:  # fmt: skip
     """Put model, dead time and sensors together.
+
+    Parameters
+    ----------
+    modes : sequence of complex, optional
+        Eigenvalues, 1/s, that a torque at each rotor swings with; :func:`emulated_modes` unless given.
+    remainders : bool
+        Have the rates of the residual vehicle's states among what is known, see :mod:`modelling.bed.scheduled`.
 
     Raises
     ------
@@ -118,9 +136,13 @@ def observer_model(rig: System, residual: ResidualVehicle, loop: Loop) -> Observ
     known = tuple(name for name in model.measured if name in loop.measured or name not in on_rig)
     columns = [model.space.input(name) for name in on_rig] + [*model.rotor_torques.T, *model.shaft_torques.T]
     columns += [model.space.input(name) for name in known]
+    size, first = len(model.space.A), model.rig_states + loop.lag_states
+    further = np.eye(size)[:, first:] if remainders else np.zeros((size, 0))
+    known = (*known, *(f"remainder {number}" for number in range(further.shape[1])))
+    columns += [*further.T]
     bed = delayed_bed(model.space.A, model.space.B[:, :k], np.stack(columns, axis=1), loop.command_delays(), step)
     at_inputs, at_rotors, in_shafts, of_known = np.split(bed.torques, np.cumsum([len(on_rig), k, k]), axis=1)
-    modes = emulated_modes(residual, step)
+    modes = emulated_modes(residual, step) if modes is None else tuple(modes)
     damping = max([SWING_DAMPING, *(-OF_MODES_DAMPING * mode.real / abs(mode) for mode in modes)])
     turns = [_turn(mode, step, damping) for mode in modes for _ in range(k)]
     swinging = np.zeros((len(at_rotors), 2 * len(turns)))
@@ -132,7 +154,7 @@ def observer_model(rig: System, residual: ResidualVehicle, loop: Loop) -> Observ
         block_diag(stay, *turns), drifts, {"dynamometer_noise": at_rotors, "shaft_noise": in_shafts},
         np.pad(model.speed_error, ((0, 0), (0, len(bed.whole) - len(model.space.A)))),
         _readings(model, rig, loop), known,
-        tuple(dynamometer.name for dynamometer in loop.dynamometers), step,
+        tuple(dynamometer.name for dynamometer in loop.dynamometers), step, further.shape[1],
     )  # fmt: skip
 
 
@@ -340,21 +362,30 @@ def design(model: ObserverModel, weights: Mapping[str, float], ahead: Ahead | No
 
 
 def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.ndarray) -> ControlLaw:
-    """The controller of a model that runs ahead, a state feedback F (k, …) and a correction (n + e + v, y)."""
+    """The controller of a model that runs ahead, a state feedback F (k, …) and a correction (n + e + v, y).
+
+    Known are the torques, then the remainders of the observer's residual vehicle, then those of the one that runs
+    ahead.
+    """
     A, B, W = _shifting(model)
-    size, y, more = len(A), len(model.readings.rows), len(ahead.A)
+    size, y, more, known = len(A), len(model.readings.rows), len(ahead.A), model.torques_known
     m = size - model.estimated
     L, C = np.vstack([laid_out(model, corrected), np.zeros((more, y))]), np.zeros((y, size + more))
     C[:, : model.states] = model.readings.rows
     whole = block_diag(A, ahead.A)
-    whole[:size, size + m :] = (1 - NOW) * W
+    whole[:size, size + m :] = (1 - NOW) * W[:, :known]
     difference = ahead.F.copy()
     difference[:, :m] -= F[:, :m]
-    k = B.shape[1]
+    k, of_remainders = B.shape[1], F[:, size + known :]
+    taken = np.block([
+        [NOW * W[:, :known], W[:, known:], np.zeros((size, model.remainders))],
+        [ahead.W[:, :known], np.zeros((more, model.remainders)), ahead.W[:, known:]],
+    ])  # fmt: skip
     return ControlLaw(
-        whole, np.zeros((size + more, y)), np.vstack([NOW * W, ahead.W]), np.vstack([B, np.zeros((more, k))]),
-        -np.hstack([F[:, :size], difference]), np.zeros((k, y)), -ahead.G, L, C,
-        model.readings.sensors, model.known, model.dynamometers, model.sample_time, model.delayed_commands,
+        whole, np.zeros((size + more, y)), taken, np.vstack([B, np.zeros((more, k))]),
+        -np.hstack([F[:, :size], difference]), np.zeros((k, y)),
+        -np.hstack([ahead.G[:, :known], of_remainders, ahead.G[:, known:] - of_remainders]), L, C,
+        model.readings.sensors, model.known[:known], model.dynamometers, model.sample_time, model.delayed_commands,
     )  # fmt: skip
 
 
@@ -372,7 +403,7 @@ class Ahead:
     Attributes
     ----------
     A, W, F, G : ndarray (m, m), (m, w), (k, m), (k, w)
-        States [x; commands on their way, newest first; known torques of the last sample].
+        States [x; commands on their way, newest first; known torques of the last sample, but no remainders].
     """
 
     A: np.ndarray
@@ -383,16 +414,17 @@ class Ahead:
 
 def runs_ahead(model: ObserverModel) -> Ahead:
     """The model that runs ahead."""
-    m, w = len(model.bed.whole) + len(model.dynamometers) * (model.bed.delay + 1), len(model.known)
+    m, w = len(model.bed.whole) + len(model.dynamometers) * (model.bed.delay + 1), model.torques_known
     gains = state_feedback(model, FREE_COMMAND_WEIGHT, 0.0)
     A, B, W = (part[:m] for part in _shifting(model))
     F, G = gains[:, :m], gains[:, m + model.estimated :]
     W = W - B @ G
+    now = np.where(np.arange(len(model.known)) < w, NOW, 1.0)  # a remainder is computed when its sample begins
     return Ahead(
-        np.block([[A[:, :m] - B @ F, (1 - NOW) * W], [np.zeros((w, m + w))]]),
-        np.vstack([NOW * W, np.eye(w)]),
-        np.hstack([F, (1 - NOW) * G]),
-        NOW * G,
+        np.block([[A[:, :m] - B @ F, (1 - NOW) * W[:, :w]], [np.zeros((w, m + w))]]),
+        np.vstack([now * W, np.eye(w, len(model.known))]),
+        np.hstack([F, (1 - NOW) * G[:, :w]]),
+        now * G,
     )
 
 

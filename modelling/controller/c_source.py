@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from modelling.bed.bed import ControlLaw
+from modelling.bed.scheduled import ScheduledLaw
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
     GONE,
@@ -41,7 +44,8 @@ def c_sources(controller: ExportedController) -> dict[str, str]:
 def memory_bytes(controller: ExportedController) -> int:
     """Size of the controller's structure in double precision, padding aside."""
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
-    x, w, s = len(controller.law.A), len(controller.law.known), len(controller.watched.shafts)
+    x, w, s = controller.law.states, len(controller.law.known), len(controller.watched.shafts)
+    v = len(controller.law.vehicle.speed) if isinstance(controller.law, ScheduledLaw) else 0
     reals = (
         9 * k
         + 2 * len(controller.settings.curve_speeds)
@@ -49,13 +53,14 @@ def memory_bytes(controller: ExportedController) -> int:
         + x
         + 3 * y
         + (w + 1)
-        + 4 * k
+        + (v + 1)
+        + 5 * k
         + KEPT_TORQUES * k
         + (s + 1)
         + 1
         + WATCHED_SAMPLES * y
     )
-    return 8 * reals + 4 * (11 + k + 2 * (s + 1))
+    return 8 * reals + 4 * (13 + k + 2 * (s + 1))
 
 
 def _header(controller: ExportedController) -> str:
@@ -71,13 +76,16 @@ def _header(controller: ExportedController) -> str:
             sample_time=_real(law.sample_time),
             seconds=law.sample_time,
             bytes=memory_bytes(controller),
-            states=len(law.A),
+            states=law.states,
+            speeds=len(_laws(law)),
+            vehicle_states=len(law.vehicle.speed) if isinstance(law, ScheduledLaw) else 0,
             readings=[c_comment(reading) for reading in readings],
             known=[c_comment(name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],
             kept=KEPT_TORQUES,
             watched=WATCHED_SAMPLES,
             shafts=[c_comment(name) for name in controller.watched.shafts],
+            learned=len(controller.learned),
             curve=len(controller.settings.curve_speeds),
         )
         + "\n"
@@ -127,21 +135,84 @@ def _data(controller: ExportedController) -> str:
     opened = ", ".join(_real(value) for value in (*settings.opened_torque, 0.0))
     lines += [f"    {{{opened}}}, /* opened_torque */", f"    {_real(settings.opened_share)}, /* opened_share */"]
     lines += [f"    {settings.frozen_samples}, {settings.life_samples}}};"]
-    matrices = {
-        "EXPECTED": law.E,
-        "LOST": controller.watched.lost,
-        "CARRIED": controller.watched.carried,
-        "CORRECTION": law.L,
-        "COMMAND": np.hstack([law.K, law.Dy, law.Dw]),
-        "NEXT_STATE": np.hstack([law.A, law.By, law.Bw, law.Bs]),
-    }
+    matrices = {"EXPECTED": law.E, "LOST": controller.watched.lost, "CARRIED": controller.watched.carried}
     for name, matrix in matrices.items():
         lines += ["", *_rows(name, matrix)]
+    over_speed = {
+        "CORRECTION": [one.L for one in _laws(law)],
+        "COMMAND": [np.hstack([one.K, one.Dy, one.Dw]) for one in _laws(law)],
+        "NEXT_STATE": [np.hstack([one.A, one.By, one.Bw, one.Bs]) for one in _laws(law)],
+    }
+    for name, stack in over_speed.items():
+        lines += ["", *_at_speeds(name, stack)]
+    played = controller.learned if len(controller.learned) else np.zeros((1, len(law.dynamometers)))
+    lines += ["", "static const controller_real LEARNED[][CONTROLLER_DYNAMOMETERS] = {"]
+    lines += [f"    {{{', '.join(map(_real, row))}}}," for row in played.tolist()] + ["};"]
+    if isinstance(law, ScheduledLaw):
+        lines += _vehicle(law)
     return "\n".join(lines) + "\n"
 
 
+def _laws(law: ControlLaw | ScheduledLaw) -> tuple[ControlLaw, ...]:
+    """The law at every speed of its grid."""
+    return law.laws if isinstance(law, ScheduledLaw) else (law,)
+
+
+def _vehicle(law: ScheduledLaw) -> list[str]:
+    """Numbers and rates of the residual vehicle that runs in the law."""
+    vehicle, generator = (
+        law.vehicle,
+        ca.CodeGenerator("vehicle", {"with_header": False, "casadi_real": "controller_real"}),
+    )
+    generator.add(vehicle.rates)
+    steady = (f"    {{{', '.join(map(_real, row))}}}," for row in vehicle.steady)
+
+    def listed(name: str, values: np.ndarray, meaning: str) -> str:
+        return f"static const controller_real {name}[] = {{{', '.join(map(_real, values))}}}; /* {meaning} */"
+
+    lines = [
+        "",
+        f"#define CONTROLLER_VEHICLE_INPUTS {len(law.known_inputs)}",
+        f"enum {{ OBSERVED = {law.observed.start}, AHEAD = {law.ahead.start} }};",
+        f"static const int32_t KNOWN_INPUT[] = {{{', '.join(map(str, (*law.known_inputs, 0)))}}};",
+        listed("SPEED", law.speeds, "rad/s of the vehicle"),
+        listed("ROTOR_SPEED", law.rotor_speeds, "rad/s there"),
+        listed("VEHICLE_SPEED", vehicle.speed, "by state"),
+        "static const controller_real STEADY[CONTROLLER_SPEEDS][CONTROLLER_VEHICLE_STATES] = {", *steady, "};",
+        "", *_rows("CUT_BY_READING", law.cut_by_reading), "", *_rows("CUT_BY_COMMAND", law.cut_by_command),
+        "", *_at_speeds("VEHICLE", list(vehicle.A)),
+        "", "/* rates of the vehicle's states by states, torques at the cuts and torques of its own */",
+        generator.dump(),
+        "static void vehicle_rates(const controller_real *states, const controller_real *at_cuts,",
+        "                          const controller_real *own, controller_real *rates)",
+        "{",
+        "    const controller_real *arguments[] = {states, at_cuts, own};",
+        "    controller_real *results[] = {rates};",
+        f"    controller_real work[{max(vehicle.rates.sz_w(), 1)}];",
+        f"    casadi_int integers[{max(vehicle.rates.sz_iw(), 1)}];",
+        f"    (void){vehicle.rates.name()}(arguments, results, integers, work, 0);",
+        "}",
+    ]  # fmt: skip
+    return lines
+
+
+def _at_speeds(name: str, matrices: list[np.ndarray]) -> list[str]:
+    """Matrices of every speed, and the array of them."""
+    lines = []
+    for number, matrix in enumerate(matrices):
+        lines += _values(f"{name}_{number}", matrix)
+    rows = (f"    {{{name}_{n}_START, {name}_{n}_COLUMN, {name}_{n}_VALUE}}," for n in range(len(matrices)))
+    return [*lines, f"static const controller_matrix {name}[] = {{", *rows, "};"]
+
+
 def _rows(name: str, matrix: np.ndarray) -> list[str]:
-    """A matrix in compressed rows; one unused entry at the end, for C knows no empty array."""
+    """A matrix in compressed rows."""
+    made = f"static const controller_matrix {name} = {{{name}_START, {name}_COLUMN, {name}_VALUE}};"
+    return [*_values(name, matrix), made]
+
+
+def _values(name: str, matrix: np.ndarray) -> list[str]:
+    """Numbers of a matrix in compressed rows; one unused entry at the end, for C knows no empty array."""
     rows, columns = np.nonzero(matrix)
     starts = np.searchsorted(rows, np.arange(len(matrix) + 1))
     values = matrix[rows, columns]
@@ -149,7 +220,6 @@ def _rows(name: str, matrix: np.ndarray) -> list[str]:
     lines += _wrapped([str(start) for start in starts])
     lines += ["};", f"static const uint16_t {name}_COLUMN[] = {{", *_wrapped([*map(str, columns), "0"]), "};"]
     lines += [f"static const controller_real {name}_VALUE[] = {{", *_wrapped([*map(_real, values), "0.0"]), "};"]
-    lines.append(f"static const controller_matrix {name} = {{{name}_START, {name}_COLUMN, {name}_VALUE}};")
     return lines
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import scipy
 from scipy.linalg import solve_discrete_are
 
-from modelling.bed.bed import ControlLaw
+from modelling.bed.bed import Begin, ControlLaw
+from modelling.bed.scheduled import Law
 from modelling.bed.vehicle import FeedForward
 from modelling.errors import InputError
 from modelling.linear.state_space import StateSpace
@@ -341,18 +342,21 @@ class SupervisedController:
 
     Parameters
     ----------
-    law : ControlLaw
+    law : ControlLaw or ScheduledLaw
     settings : Settings
     torque_readings, speed_readings : sequence of int (k)
         Which readings are the dynamometers' flange torques, −1 without a flange, and speeds.
     watched : WatchedShafts
         Shafts whose opening is noticed.
+    learned : ndarray (n, k), optional
+        See :class:`ExportedController`.
     """
 
     def __init__(
-        self, law: ControlLaw, settings: Settings, torque_readings: list[int], speed_readings: list[int],
-        watched: WatchedShafts,
+        self, law: Law, settings: Settings, torque_readings: list[int],
+        speed_readings: list[int], watched: WatchedShafts, learned: np.ndarray | None = None,
     ):  # fmt: skip
+        self._learned = np.zeros((0, 0)) if learned is None else learned
         self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
         self._torques, self._speeds = torque_readings, speed_readings
         self.reset()
@@ -362,8 +366,9 @@ class SupervisedController:
         k, y = len(self.law.dynamometers), len(self.law.sensors)
         self._mode, self._fault, self._fallback = ZERO_TORQUE, 0, ZERO_TORQUE
         self._sent, self._integral, self._held = np.zeros(k), np.zeros(k), np.zeros(k)
-        self._state = np.zeros(len(self.law.A))
+        self._state = np.zeros(self.law.states)
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
+        self._begin: Begin | None = None
         self._last, self._mean, self._averaged = np.zeros(y), np.zeros(y), 0
         self._past_torques = np.zeros((max(KEPT_SAMPLES, WATCHED_SAMPLES), k))
         self._deviations = np.zeros((WATCHED_SAMPLES, y))
@@ -371,11 +376,12 @@ class SupervisedController:
         self._gone = np.zeros(k, bool)
         self._unchanged = self._lifeless = self._surprised = 0
         self._life: int | None = None
+        self._triggered, self._played = False, 0  # samples since the trigger, 0 before it
         self.reason = ""  # of the last fault, where one reading led to it: which, and how far it was off
 
     def step(
         self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int = 0,
-        added: np.ndarray | None = None,
+        added: np.ndarray | None = None, trigger: bool = False,
     ) -> Answer:  # fmt: skip
         """One sample.
 
@@ -388,7 +394,9 @@ class SupervisedController:
         life : int
             A number that changes from sample to sample as long as the sender lives.
         added : ndarray (k,), optional
-            Torques, N·m, that speed hold adds to its own and that the check of the channels commands alone.
+            Torques, N·m, that speed hold and emulation add to their own and the check of the channels commands alone.
+        trigger : bool
+            From false to true: the manoeuvre begins, and what was learned of it is played.
         """
         added = np.zeros(len(self._sent)) if added is None else added
         fault = self._check(readings, known, np.concatenate([hold, added]), life)
@@ -405,6 +413,7 @@ class SupervisedController:
         unknown = bool(fault) and fault not in HOLDABLE
         wanted = self._fallback if self._fault else mode
         self._enter(ZERO_TORQUE if unknown else wanted, readings, known, hold)
+        self._follow_trigger(trigger)
         self._sent = self._command(readings, known, hold, added)
         if not np.isfinite(self._sent).all():  # a law that has left all bounds
             self._mode, self._fault, self._fallback = ZERO_TORQUE, 1, ZERO_TORQUE
@@ -415,6 +424,13 @@ class SupervisedController:
             self._last = readings.copy()
             self._past_torques = np.vstack([self._flange_torques(readings), self._past_torques[:-1]])
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
+
+    def _follow_trigger(self, trigger: bool) -> None:
+        if trigger and not self._triggered:
+            self._played = 1
+        elif 0 < self._played <= len(self._learned):
+            self._played += 1
+        self._triggered = trigger
 
     def _check(self, readings: np.ndarray, known: np.ndarray, asked: np.ndarray, life: int) -> int:
         """The first of :data:`FAULTS` that shows."""
@@ -491,7 +507,8 @@ class SupervisedController:
         if mode == EMULATION:
             self._average(readings)
             self._start = self._mean.copy(), known.copy(), self._sent.copy()
-            self._state = np.zeros(len(self.law.A))
+            self._begin = self.law.begin(*self._start)
+            self._state = np.zeros(self.law.states)
             self._past_torques[:] = self._flange_torques(readings)
             self._surprised = 0
             self._deviations[:] = 0.0
@@ -507,12 +524,13 @@ class SupervisedController:
     def _command(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray, added: np.ndarray) -> np.ndarray:
         settings, limit = self.settings, self._torque_limits(readings)
         if self._mode == EMULATION:
-            law, (y0, w0, u0) = self.law, self._start
-            y, w = readings - y0, known - w0
-            corrected = self._state + law.L @ (y - law.E @ self._state)
-            sent = np.clip(u0 + law.K @ corrected + law.Dy @ y + law.Dw @ w, -limit, limit)
-            self._state = law.A @ corrected + law.By @ y + law.Bw @ w + law.Bs @ (sent - u0)
-            return sent
+            y0, w0, u0 = self._start
+            if 0 < self._played <= len(self._learned):
+                added = added + self._learned[self._played - 1]
+            sent, self._state = self.law.step(
+                self._state, readings - y0, known - w0, (-limit - u0, limit - u0), self._begin, added
+            )
+            return u0 + sent
         if self._mode == SPEED_HOLD:
             error = (self._held if self._fault else hold) - readings[self._speeds]
             asked = settings.hold_proportional * error + self._integral + added
@@ -536,7 +554,7 @@ class ExportedController:
     Attributes
     ----------
     title : str
-    law : ControlLaw
+    law : ControlLaw or ScheduledLaw
     settings : Settings
     units : tuple of str (y)
         SI units of the readings.
@@ -546,22 +564,26 @@ class ExportedController:
         Shafts whose opening is noticed by what it does to the readings.
     shafts : tuple of OpenedShaft
         How the opening of every shaft of the rig is noticed.
+    learned : ndarray (n, k)
+        Torques, N·m, that emulation adds sample by sample from the trigger of a manoeuvre on; (0, k) without any.
     """
 
     title: str
-    law: ControlLaw
+    law: Law
     settings: Settings
     units: tuple[str, ...]
     torque_readings: tuple[int, ...]
     speed_readings: tuple[int, ...]
     watched: WatchedShafts
     shafts: tuple[OpenedShaft, ...]
+    learned: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def running(self) -> SupervisedController:
         """The same controller in Python, at zero torque."""
         return SupervisedController(
-            self.law, self.settings, list(self.torque_readings), list(self.speed_readings), self.watched
-        )
+            self.law, self.settings, list(self.torque_readings), list(self.speed_readings), self.watched,
+            self.learned,
+        )  # fmt: skip
 
 
 # --- Gains of the speed hold that the controller falls back to: slow, plain, and checked on the rig's model.

@@ -728,10 +728,13 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     added = [
         Variable(
             f"{dynamometer}.added_torque", "input", "N*m", 0.0,
-            "torque that speed hold adds, and that the check of the channels commands alone",
+            "torque that speed hold and emulation add, and that the check of the channels commands alone",
         )
         for dynamometer in law.dynamometers
     ]  # fmt: skip
+    if len(controller.learned):
+        meaning = "from 0 to 1: the manoeuvre begins, and what was learned of it is played"
+        added.append(Variable("trigger", "input", "1", 0.0, meaning))
     outputs = [
         Variable(f"{dynamometer}.command", "output", "N*m", 0.0, "torque command for this sample")
         for dynamometer in law.dynamometers
@@ -798,7 +801,7 @@ def controller_fmu(controller: ExportedController, fmi: str = "2.0") -> Fmu:
     inside = contents(controller)
     page = page_of(
         "controller.html", contents=inside, sample_time=controller.law.sample_time, bytes=memory_bytes(controller),
-        states=len(controller.law.A),
+        states=controller.law.states,
     )  # fmt: skip
     return package(
         inside,

@@ -46,6 +46,10 @@ CALLS = {
         [str(RECORDED / "case.toml"), "--bed", "recordings", "--vehicle-recording", str(RECORDED / "road.csv")],
         "recordings: a folder for recordings of the bed",
     ),
+    "learn": (
+        [str(RECORDED / "case.toml"), str(RECORDED / "road.csv")],
+        "road.csv: a recording of a manoeuvre on the controlled bed",
+    ),
     "map": ([str(REFERENCE / "case.toml"), "--x", "loop.dead_time", "--y", "loop.inverter_lag"], "a case: "),
     "uncertainty": ([str(ROOT / "examples" / "gum" / "mass.toml")], "a budget: 1 measurand, "),
     "fidelity": ([str(ROOT / "examples" / "fidelity" / "tab2.toml")], "a fidelity case: Drive-away, Tab. 2"),

@@ -55,10 +55,10 @@ def test_an_example_of_files_that_are_there_passes_a_dry_run(command, capsys, mo
         if words[:2] == ["rigmatch", command] and all((ROOT / file).exists() for file in read_by(words)):
             assert cli.main([*words[1:], "--check"]) == 0, capsys.readouterr().err
             tried += 1
-    assert tried or command in ("diagnose", "tolerance", "verify", "commission")  # their inputs are made first
+    assert tried or command in ("diagnose", "tolerance", "verify", "commission", "learn")  # their inputs are made first
 
 
-GROUPS = ("match tolerance", "map", "diagnose identify", "verify commission")  # that take long, or share results
+GROUPS = ("match tolerance", "map", "diagnose identify", "verify commission learn")  # that take long, or share results
 
 
 @pytest.mark.long

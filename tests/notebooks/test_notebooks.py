@@ -41,7 +41,12 @@ def figures(notebook: nbformat.NotebookNode) -> int:
     return sum("image/png" in output.get("data", {}) for cell in code(notebook) for output in cell.outputs)
 
 
-LONG = {"02_sizing_adapters", "03_finding_a_hidden_effect", "04_from_road_to_bed"}  # matches and diagnoses
+LONG = {
+    "02_sizing_adapters",
+    "03_finding_a_hidden_effect",
+    "04_from_road_to_bed",
+    "05_drive_away",
+}  # matches and diagnoses
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,14 @@
 #define DYNAMOMETERS CONTROLLER_DYNAMOMETERS
 
 /* what a row of the law is multiplied with, one after the other */
-enum { AT_STATE = 0, AT_READINGS = STATES, AT_KNOWN = AT_READINGS + READINGS, AT_SENT = AT_KNOWN + KNOWN, WIDTH = AT_SENT + DYNAMOMETERS };
+enum {
+    AT_STATE = 0,
+    AT_READINGS = STATES,
+    AT_KNOWN = AT_READINGS + READINGS,
+    AT_REMAINDERS = AT_KNOWN + KNOWN, /* of the observer's vehicle, then of the one that runs ahead */
+    AT_SENT = AT_REMAINDERS + 2 * CONTROLLER_VEHICLE_STATES,
+    WIDTH = AT_SENT + DYNAMOMETERS
+};
 
 static controller_real row(const controller_matrix *m, int32_t i, const controller_real *z)
 {
@@ -24,6 +31,17 @@ static controller_real row(const controller_matrix *m, int32_t i, const controll
         sum += m->value[k] * z[m->column[k]];
     }
     return sum;
+}
+
+/* the same between the matrices of two neighbouring speeds */
+static controller_real between(const controller_matrix *m, int32_t at, controller_real share, int32_t i, const controller_real *z)
+{
+    const controller_real low = row(&m[at], i, z);
+    controller_real found = low;
+    if (share > (controller_real)0.0) {
+        found = low + (share * (row(&m[at + 1], i, z) - low));
+    }
+    return found;
 }
 
 static controller_real within(controller_real value, controller_real low, controller_real high)
@@ -258,6 +276,66 @@ static void average(controller *c, const controller_input *in)
     }
 }
 
+#if CONTROLLER_VEHICLE_STATES > 0
+/* where a value stands on a rising grid: number of the lower neighbour and share of the upper one */
+static int32_t place(const controller_real *grid, controller_real value, controller_real *share)
+{
+    int32_t at = 0;
+    for (int32_t n = 1; n < (CONTROLLER_SPEEDS - 1); n++) {
+        if (value >= grid[n]) {
+            at = n;
+        }
+    }
+    *share = within((value - grid[at]) / (grid[at + 1] - grid[at]), (controller_real)0.0, (controller_real)1.0);
+    return at;
+}
+
+/* the vehicle begins as it runs steadily at the rotors' speed, below the lowest speed of the grid in proportion */
+static void begin_vehicle(controller *c)
+{
+    controller_real rotor = (controller_real)0.0;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        rotor += c->reading_start[SPEED_READING[j]] / (controller_real)DYNAMOMETERS;
+    }
+    controller_real share;
+    int32_t at = place(ROTOR_SPEED, rotor, &share);
+    at = place(SPEED, SPEED[at] + (share * (SPEED[at + 1] - SPEED[at])), &share);
+    const controller_real part = within(rotor / ROTOR_SPEED[0], (controller_real)-1.0, (controller_real)1.0);
+    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
+        c->steady[i] = part * (STEADY[at][i] + (share * (STEADY[at + 1][i] - STEADY[at][i])));
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        c->at_cut[j] = row(&CUT_BY_READING, j, c->reading_start) + row(&CUT_BY_COMMAND, j, c->sent_start);
+    }
+}
+
+/* what a vehicle does beyond the linear model of this speed, from its states less those of the begin */
+static void remainder_of(controller *c, const controller_real *off, int32_t at, controller_real share, controller_real *found)
+{
+    controller_real absolute[CONTROLLER_VEHICLE_STATES];
+    controller_real own[CONTROLLER_VEHICLE_INPUTS + 1];
+    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
+        absolute[i] = c->steady[i] + off[i];
+    }
+    for (int32_t i = 0; i < CONTROLLER_VEHICLE_INPUTS; i++) {
+        own[i] = c->known_start[KNOWN_INPUT[i]];
+    }
+    vehicle_rates(absolute, c->at_cut, own, found);
+    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
+        found[i] -= between(VEHICLE, at, share, i, off);
+    }
+}
+
+static controller_real vehicle_speed(const controller *c)
+{
+    controller_real speed = (controller_real)0.0;
+    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
+        speed += VEHICLE_SPEED[i] * (c->steady[i] + c->state[OBSERVED + i]);
+    }
+    return speed;
+}
+#endif
+
 static void enter(controller *c, const controller_input *in, int32_t mode)
 {
     if (mode != c->mode) {
@@ -280,6 +358,9 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
             (void)memcpy(c->reading_start, c->mean, sizeof c->reading_start);
             (void)memcpy(c->known_start, in->known, sizeof c->known_start);
             (void)memcpy(c->sent_start, c->sent, sizeof c->sent_start);
+#if CONTROLLER_VEHICLE_STATES > 0
+            begin_vehicle(c);
+#endif
             for (int32_t n = 0; n < CONTROLLER_KEPT; n++) {
                 for (int32_t j = 0; j < DYNAMOMETERS; j++) {
                     c->past_torque[n][j] = flange_torque(in, j);
@@ -314,29 +395,57 @@ static controller_real torque_limit(const controller *c, const controller_input 
     return within((of_power < of_curve) ? of_power : of_curve, (controller_real)0.0, own->torque_limit[j]);
 }
 
+/* what was learned over repetitions of a manoeuvre, from its trigger on; nothing before and after */
+static controller_real learned_torque(const controller *c, int32_t j)
+{
+    return ((c->played > 0) && (c->played <= CONTROLLER_LEARNED)) ? LEARNED[c->played - 1][j] : (controller_real)0.0;
+}
+
+static void follow_trigger(controller *c, const controller_input *in)
+{
+    if ((in->trigger != 0) && (c->triggered == 0)) {
+        c->played = 1;
+    } else if ((c->played > 0) && (c->played <= CONTROLLER_LEARNED)) {
+        c->played++;
+    } else {
+        /* nothing is played */
+    }
+    c->triggered = in->trigger;
+}
+
 static void emulate(controller *c, const controller_input *in)
 {
     controller_real z[WIDTH];
     controller_real deviation[READINGS];
+    controller_real share = (controller_real)0.0;
+    int32_t at = 0;
+#if CONTROLLER_VEHICLE_STATES > 0
+    at = place(SPEED, vehicle_speed(c), &share);
+#endif
     for (int32_t i = 0; i < READINGS; i++) {
         z[AT_READINGS + i] = in->reading[i] - c->reading_start[i];
         deviation[i] = z[AT_READINGS + i] - row(&EXPECTED, i, c->state);
     }
     for (int32_t i = 0; i < STATES; i++) {
-        z[AT_STATE + i] = c->state[i] + row(&CORRECTION, i, deviation);
+        z[AT_STATE + i] = c->state[i] + between(CORRECTION, at, share, i, deviation);
     }
     for (int32_t i = 0; i < KNOWN; i++) {
         z[AT_KNOWN + i] = in->known[i] - c->known_start[i];
     }
+#if CONTROLLER_VEHICLE_STATES > 0
+    remainder_of(c, z + OBSERVED, at, share, z + AT_REMAINDERS);
+    remainder_of(c, z + AHEAD, at, share, z + AT_REMAINDERS + CONTROLLER_VEHICLE_STATES);
+#endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
-        c->sent[j] = within(c->sent_start[j] + row(&COMMAND, j, z), -limit, limit);
+        const controller_real added = in->added_torque[j] + learned_torque(c, j);
+        c->sent[j] = within(c->sent_start[j] + between(COMMAND, at, share, j, z) + added, -limit, limit);
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         z[AT_SENT + j] = c->sent[j] - c->sent_start[j];
     }
     for (int32_t i = 0; i < STATES; i++) {
-        c->state[i] = row(&NEXT_STATE, i, z);
+        c->state[i] = between(NEXT_STATE, at, share, i, z);
     }
 }
 
@@ -390,6 +499,7 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
     answer_fault(c, in, fault);
     const int32_t wanted = (c->fault != CONTROLLER_NO_FAULT) ? c->fallback : in->mode;
     enter(c, in, unknown ? CONTROLLER_ZERO_TORQUE : wanted);
+    follow_trigger(c, in);
     if (c->mode == CONTROLLER_EMULATION) {
         emulate(c, in);
     } else if (c->mode == CONTROLLER_SPEED_HOLD) {

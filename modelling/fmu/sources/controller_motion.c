@@ -18,7 +18,7 @@ enum {
 };
 
 /* where things stand among the inputs */
-enum { IN_KNOWN = CONTROLLER_READINGS, IN_HOLD = IN_KNOWN + CONTROLLER_KNOWN, IN_MODE = IN_HOLD + CONTROLLER_DYNAMOMETERS, IN_LIFE, IN_ADDED };
+enum { IN_KNOWN = CONTROLLER_READINGS, IN_HOLD = IN_KNOWN + CONTROLLER_KNOWN, IN_MODE = IN_HOLD + CONTROLLER_DYNAMOMETERS, IN_LIFE, IN_ADDED, IN_TRIGGER = IN_ADDED + CONTROLLER_DYNAMOMETERS };
 
 #define MOST_SAMPLES 1e7 /* in one communication step */
 #define NEAR 1e-6        /* of a sample: how far a communication step may be from a whole number of them */
@@ -98,6 +98,7 @@ static int advance(Motion *m, double span) {
     for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) in.added_torque[j] = u[IN_ADDED + j];
     in.mode = u[IN_MODE] >= 2.5 ? 3 : u[IN_MODE] >= 1.5 ? 2 : u[IN_MODE] >= 0.5 ? 1 : 0;
     in.life = isfinite(u[IN_LIFE]) ? (uint32_t)(int64_t)fmod(u[IN_LIFE], 4294967296.0) : 0;
+    in.trigger = (CONTROLLER_LEARNED > 0 && u[IN_TRIGGER < N_INPUTS ? IN_TRIGGER : 0] >= 0.5) ? 1 : 0;
     take_settings(m);
     for (double k = 0; k < samples; k++) {
         controller_step(&m->running, &in, &out);

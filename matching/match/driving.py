@@ -1,0 +1,429 @@
+"""One controller over its range of speeds, judged: about steady speeds, and in manoeuvres that cross the range."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from matching.export import exported_controller
+from matching.match.beds import Judge, loop_figures, planned, quantile, sensor_noise
+from matching.match.case import Case, Drive
+from matching.match.in_time import Imperfection, hardware, perturbed_system
+from matching.match.loop import compared_sensors, linear_bed, without_limits
+from matching.match.loop_modes import neutral_motions
+from matching.match.minutes import MinuteSettings, readings_of
+from matching.match.operating_range import at_speed, grid, law_over_speed
+from matching.match.requirements import requirements
+from matching.match.running import run, stacked
+from modelling.bed.nonlinear import NonlinearBeds
+from modelling.controller.batch import ControllerBatch
+from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, ExportedController
+from modelling.errors import InputError
+from modelling.linear.steady_motion import torques_of
+from modelling.simulation.stepping import SimulationError
+
+
+@dataclass(frozen=True)
+class DrivingSettings:
+    """How a controller over speeds is judged.
+
+    Attributes
+    ----------
+    drawn : int
+        Beds drawn from the case's box, at every speed and in every drive.
+    share : float
+        Of the drawn beds that have to keep the tolerances; of twenty, one may miss them.
+    planned, tolerance : float
+        Error of a drive that is allowed of the bed as planned and of drawn ones: root mean square over the range of
+        the vehicle's signal, of the worst compared sensor.
+    quiet : float
+        Of the torque limit: rms of a command that noise may make at rest.
+    hold : float
+        s of speed hold before a drive.
+    at_rest : float
+        rad/s: an end at which the vehicle's sensors of speed move no more than this is at rest.
+    judged_at_rest : float
+        s at the end of a drive.
+    """
+
+    drawn: int = 20
+    share: float = 0.95
+    planned: float = 0.03
+    tolerance: float = 0.05
+    quiet: float = 0.02
+    hold: float = 3.0
+    at_rest: float = 0.2
+    judged_at_rest: float = 1.0
+
+
+DRIVING = DrivingSettings()
+
+
+# --- About steady speeds: between those of the grid, too.
+
+
+@dataclass(frozen=True)
+class AtSpeed:
+    """The controller about one steady speed, m/s, linear; errors as in a match.
+
+    ``stable`` and ``damped`` count the drawn beds, ``measured`` and ``unmeasured`` are errors of the bed as planned,
+    their ``…_95`` of the drawn ones; margin, roll-off and noise (N·m rms, the largest) of the bed as planned.
+    """
+
+    vehicle_speed: float
+    drawn: int
+    stable: int
+    damped: int
+    least_damping_ratio: float
+    measured: float
+    unmeasured: float
+    measured_95: float | None
+    unmeasured_95: float | None
+    modulus_margin: float
+    largest_rolled_off: float
+    command_noise: float
+    missed: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {**vars(self), "missed": list(self.missed)}
+
+
+def at_speeds(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) -> tuple[AtSpeed, ...]:
+    """The controller of a tuned case at the speeds of its grid and between them."""
+    law, about = law_over_speed(case), case.operating_range
+    assert about is not None
+    from matching.match.operating_range import RANGE
+
+    rows = []
+    for speed in grid(about, RANGE.further).tolist():
+        own, radius = at_speed(case, speed), about.rolling_radius
+        controller, required = without_limits(law.frozen(speed / radius)), requirements(own)
+        judge = Judge(own, controller, neutral_motions(linear_bed(own)), required)
+        values = [own.uncertainty.at(position) for position in own.uncertainty.draw(settings.drawn, seed)]
+        found = judge.verdicts([{}, *values])
+        figures = loop_figures(planned(own, sensor_noise(own, controller.sensors)), controller, required)
+        noise = max(figures.command_noise.values())
+        stable = found.stable[1:]
+        missed = [
+            words for words, wrong in (
+                ("beds that are not stable", not found.stable.all()),
+                ("beds damped too little", not found.damped.all()),
+                ("the modulus margin", figures.modulus_margin < required.modulus_margin),
+                ("the roll-off", figures.largest_rolled_off > required.rolled_off),
+                ("the command noise", (np.array([*figures.command_noise.values()]) > required.command_noise).any()),
+                ("the error to measured torques", found.measured[0] > case.tolerance),
+                ("the error to unmeasured torques", found.unmeasured[0] > case.unmeasured_tolerance),
+            ) if wrong
+        ]  # fmt: skip
+        rows.append(
+            AtSpeed(
+                speed, len(values), int(stable.sum()), int((stable & found.damped[1:]).sum()),
+                float(found.damping_ratio.min()), float(found.measured[0]), float(found.unmeasured[0]),
+                quantile(found.measured[1:][stable].tolist(), 0.95),
+                quantile(found.unmeasured[1:][stable].tolist(), 0.95), figures.modulus_margin,
+                figures.largest_rolled_off, noise, tuple(missed),
+            )
+        )  # fmt: skip
+    return tuple(rows)
+
+
+# --- In time: drives on nonlinear beds with poor sensors, beside the nonlinear vehicle with the same specimen.
+
+
+@dataclass(frozen=True)
+class DriveErrors:
+    """One controller in one drive, errors over the range of the vehicle's signals.
+
+    Attributes
+    ----------
+    planned : float or None
+        Of the bed as planned, the worst sensor; None where emulation ended by itself or the bed ran away.
+    median, high : float or None
+        Of the drawn beds that stayed in emulation: median, and what 95 % of all drawn beds keep; None where fewer stay.
+    drawn, stayed : int
+    fault : str
+        What ended the emulation first, in words.
+    quiet : float or None
+        N·m rms of a command at the end, where the vehicle is at rest there.
+    """
+
+    planned: float | None
+    median: float | None
+    high: float | None
+    drawn: int
+    stayed: int
+    fault: str = ""
+    quiet: float | None = None
+
+
+@dataclass(frozen=True)
+class DriveResult:
+    """A drive under the controller of the range, and under that of one speed; traces of the bed as planned.
+
+    ``traces``: time (t,), then by sensor (t,) of vehicle, bed, and bed under the controller of one speed.
+    """
+
+    title: str
+    vehicle_speed: float
+    seconds: float
+    worst_sensor: str
+    errors: DriveErrors
+    one_speed: DriveErrors
+    traces: tuple[np.ndarray, dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]] = field(repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "title": self.title, "vehicle_speed": self.vehicle_speed, "seconds": self.seconds,
+            "worst_sensor": self.worst_sensor, "errors": vars(self.errors), "one_speed": vars(self.one_speed),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Played:
+    """What one controller did: readings (t, y, b), commands (t, k, b), when (b,) in samples emulation ended, why."""
+
+    readings: np.ndarray
+    commands: np.ndarray
+    ended: np.ndarray
+    faults: np.ndarray
+
+
+def play(
+    case: Case, controller: ExportedController, torques: dict[str, np.ndarray], rows: Sequence[Imperfection],
+    sensors: Sequence[str], seed: int = 0, settings: DrivingSettings = DRIVING, added: np.ndarray | None = None,
+) -> _Played:  # fmt: skip
+    """A drive on imperfect beds of a case at its operating point, under an exported controller.
+
+    Parameters
+    ----------
+    torques : dict of str to ndarray (t,)
+        N·m by input, less those of the operating point.
+    sensors : sequence of str (y)
+        Of the rig, that are kept.
+    added : ndarray (t, k), optional
+        Torques, N·m, that the dynamometers get beside the controller's commands.
+    """
+    loop, step = case.loop, controller.law.sample_time
+    beds = NonlinearBeds(
+        [perturbed_system(case.rig, row, case) for row in rows], loop, loop.dynamometers,
+        [hardware(case, row) for row in rows],
+    )  # fmt: skip
+    drives = stacked([torques] * len(rows), beds.drives)
+    names, size, count = controller.law.sensors, len(rows), len(drives)
+    poor = readings_of(case, names, [row.values for row in rows], MinuteSettings(offset=0.0), step, seed)
+    at = [beds.model.sensors.index(name) for name in names]
+    kept = [beds.model.sensors.index(name) for name in sensors]
+    flanges = [number for number in controller.torque_readings if number >= 0]
+    about, trim = beds.steady[at], torques_of(case.rig)
+    held = np.array([trim[one.torque_input] for one in loop.dynamometers])[:, None]
+    known = np.zeros((count, len(controller.law.known), size))
+    for number, name in enumerate(controller.law.known):
+        on_rig = name in beds.drives
+        if not on_rig or name in loop.measured:
+            known[:, number] = np.asarray(torques.get(name, np.zeros(count)))[:, None] + trim.get(name, 0.0)
+    batch, x = ControllerBatch(controller, size), beds.start
+    before = round(settings.hold / step)
+    speeds = about[list(controller.speed_readings)]
+    read, sent = np.empty((count, len(kept), size)), np.empty((count, len(held), size))
+    ended, faults = np.full(size, count), np.zeros(size, int)
+    for n in range(-before, count):
+        now, after = drives[max(n, 0)], drives[min(max(n + 1, 0), count - 1)]
+        if n < 0:
+            now = after = drives[0]
+        true = beds.read(x, now)
+        if n >= 0:
+            read[n] = true[kept]
+        own = true[at]
+        own[flanges] = beds.lagged(x)
+        mode = SPEED_HOLD if n < 0 else EMULATION
+        commands, _, fault = batch.step(poor.read(own, 0.0) + about, known[max(n, 0)], mode, speeds, n + before)
+        if n >= 0:
+            new = (fault != 0) & (faults == 0)
+            ended[new], faults[new] = n, fault[new]
+            if added is not None:
+                commands = commands + added[n][:, None]
+            sent[n] = commands
+        x = beds.advance(x, commands - held, now, after)
+        lost = ~np.isfinite(x).all(axis=0)
+        if lost.any():
+            ended[lost & (faults == 0)], faults[lost & (faults == 0)] = max(n, 0), 1
+            x = np.where(lost, beds.start, x)
+    return _Played(read, sent, ended, faults)
+
+
+def vehicles_in(
+    case: Case, torques: dict[str, np.ndarray], rows: Sequence[Imperfection], sensors: Sequence[str]
+) -> np.ndarray:
+    """Readings (t, y, b) of the nonlinear vehicles with the specimens of these beds.
+
+    Raises
+    ------
+    SimulationError
+        If one grows out of bounds.
+    """
+    beds = NonlinearBeds([perturbed_system(case.vehicle, row, case) for row in rows], case.loop)
+    drives = stacked([torques] * len(rows), beds.drives)
+    found = run(beds, drives, [beds.model.sensors.index(name) for name in sensors])
+    if found.lost.any():
+        raise SimulationError("drives", "the vehicle's motion grows out of bounds", "check its parameters")
+    return found.readings
+
+
+@dataclass(frozen=True)
+class Driving:
+    """What a controller over a range of speeds reaches.
+
+    Attributes
+    ----------
+    lowest, highest : float
+        m/s.
+    designed_at : tuple of float
+        m/s, the grid.
+    speeds : tuple of AtSpeed
+    drives : tuple of DriveResult
+    one_speed : float
+        m/s, of the controller beside it.
+    not_run : str
+        Why there are no drives; empty otherwise.
+    """
+
+    lowest: float
+    highest: float
+    designed_at: tuple[float, ...]
+    speeds: tuple[AtSpeed, ...]
+    drives: tuple[DriveResult, ...]
+    one_speed: float
+    not_run: str = ""
+    settings: DrivingSettings = DRIVING
+
+    @property
+    def worst_speed(self) -> AtSpeed:
+        """Where the larger of both errors, each over what usually is allowed, is largest."""
+        return max(self.speeds, key=lambda one: max(one.measured / 0.1, one.unmeasured / 0.3))
+
+    def sentences(self, torque_limit: float | None) -> list[str]:
+        """What stands in the way, in sentences."""
+        said = []
+        missing: dict[str, list[float]] = {}
+        for one in self.speeds:
+            for what in one.missed:
+                missing.setdefault(what, []).append(3.6 * one.vehicle_speed)
+        for what, where in missing.items():
+            at = f"at {where[0]:.3g} km/h" if len(where) == 1 else f"between {min(where):.3g} and {max(where):.3g} km/h"
+            said.append(
+                f"over the range of speeds, {what} {'stand' if what.startswith('beds') else 'stands'} in the way {at}"
+            )
+        for drive in self.drives:
+            said += _missed(drive, self.settings, torque_limit)
+        if self.not_run:
+            said.append(f"the drives were not run: {self.not_run}")
+        return said
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {
+            "vehicle_speed": [self.lowest, self.highest], "designed_at": list(self.designed_at),
+            "speeds": [one.to_dict() for one in self.speeds], "drives": [one.to_dict() for one in self.drives],
+            "one_speed": self.one_speed, "not_run": self.not_run,
+        }  # fmt: skip
+
+
+def _missed(drive: DriveResult, settings: DrivingSettings, torque_limit: float | None) -> list[str]:
+    errors, said = drive.errors, []
+    if errors.fault:
+        on = (
+            "on the bed as planned"
+            if errors.planned is None
+            else f"on {errors.drawn - errors.stayed} of {errors.drawn} drawn beds"
+        )
+        said.append(f"{drive.title}: the controller leaves emulation {on} ({errors.fault})")
+    if errors.planned is not None and errors.planned > settings.planned:
+        said.append(
+            f"{drive.title}: {drive.worst_sensor.replace('_', ' ')} is off by {100 * errors.planned:.2g} % of its "
+            f"range, {100 * settings.planned:g} % is allowed of the bed as planned"
+        )
+    if errors.high is not None and errors.high > settings.tolerance:
+        said.append(
+            f"{drive.title}: 95 % of the drawn beds are off by up to {100 * errors.high:.2g} % of the range, "
+            f"{100 * settings.tolerance:g} % is allowed"
+        )
+    if errors.quiet is not None and torque_limit is not None and errors.quiet > settings.quiet * torque_limit:
+        said.append(
+            f"{drive.title}: at rest the command keeps moving by {errors.quiet:.2g} N·m rms, "
+            f"{settings.quiet * torque_limit:.3g} N·m ({100 * settings.quiet:g} % of the torque limit) is allowed"
+        )
+    return said
+
+
+def driving(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) -> Driving:
+    """Judge the controller of a tuned case over its range."""
+    about = case.operating_range
+    assert about is not None
+    one_speed = replace(case, operating_range=None)
+    speed = (
+        float(np.mean([dict(case.vehicle.operating_point.speeds).get(name, 0.0) for name in about.bodies]))
+        if case.vehicle.operating_point
+        else 0.0
+    )
+    drives, not_run = [], ""
+    try:
+        controllers = exported_controller(case), exported_controller(one_speed)
+        drives = [_driven(case, drive, controllers, seed, settings) for drive in about.drives]
+    except (SimulationError, InputError) as fault:
+        not_run = str(fault)
+    return Driving(
+        about.lowest, about.highest, tuple(grid(about).tolist()), at_speeds(case, seed, settings), tuple(drives),
+        speed * about.rolling_radius, not_run, settings,
+    )  # fmt: skip
+
+
+def _driven(
+    case: Case, drive: Drive, controllers: tuple[ExportedController, ExportedController], seed: int,
+    settings: DrivingSettings,
+) -> DriveResult:  # fmt: skip
+    own, step = at_speed(case, drive.vehicle_speed), case.loop["sample_time"]
+    seconds = max(torque.duration for torque in drive.torques.values())
+    time = np.arange(round(seconds / step) + 1) * step
+    torques = {name: torque.torque(time) for name, torque in drive.torques.items()}
+    box = own.uncertainty
+    rows = [Imperfection(""), *(Imperfection("", box.at(position)) for position in box.draw(settings.drawn, seed))]
+    sensors = compared_sensors(case)
+    vehicle = vehicles_in(own, torques, rows, sensors)
+    played = [play(own, controller, torques, rows, sensors, seed, settings) for controller in controllers]
+    errors, one_speed = (_errors(vehicle, each, settings, step) for each in played)
+    planned_error = _relative(vehicle, played[0].readings)[:, 0]
+    worst = sensors[int(planned_error.argmax())]
+    traces = {
+        name: (vehicle[:, i, 0], played[0].readings[:, i, 0], played[1].readings[:, i, 0])
+        for i, name in enumerate(sensors)
+    }
+    return DriveResult(drive.title, drive.vehicle_speed, seconds, worst, errors, one_speed, (time, traces))
+
+
+def _relative(vehicle: np.ndarray, bed: np.ndarray) -> np.ndarray:
+    """Root mean squares (y, b) of errors over the ranges of the vehicle's signals (t, y, b)."""
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        relative: np.ndarray = np.sqrt(np.mean((bed - vehicle) ** 2, axis=0)) / np.ptp(vehicle, axis=0)
+    return np.nan_to_num(relative, nan=0.0, posinf=0.0)
+
+
+def _errors(vehicle: np.ndarray, played: _Played, settings: DrivingSettings, step: float) -> DriveErrors:
+    worst, stayed = _relative(vehicle, played.readings).max(axis=0), played.faults == 0
+    drawn = worst[1:][stayed[1:]]
+    allowed = len(worst[1:]) - int(np.floor(settings.share * (len(worst) - 1) + 1e-9))
+    ranked = np.sort(np.where(stayed[1:], worst[1:], np.inf))
+    high = float(ranked[len(ranked) - 1 - allowed]) if len(ranked) > allowed else np.inf
+    last = round(settings.judged_at_rest / step)
+    rests = bool(np.ptp(vehicle[-last:, :, 0], axis=0).max() < settings.at_rest)
+    quiet = float(np.std(played.commands[-last:], axis=0)[:, stayed].max(initial=0.0)) if rests else None
+    first = played.faults[played.faults != 0]
+    return DriveErrors(
+        float(worst[0]) if stayed[0] else None, float(np.median(drawn)) if len(drawn) else None,
+        high if np.isfinite(high) else None, len(worst) - 1, int(stayed[1:].sum()),
+        FAULTS[int(first[0])] if len(first) else "", quiet,
+    )  # fmt: skip

@@ -1,0 +1,271 @@
+"""A case over a range of speeds: reading it, its grid, the case at one speed, and the one controller of all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from matching.match.case import Case, Drive, OperatingRange, table_of
+from matching.match.loop import linear_bed
+from matching.match.requirements import requirements
+from modelling.bed.bed import Loop
+from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
+from modelling.bed.profile import driven_along, read_driver, read_speed_profile
+from modelling.bed.scheduled import ScheduledLaw, scheduled_law
+from modelling.bed.vehicle import ResidualVehicle, cut
+from modelling.errors import InputError, unknown
+from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
+from modelling.system import OperatingPoint, System
+from modelling.units import to_si
+
+
+@dataclass(frozen=True)
+class RangeSettings:
+    """How a range of speeds is covered.
+
+    Attributes
+    ----------
+    slowest : float
+        m/s: the lowest speed of the grid. Below it the design of that speed holds, and the vehicle in the law is as it
+        is: about standstill dry friction sticks, and no linear model holds.
+    largest_ratio : float
+        Of one speed of the grid to the next at most. What a tyre does goes with 1/v: matrices that lie straight between
+        such neighbours reproduce it to a per cent, and the vehicle itself is exact.
+    further : int
+        Speeds between two of the grid at which the requirements are checked.
+    """
+
+    slowest: float = 0.2
+    largest_ratio: float = 2.0
+    further: int = 2
+
+
+RANGE = RangeSettings()
+KEYS = ("vehicle_speed", "rolling_radius", "road_load")
+EXAMPLE = 'write vehicle_speed = ["0 km/h", "100 km/h"] and rolling_radius = 0.3'
+
+
+# --- Reading and writing
+
+
+def with_point_in_range(data: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """The tables of a case with an operating point in the middle of the range, where they state a range alone.
+
+    Raises
+    ------
+    InputError
+        If the range is none, or both state a road load.
+    """
+    if "operating_range" not in data:
+        return data
+    table = table_of(data, "operating_range", where, set(KEYS))
+    if "operating_point" in data:
+        if "road_load" in table:
+            raise InputError(
+                f"{where}: operating_range.road_load", "stands beside [operating_point]", "state it there, once"
+            )  # fmt: skip
+        return data
+    low, high = _speeds(table, f"{where}: operating_range")
+    speed = {"vehicle_speed": float(np.sqrt(max(low, RANGE.slowest) * high)), "rolling_radius": table["rolling_radius"]}
+    load = {"road_load": table["road_load"]} if "road_load" in table else {}
+    return {**data, "operating_point": speed | load}
+
+
+def read_range(
+    data: Mapping[str, Any], vehicle: System, rig: System, loop: Loop, bodies: list[str], where: str
+) -> OperatingRange | None:
+    """The range of a case, None without one.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong, and where there are drives without a range.
+    """
+    if "operating_range" not in data:
+        if "drives" in data:
+            raise InputError(f"{where}: drives", "stand without [operating_range]", EXAMPLE)
+        return None
+    place = f"{where}: operating_range"
+    table = table_of(data, "operating_range", where, set(KEYS))
+    if not loop.structure.is_observer:
+        raise InputError(
+            f"{where}: loop.structure", f"{loop.structure.name!r} holds about one speed",
+            'a range of speeds needs structure = "observer"',
+        )  # fmt: skip
+    low, high = _speeds(table, place)
+    radius = to_si(table["rolling_radius"], "m", f"{place}.rolling_radius")
+    made = OperatingRange(low, high, radius, tuple(bodies))
+    driven = {one.torque_input for one in loop.dynamometers}
+    known = [part.name for part in vehicle.inputs if part.name not in driven]
+    entries = data.get("drives", [])
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise InputError(f"{where}: drives", "is no list of tables", 'write [[drives]] with vehicle_speed = "30 km/h"')
+    drives = tuple(_drive(entry, number, made, vehicle, loop, known, where) for number, entry in enumerate(entries, 1))
+    return replace(made, drives=drives)
+
+
+def _speeds(table: Mapping[str, Any], place: str) -> tuple[float, float]:
+    for key in ("vehicle_speed", "rolling_radius"):
+        if key not in table:
+            raise InputError(f"{place}.{key}", "is missing", EXAMPLE)
+    entry = table["vehicle_speed"]
+    if not isinstance(entry, list) or len(entry) != 2:
+        raise InputError(f"{place}.vehicle_speed", "is no pair of speeds", EXAMPLE)
+    low, high = (to_si(edge, "m/s", f"{place}.vehicle_speed") for edge in entry)
+    if not 0 <= low < high or high <= RANGE.slowest:
+        right = f"0 ≤ lowest < highest is needed, highest above {RANGE.slowest:g} m/s; backwards is its mirror image"
+        raise InputError(f"{place}.vehicle_speed", f"{low:g} … {high:g} m/s is no range", right)
+    if not to_si(table["rolling_radius"], "m", f"{place}.rolling_radius") > 0:
+        raise InputError(f"{place}.rolling_radius", "is not above 0", "give the tyres' radius in m")
+    return low, high
+
+
+def _drive(
+    entry: Mapping[str, Any], number: int, about: OperatingRange, vehicle: System, loop: Loop, known: list[str],
+    where: str,
+) -> Drive:  # fmt: skip
+    place, own = f"{where}: drives[{number}]", ("title", "vehicle_speed", "profile", "driver")
+    for key in entry:
+        if key not in (*own, *known):
+            raise unknown(str(key), [*own, *known], place)
+    speed = to_si(entry.get("vehicle_speed", 0.0), "m/s", f"{place}.vehicle_speed")
+    if not 0 <= speed <= about.highest:
+        raise InputError(
+            f"{place}.vehicle_speed", f"{speed:g} m/s is not in the range", f"0 … {about.highest:g} m/s is needed"
+        )
+    folder = Path(where).parent
+    torques: dict[str, Manoeuvre] = {}
+    if "profile" in entry:
+        profile = read_speed_profile(entry["profile"], folder, place)
+        speed = to_si(entry.get("vehicle_speed", float(profile.speed[0])), "m/s", f"{place}.vehicle_speed")
+        begin, driver = at_vehicle_speed(vehicle, about, speed), read_driver(entry.get("driver"), known, place)
+        torques |= driven_along(profile, driver, begin, loop, about.bodies, about.rolling_radius)
+    for name in known:
+        if name in entry:
+            torques[name] = read_manoeuvre(entry[name], name, f"{place}.{name}", folder)
+    if not torques:
+        right = 'write motor_torque = { kind = "drive_away", amplitude = 100 }, or profile = "speed.csv"'
+        raise InputError(place, "names no torque", right)
+    return Drive(str(entry.get("title", f"drive {number}")), speed, torques)
+
+
+def range_tables(about: OperatingRange) -> dict[str, Any]:
+    """``[operating_range]`` and ``[[drives]]`` of a case file, SI."""
+    tables: dict[str, Any] = {
+        "operating_range": {"vehicle_speed": [about.lowest, about.highest], "rolling_radius": about.rolling_radius}
+    }
+    if about.drives:
+        tables["drives"] = [
+            {
+                "title": drive.title, "vehicle_speed": drive.vehicle_speed,
+                **{
+                    name: {"file": trace_file(number, name)} if isinstance(torque, RecordedTorque) else torque.table()
+                    for name, torque in drive.torques.items()
+                },
+            }
+            for number, drive in enumerate(about.drives, 1)
+        ]  # fmt: skip
+    return tables
+
+
+def trace_file(number: int, name: str) -> str:
+    """Where the recorded torque of a drive stands."""
+    return f"drive_{number}_{name}.csv"
+
+
+# --- The case at one speed
+
+
+def grid(about: OperatingRange, further: int = 0) -> np.ndarray:
+    """Speeds (g,), m/s, at which the controller is designed, with so many ``further`` ones between two of them."""
+    low = max(about.lowest, RANGE.slowest)
+    pieces = max(int(np.ceil(np.log(about.highest / low) / np.log(RANGE.largest_ratio))), 1)
+    return np.geomspace(low, about.highest, pieces * (further + 1) + 1)
+
+
+def ends_of(case: Case) -> list[float]:
+    """Lowest and highest speed of the grid, m/s: what goes with 1/v lies between what it is there."""
+    about = case.operating_range
+    assert about is not None
+    return grid(about)[[0, -1]].tolist()
+
+
+def at_speed(case: Case, speed: float) -> Case:
+    """The case with its operating point at a speed of the vehicle, m/s, at rest without one at 0; no targets.
+
+    The drives' torques there are those that hold the speed; what acts beyond the cut is as the vehicle has it.
+    """
+    about = case.operating_range
+    assert about is not None
+    vehicle = at_vehicle_speed(case.vehicle, about, speed)
+    emulated = vehicle
+    if case.simple_vehicle is not None:
+        ends = [(one.vehicle_end, one.vehicle_end) for one in case.residual_vehicle.interfaces]
+        beyond = {part.name for system in case.residual_vehicle.parts for part in system.inertias}
+        acting = [part.name for part in case.simple_vehicle.inputs if part.on in beyond]
+        emulated = turning_as(vehicle, case.simple_vehicle, ends, acting)
+    fresh = cut(emulated, case.rig)
+    parts = tuple(
+        replace(tuned, operating_point=part.operating_point)
+        for part, tuned in zip(fresh.parts, case.residual_vehicle.parts, strict=True)
+    )
+    residual: ResidualVehicle = replace(fresh, parts=parts)
+    ends = [(one.rig_end, one.vehicle_end) for one in residual.interfaces]
+    driven = {one.torque_input for one in case.loop.dynamometers}
+    rig = turning_as(vehicle, case.rig, ends, [part.name for part in case.rig.inputs if part.name not in driven])
+    limits = {**case.limits, "margin_from": requirements(case).margin_from}
+    return replace(
+        case, vehicle=vehicle, rig=rig, residual_vehicle=residual, targets=(), operating_range=None, limits=limits,
+        simple_vehicle=None if case.simple_vehicle is None else emulated,
+    )  # fmt: skip
+
+
+def at_vehicle_speed(vehicle: System, about: OperatingRange, speed: float) -> System:
+    """The vehicle with its operating point at a speed, m/s; at rest at 0."""
+    if not speed:
+        return replace(vehicle, operating_point=None)
+    beyond = set(about.bodies)
+    torques = tuple((part.name, 0.0) for part in vehicle.inputs if part.on in beyond)
+    speeds = tuple((name, speed / about.rolling_radius) for name in about.bodies)
+    vehicle = replace(vehicle, operating_point=OperatingPoint(speeds, torques))
+    operating_motion(vehicle)
+    return vehicle
+
+
+def turning_as(
+    vehicle: System, system: System, ends: Sequence[tuple[str, str]], inputs: Sequence[str]
+) -> System:  # fmt: skip
+    """A system whose ``ends`` turn as the inertias of the vehicle that they stand for, with its torques at
+    ``inputs``; at rest where the vehicle is.
+    """
+    if vehicle.operating_point is None:
+        return replace(system, operating_point=None)
+    speeds, torques = speeds_of(vehicle), torques_of(vehicle)
+    point = OperatingPoint(
+        tuple((end, speeds[of_vehicle]) for end, of_vehicle in ends),
+        tuple((name, torques.get(name, 0.0)) for name in inputs),
+    )
+    system = replace(system, operating_point=point)
+    operating_motion(system)
+    return system
+
+
+def law_over_speed(case: Case) -> ScheduledLaw:
+    """The controller of a tuned case over its range.
+
+    Raises
+    ------
+    NoDesign
+        If a Riccati equation has no stabilising solution at one of the speeds.
+    """
+    about = case.operating_range
+    assert about is not None
+    cases, turning = [at_speed(case, float(speed)) for speed in grid(about)], speeds_of(case.vehicle)
+    return scheduled_law(
+        [each.rig for each in cases], [each.residual_vehicle for each in cases], case.loop, case.loop.values,
+        about.bodies, linear_bed(cases[-1]).torque_signs, float(np.mean([turning[name] for name in about.bodies])),
+    )  # fmt: skip

@@ -1,0 +1,198 @@
+"""Learning over repetitions on beds that rigmatch knows nothing of, half of them with free play and dry friction."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driving.own_car import Bed, Car, Sensors, drive_car, run_bed, still
+from needs import compiles
+
+from matching.bed.learn import Learned, learn, read_played
+from matching.export import exported_controller
+from matching.match.case_file import load_case
+from matching.match.learning import Learner
+from matching.match.loop import control_law, linear_bed
+from matching.match.match import match
+from matching.match.variables import SearchSettings
+from modelling.controller.batch import ControllerBatch
+from modelling.errors import InputError
+from modelling.recordings.read import csv_text
+
+pytestmark = compiles
+REFERENCE = Path(__file__).parents[2] / "examples" / "road_to_rig"
+STEP, SAMPLES, BEDS, RECORDINGS, REPETITIONS = 1e-3, 2000, 20, 2, 3
+NOISE = {"flange_left_torque": 0.3445, "flange_right_torque": 0.3385}
+SPEED_NOISE = 0.0836  # rad/s
+COMPARED = ("motor_speed", "side_left_torque", "side_right_torque")
+
+
+class Exact(Sensors):
+    """The same speeds, means over a sample, without counts, noise and chance: what repeats."""
+
+    def read(self, state, ratio):
+        rows = []
+        for name in self.names:
+            side = "left" if "left" in name else "right"
+            if name.endswith("torque"):
+                rows.append(state[f"read_{side}"] * self.gains[name])
+                continue
+            angle = state["motor_angle"] if name == "motor_speed" else state[f"angle_{side}"]
+            rows.append((angle - self.counts.get(name, angle)) / self.step)
+            self.counts[name] = angle
+        return np.stack(rows)
+
+
+class Bench:
+    """Twenty drawn beds and the one as planned, each beside a car with its specimen, in the same tip-in."""
+
+    def __init__(self, case, dead_time, beds=BEDS, seed=97):
+        random = np.random.default_rng(seed)
+
+        def some(width):
+            return 1 + width * np.r_[0.0, random.uniform(-1, 1, beds)]
+
+        self.count = beds + 1
+        inertias = ("motor", "gearbox", "differential", "adapter_left", "adapter_right", "rotor_left", "rotor_right")
+        shafts = ("gear_mesh", "gear_output", "side_left", "side_right", "flange_left", "flange_right")
+        factors = {f"inertias.{name}.J": some(0.05) for name in inertias}
+        factors |= {f"shafts.{name}.stiffness": some(0.05) for name in shafts}
+        factors |= {f"shafts.{name}.damping": some(0.3) for name in shafts}
+        odd = np.arange(self.count) % 2
+        play, friction = 0.01 * odd, 8.0 * odd
+        self.controller = exported_controller(case)
+        self.car = Car(REFERENCE / "vehicle.toml", factors, self.count, play, friction)
+        gains = np.stack([some(0.03), some(0.03)])
+        lags = 0.002 * some(0.2), 0.0005 * some(0.2)
+        self.bed = Bed(REFERENCE / "rig.toml", factors, self.count, *lags, gains, play, friction)
+        self.delay = dead_time - STEP / 2 + 0.0005 * (some(1.0) - 1)
+        names = self.controller.law.sensors
+        self.noise, self.gains = [NOISE.get(name, SPEED_NOISE) for name in names], {name: some(0.005) for name in names}
+        time = np.arange(SAMPLES) * STEP
+        self.torque = (100 * np.clip((time - 0.2) / 0.05, 0, 1))[:, None] + np.zeros(self.count)
+        self.car_motion, _ = drive_car(self.car, still(self.car, np.zeros(self.count)), self.torque, STEP)
+
+    def repeated(self, added, seed, exact=False):
+        """Motion less the car's (t, 3, b) with torques added (b, t, k)."""
+        law, rest, before = self.controller.law, np.zeros(self.count), 0.3
+        first = round(before / STEP)
+        sensors = (Exact if exact else Sensors)(law.sensors, self.noise, self.gains, STEP, seed)
+        batch = ControllerBatch(self.controller, self.count)
+
+        def commands(readings, _, mode, hold, sample):
+            more = added[:, sample - first].T if sample >= first else np.zeros((2, self.count))
+            sent, _, faults = batch.step(readings, np.zeros((len(law.known), self.count)), mode, hold, sample, more)
+            return sent, faults
+
+        found, _, lasted = run_bed(
+            self.bed, still(self.bed, rest), self.torque, commands, sensors, self.delay, STEP, np.stack([rest, rest]),
+            before=before,
+        )  # fmt: skip
+        assert lasted.all()
+        return found - self.car_motion
+
+
+@pytest.mark.long
+def test_what_repeats_is_learned_at_eight_milliseconds():
+    case = load_case(REFERENCE / "observer.toml")
+    case = replace(
+        case, loop=case.loop.with_values({"dead_time": 0.008}), limits={**case.limits, "opened_shafts": False}
+    )
+    tuned = match(case, settings=SearchSettings(emulated=0.0), beds=20, ordering=False).tuned
+    bench = Bench(tuned, 0.008)
+    learner = Learner.of(tuned, control_law(linear_bed(tuned)), SAMPLES)
+    ranges = np.ptp(bench.car_motion[:, :, 0], axis=0)
+
+    def size(error):
+        return np.sqrt(np.mean((error / ranges[:, None]) ** 2, axis=(0, 1)))
+
+    added = np.zeros((bench.count, SAMPLES, 2))
+    sizes = [size(bench.repeated(added, 0, exact=True))]
+    for repetition in range(REPETITIONS):
+        errors = [bench.repeated(added, 1 + 10 * repetition + number) for number in range(RECORDINGS)]
+        noise = size(errors[0] - errors[1]) / np.sqrt(2)
+        for number in range(bench.count):
+            error = np.stack([each[:, :, number] for each in errors])
+            added[number] += learner.correction(error, ranges).torques
+        sizes.append(size(bench.repeated(added, 0, exact=True)))
+        assert (sizes[-1] <= sizes[-2] + noise / 2).all(), (sizes, noise)
+    shares = np.array(sizes[1:]) / sizes[0]
+    assert (shares[-1] <= 0.3).sum() >= 0.9 * bench.count, shares
+    assert np.median(shares[-1]) <= 0.2
+
+
+@pytest.mark.long
+def test_the_loop_answers_added_torques_as_the_learner_expects():
+    """A pulse of torque added on the bed as planned, in equations of the test, without noise."""
+    case = load_case(REFERENCE / "observer.toml")
+    bench = Bench(case, 0.003, beds=0)
+    pulse = np.zeros((1, SAMPLES, 2))
+    time = np.arange(SAMPLES) * STEP
+    pulse[0, :, 0] = 40 * np.sin(2 * np.pi * 6 * time) * np.sin(np.pi * np.clip((time - 0.1) / 0.5, 0, 1)) ** 2
+    found = bench.repeated(pulse, 0, exact=True)[:, :, 0] - bench.repeated(0 * pulse, 0, exact=True)[:, :, 0]
+    learner = Learner.of(case, control_law(linear_bed(case)), SAMPLES)
+    lines = slice(1, learner.answers.shape[1] + 1)
+    A = np.fft.rfft(pulse[0], learner.padded, axis=0)[lines]
+    spectrum = np.zeros((learner.padded // 2 + 1, 3), complex)
+    spectrum[lines] = (learner.answers[0] @ A[..., None])[..., 0]
+    expected = np.fft.irfft(spectrum, learner.padded, axis=0)[:SAMPLES]
+    for column, name in enumerate(COMPARED):
+        off = found[:, column] - expected[:, column]
+        off -= off.mean()  # what stands for ever has no line
+        assert np.std(off) < 0.15 * np.std(found[:, column]), name
+
+
+def test_noise_alone_teaches_nothing():
+    case = load_case(REFERENCE / "observer.toml")
+    learner = Learner.of(case, control_law(linear_bed(case)), SAMPLES)
+    ranges, random = np.array([200.0, 900.0, 900.0]), np.random.default_rng(5)
+    noise = random.standard_normal((4, SAMPLES, 3)) * 0.01 * ranges
+    ramp = np.sin(2 * np.pi * 7 * np.arange(SAMPLES) * STEP)[:, None] * np.exp(-np.arange(SAMPLES) * 2e-3)[:, None]
+    learned = learner.correction(noise + 0.02 * ramp * ranges, ranges)
+    nothing = learner.correction(noise, ranges)
+    assert np.std(nothing.torques) < 0.25 * np.std(learned.torques)
+    assert learned.size > 2 * learned.noise > 0
+
+
+def recording(error, shift=0, noise=0.0, seed=0):
+    """A CSV recording of the reference car's tip-in with an error on the motor's speed."""
+    time = np.arange(1500) * STEP
+    random = np.random.default_rng(seed)
+    torque = 60 * np.clip((time - 0.2 - shift * STEP) / 0.05, 0, 1)
+    columns = {"motor_torque": torque}
+    for name, factor in (("motor_speed", 1.0), ("side_left_torque", 6.0), ("side_right_torque", 6.0)):
+        moved = np.roll(error, shift) * factor
+        columns[name] = moved + factor * noise * random.standard_normal(len(time))
+    return csv_text(time, columns, dict.fromkeys(columns, "N*m") | {"motor_speed": "rad/s"})
+
+
+def test_recordings_are_learned_from_and_played_again(tmp_path):
+    case = load_case(REFERENCE / "observer.toml")
+    error = np.sin(2 * np.pi * 8 * np.arange(1500) * STEP)
+    paths = []
+    for number, shift in enumerate((0, 40)):  # the second one was triggered 40 ms later
+        paths.append(tmp_path / f"{number}.csv")
+        paths[-1].write_text(recording(error, shift, 0.01, number))
+    learned = learn(case, paths)
+    assert isinstance(learned, Learned)
+    assert learned.repetition == 1
+    assert learned.noise < 0.2 * learned.error
+    assert len(learned.controller.learned) == len(learned.time)
+    folder = tmp_path / "learned"
+    learned.save(folder)
+    again = learn(case, paths, played=folder)
+    assert again.repetition == 2
+    assert again.history == pytest.approx((learned.error,))
+    np.testing.assert_allclose(read_played(folder, case.loop.dynamometers).torques, learned.torques, atol=1e-9)
+
+
+def test_what_cannot_be_learned_is_refused(tmp_path):
+    case = load_case(REFERENCE / "observer.toml")
+    path = tmp_path / "one.csv"
+    path.write_text(recording(np.zeros(1500)))
+    with pytest.raises(InputError, match="does not know of torques"):
+        learn(load_case(REFERENCE / "case.toml"), [path])
+    with pytest.raises(InputError, match="operating_range"):
+        learn(case, [path], vehicle_speed=3.0)
+    with pytest.raises(InputError, match="does not exist"):
+        learn(case, [path], played=tmp_path / "nothing")

@@ -1,0 +1,102 @@
+"""One controller over a range of speeds, on a bed and beside a car that rigmatch knows nothing of."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driving.own_car import Bed, Car, Sensors, drive_car, run_bed, steady
+from needs import compiles
+
+from matching.export import exported_controller
+from modelling.controller.batch import ControllerBatch
+
+pytestmark = compiles
+EXAMPLE = Path(__file__).parents[2] / "examples" / "drive_away"
+STEP, BEDS, SEED, SECONDS = 1e-3, 20, 4711, 6.5
+RADIUS = 0.3
+NOISE = {"flange_left_torque": 0.3445, "flange_right_torque": 0.3385}
+SPEED_NOISE = 0.0836  # rad/s
+
+
+def drawn(count, drives, width, random):
+    """Factors (b,) within ± a width: the first bed of every drive is as planned, beds are the same in all drives."""
+    return np.tile(1 + width * np.r_[0.0, random.uniform(-1, 1, count)], drives)
+
+
+def tip_in(time, size, at, over):
+    return size * np.clip((time - at) / over, 0, 1)
+
+
+def drives_over(time):
+    """Speeds, km/h, and added motor torques (t,): drive-away to 50 km/h in 6 s, tip-ins, to standstill and hold."""
+    part = np.clip((time - 0.8) / 0.3, 0, 1)
+    slowing = -60 * np.clip(time / 0.3, 0, 1) * (time < 2.35)  # rolling resistance stops it, and holds it
+    return [
+        (0.0, 150 * part**2 * (3 - 2 * part)), *((kmh, tip_in(time, 100, 0.2, 0.05)) for kmh in (10.0, 30.0, 80.0)),
+        (10.0, slowing),
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def controller():
+    """Of the example as its run.py matches it, with its figures asserted."""
+    return exported_controller(runpy.run_path(str(EXAMPLE / "run.py"))["main"]().tuned)
+
+
+@pytest.fixture(scope="module")
+def motions(controller):
+    """Car and bed in all drives: (t, 3, b), commands (t, 2, b), whether emulation lasted (b,), and the speeds."""
+    random, time = np.random.default_rng(SEED), np.arange(round(SECONDS / STEP)) * STEP
+    drives = drives_over(time)
+    count = len(drives) * (BEDS + 1)
+
+    def some(width):
+        return drawn(BEDS, len(drives), width, random)
+
+    inertias = ("motor", "gearbox", "differential", "adapter_left", "adapter_right", "rotor_left", "rotor_right")
+    shafts = ("gear_mesh", "gear_output", "side_left", "side_right", "flange_left", "flange_right")
+    factors = {f"inertias.{name}.J": some(0.05) for name in inertias}
+    factors |= {f"shafts.{name}.stiffness": some(0.05) for name in shafts}
+    factors |= {f"shafts.{name}.damping": some(0.3) for name in shafts}
+    car = Car(EXAMPLE / "vehicle.toml", factors, count)
+    gains = np.stack([some(0.03), some(0.03)])
+    bed = Bed(EXAMPLE / "rig.toml", factors, count, 0.002 * some(0.2), 0.0005 * some(0.2), gains)
+    speed = np.repeat([kmh / 3.6 / RADIUS for kmh, _ in drives], BEDS + 1)
+    of_car, of_bed, held, wheel = steady(car, bed, speed)
+    torque = np.repeat(np.stack([added for _, added in drives], axis=1), BEDS + 1, axis=1) + held
+    names = controller.law.sensors
+    sensors = Sensors(
+        names, [NOISE.get(name, SPEED_NOISE) for name in names], {name: some(0.005) for name in names}, STEP, SEED
+    )
+    batch, k = ControllerBatch(controller, count), controller.law.known.index("motor_torque")
+
+    def commands(readings, now, mode, hold, sample):
+        known = np.zeros((len(controller.law.known), count))
+        known[k] = now
+        sent, _, faults = batch.step(readings, known, mode, hold, sample)
+        return sent, faults
+
+    wanted, _ = drive_car(car, of_car, torque, STEP)
+    delay = 0.0025 + 0.0005 * (some(1.0) - 1)
+    found, sent, lasted = run_bed(
+        bed, of_bed, torque, commands, sensors, delay, STEP, np.stack([wheel, wheel]), before=1.0
+    )
+    return wanted, found, sent, lasted, len(drives)
+
+
+@pytest.mark.long
+def test_car_and_bed_drive_alike_through_the_range(motions):
+    wanted, found, _, lasted, drives = motions
+    assert lasted.all(), "emulation ended by itself"
+    errors = np.sqrt(np.mean((found - wanted) ** 2, axis=0)) / np.ptp(wanted, axis=0)
+    worst = errors.max(axis=0).reshape(drives, BEDS + 1)
+    assert worst[:, 0].max() <= 0.03, worst[:, 0]
+    assert (worst[:, 1:] <= 0.05).sum(axis=1).min() >= 19, worst
+
+
+@pytest.mark.long
+def test_it_is_quiet_at_rest(motions):
+    _, _, sent, _, _ = motions
+    at_rest = sent[:500, :, : BEDS + 1]  # before the car drives away
+    assert np.std(at_rest, axis=0).max() <= 0.02 * 1500

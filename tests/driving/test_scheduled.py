@@ -1,0 +1,177 @@
+"""The law over a range of speeds: C, FMU and Python alike; at a speed of its grid it is the design of that speed."""
+
+import re
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driving.own_car import Bed, Car, steady, step
+from fmu.slave import slave
+from needs import compiles
+
+from matching.export import exported_controller
+from matching.match.case_file import case_files, case_from_tables, load_case
+from matching.match.loop import bed_of, closed_poles, side_by_side, without_limits
+from matching.match.operating_range import at_speed, grid
+from modelling.bed.nonlinear import BedHardware, NonlinearBeds
+from modelling.bed.observer import design, observer_model
+from modelling.controller.batch import ControllerBatch
+from modelling.errors import InputError
+from modelling.fmu.export import controller_fmu
+from modelling.linear.steady_motion import torques_of
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "drive_away" / "case.toml"
+HOLD, EMULATION = 1, 2
+
+
+@pytest.fixture(scope="module")
+def case():
+    return load_case(EXAMPLE)
+
+
+@pytest.fixture(scope="module")
+def controller(case):
+    """With its start weights, and torques that were learned."""
+    time = np.arange(700) * 1e-3
+    learned = np.stack([20 * np.sin(20 * time), -15 * np.sin(30 * time)], axis=1)
+    return replace(exported_controller(case), learned=learned)
+
+
+def driven(law, samples):
+    """Readings, known torques and hold speeds of a drive that never settles: what the law makes of it is compared."""
+    random, time = np.random.default_rng(3), np.arange(samples) * 1e-3
+    speed = 25 + 20 * np.sin(1.5 * time) + 3 * time
+    by_name = {"motor_speed": 10.05 * speed}
+    rows = []
+    for name in law.sensors:
+        torque = name.endswith("torque")
+        exact = 60 * np.sin(2 * time) if torque else by_name.get(name, speed)
+        rows.append(exact + (0.3 if torque else 0.05) * random.standard_normal(samples))
+    known = np.zeros((len(law.known), samples))
+    known[law.known.index("motor_torque")] = 20 * np.sin(3 * time)
+    return np.array(rows), known, np.stack([speed, speed])
+
+
+@compiles
+def test_c_and_python_command_the_same_through_the_range(controller):
+    samples = 2500
+    readings, known, hold = driven(controller.law, samples)
+    running, batch, worst = controller.running(), ControllerBatch(controller, 1), 0.0
+    for n in range(samples):
+        mode, trigger = HOLD if n < 40 else EMULATION, 900 <= n < 910
+        wanted = running.step(readings[:, n], known[:, n], mode, hold[:, n], n, trigger=trigger)
+        sent, active, fault = batch.step(
+            readings[:, n : n + 1], known[:, n : n + 1], mode, hold[:, n : n + 1], n, trigger=trigger
+        )
+        assert (active[0], fault[0]) == (wanted.mode, wanted.fault)
+        worst = max(worst, float(np.abs(sent[:, 0] - wanted.commands).max()))
+    assert worst < 1e-7
+
+
+def test_its_fmu_commands_what_python_does(controller, tmp_path):
+    made = controller_fmu(controller)
+    if made.platform is None:
+        pytest.skip("no C compiler here")
+    (tmp_path / "controller.fmu").write_bytes(made.content)
+    law, samples = controller.law, 400
+    readings, known, hold = driven(law, samples)
+    running = controller.running()
+    with slave(tmp_path / "controller.fmu") as fmu:
+        fmu.begin()
+        for n in range(samples):
+            mode, trigger = HOLD if n < 40 else EMULATION, n >= 100
+            wanted = running.step(readings[:, n], known[:, n], mode, hold[:, n], n, trigger=trigger)
+            values = dict(zip((*law.sensors, *law.known), (*readings[:, n], *known[:, n]), strict=True))
+            values |= {f"{name}.hold_speed": hold[j, n] for j, name in enumerate(law.dynamometers)}
+            fmu.set(values | {"mode": float(mode), "life": float(n), "trigger": float(trigger)})
+            fmu.step(1e-3)
+            sent = fmu.get([f"{name}.command" for name in law.dynamometers])
+            np.testing.assert_allclose(sent, wanted.commands, atol=1e-7)
+
+
+def test_at_a_speed_of_the_grid_it_is_the_design_of_that_speed(case):
+    law = exported_controller(case).law
+    for number in (0, 4, 8):
+        speed = float(grid(case.operating_range)[number])
+        own = at_speed(case, speed)
+        alone = design(observer_model(own.rig, own.residual_vehicle, own.loop), own.loop.values)
+        bed = side_by_side([bed_of(own, {})])
+        found, wanted = (
+            np.sort(np.abs(closed_poles(bed, without_limits(one)))[0])
+            for one in (law.frozen(speed / case.operating_range.rolling_radius), alone)
+        )
+        np.testing.assert_allclose(found[-12:], wanted[-12:], atol=2e-4)
+
+
+@pytest.mark.parametrize(("speed", "bump"), [(None, 1e-3), (12.0, 15.0)], ids=["of the grid", "between"])
+def test_emulation_begins_at_speed_without_a_bump(controller, case, speed, bump):
+    """Readings of steady motion: the first samples send on what was sent, within a hundredth of the torque limit."""
+    own = at_speed(case, float(grid(case.operating_range)[6]) if speed is None else speed)
+    loop, law = own.loop, controller.law
+    hardware = BedHardware((0.002,) * 2, (0.0005,) * 2, tuple(loop.command_delays()), (1.0, 1.0))
+    beds = NonlinearBeds([own.rig], loop, loop.dynamometers, [hardware])
+    steady = beds.steady[[beds.model.sensors.index(name) for name in law.sensors], 0]
+    held = torques_of(own.rig)
+    sent = np.array([held[one.torque_input] for one in loop.dynamometers])
+    known = np.array([held.get(name, 0.0) for name in law.known])
+    begin, state = law.begin(steady, known, sent), np.zeros(law.states)
+    for _ in range(50):
+        added, state = law.step(state, np.zeros(len(steady)), np.zeros(len(known)), np.full(2, 1e4), begin)
+        assert np.abs(added).max() < bump
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"vehicle_speed": ["50 km/h", "20 km/h"]}, "is no range"),
+        ({"vehicle_speed": "50 km/h"}, "no pair of speeds"),
+        ({"rolling_radius": 0.0}, "is not above 0"),
+        ({"road_load": "100 N", "vehicle_sped": 1}, "vehicle_sped"),
+    ],
+)
+def test_a_wrong_range_is_refused(change, said):
+    data = tomllib.loads(EXAMPLE.read_text())
+    data["operating_range"] |= change
+    with pytest.raises(InputError, match=re.escape(said)):
+        case_from_tables(data, str(EXAMPLE))
+
+
+def test_drives_need_a_range_and_a_range_an_observer():
+    data = tomllib.loads(EXAMPLE.read_text())
+    with pytest.raises(InputError, match="needs structure"):
+        case_from_tables({**data, "loop": {**data["loop"], "structure": "model_based"}}, str(EXAMPLE))
+    without = {key: value for key, value in data.items() if key != "operating_range"}
+    with pytest.raises(InputError, match="stand without"):
+        case_from_tables(without, str(EXAMPLE))
+
+
+def test_a_written_case_keeps_its_range(case, tmp_path):
+    for name, text in case_files(case).items():
+        (tmp_path / name).write_text(text)
+    again = load_case(tmp_path / "case.toml").operating_range
+    assert (again.lowest, again.highest, again.bodies) == (0.0, pytest.approx(100 / 3.6), case.operating_range.bodies)
+    for one, other in zip(again.drives, case.operating_range.drives, strict=True):
+        time = np.linspace(0, 3, 50)
+        for name, torque in other.torques.items():
+            np.testing.assert_allclose(one.torques[name].torque(time), torque.torque(time), atol=1e-6)
+
+
+@pytest.mark.long
+def test_the_driver_follows_the_profile(case):
+    """The torques of the profile, played to a car of other equations, make it stand where the profile stands."""
+    torque = case.operating_range.drives[-1].torques["motor_torque"]
+    car = Car(EXAMPLE.parent / "vehicle.toml", {}, 1)
+    bed = Bed(EXAMPLE.parent / "rig.toml", {}, 1, 0.002, 0.0005, np.ones((2, 1)))
+    begin, _, held, _ = steady(car, bed, np.array([10 / 3.6 / 0.3]))
+    time = np.arange(7000) * 1e-3
+    speeds, state = [], begin
+    for now in torque.torque(time) + held:
+        for _ in range(10):
+            state = step(car, state, now)
+        speeds.append(state["body_left"][0])
+    kmh = 3.6 * 0.3 * np.array(speeds)
+    wanted = np.interp(time, [0, 0.5, 3.5, 7.5], [10, 10, 0, 0])
+    assert np.abs(kmh - wanted).max() < 1.5
+    assert np.abs(kmh[-500:]).max() < 0.5
