@@ -8,11 +8,12 @@ on the bed. The bed is linear then, and the diagnosis need not search among all 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from matching.bed.excite import bed_inputs
 from matching.bed.simulated_bed import bed_system, names_in_system
@@ -44,10 +45,9 @@ class LostMotionSettings:
     linear: float = 0.2  # of the readings: misfit of a linear bed, fitted, is 0.05 to 0.07, of one with play over 0.5
     places: int = 2  # shafts that are fitted: those with the least misfit before a fit
     begins: int = 3  # gaps of each that a fit begins at
-    near: float = 1.5  # factor on such a gap that a fit stays within: the next gap is tried as well
+    near: float = 1.5  # factor on such a gap that a fit stays within: the next is tried as well
     horizons: tuple[float, ...] = (0.3, 1.0)  # parts of the recording that are fitted one after another
-    iterations: int = 5  # of each: the misfit hardly falls after them
-    shorter: int = 4  # steps that are tried, each by a tenth
+    tries: int = 9  # steps that are tried in each: the misfit hardly falls after them
     hardly: float = 0.02  # of a cost, by which a step is not worth another
     change: float = 1e-2  # of a half-width, by which a value is changed for a derivative: above the steps of contact
     weight: float = 30.0  # of the relative misfit over a deviation of one half-width: data decide where they tell
@@ -143,11 +143,13 @@ def lost_motion(
     without = of_bed()
     stated = [np.concatenate([np.zeros(count), np.full(len(rubbing), share)]) for share in shares]
     begun = min(stated, key=lambda x: _size(without(x)))
-    base = _fitted(without, begun, count, len(rubbing), settings)
+    base = begun
+    for share in settings.horizons:
+        base = _fitted(without, base, count, len(rubbing), settings, share)
     least = _size(without(base))
     if not settings.linear < least < FAR:
         return None
-    first, best = settings.horizons[0], dict[str, tuple[float, np.ndarray]]()
+    first = settings.horizons[0]
     places = {place: (of_bed(place), gaps) for place, gaps in _places(system, case, sent, settings).items()}
     tried = [
         (_size(playing(begin, first)), number, place, begin)
@@ -155,19 +157,26 @@ def lost_motion(
         for number, begin in enumerate(np.append(x, gap) for gap in gaps for x in (base, *stated[:2]))
     ]  # fmt: skip
     tried.sort(key=lambda one: one[:2])
-    for place in list(dict.fromkeys(place for _, _, place, _ in tried))[: settings.places]:
+
+    def nearest(place: str, begins: Sequence[np.ndarray], share: float) -> tuple[float, np.ndarray]:
+        """The least misfit of a part of the recording that fits reach, and its values."""
         playing = places[place][0]
-        for begin in [begin for _, _, at, begin in tried if at == place][: settings.begins]:
-            found = _fitted(playing, begin, count, len(rubbing), settings)
-            best[place] = min(best.get(place, (FAR, found)), (_size(playing(found)), found), key=lambda one: one[0])
+        found = [_fitted(playing, begin, count, len(rubbing), settings, share) for begin in begins]
+        return min(((_size(playing(x, share)), x) for x in found), key=lambda one: one[0])
+
+    best = dict[str, tuple[float, np.ndarray]]()
+    for place in list(dict.fromkeys(place for _, _, place, _ in tried))[: settings.places]:
+        begins = [begin for _, _, at, begin in tried if at == place][: settings.begins]
+        best[place] = nearest(place, begins, first)
     for place in [place for place in best if place != min(best, key=lambda one: best[one][0])]:
         # play on either side of a small inertia looks alike: the same play is tried there
         of_least, begin = min(best, key=lambda one: best[one][0]), min(best.values(), key=lambda one: one[0])[1].copy()
         begin[-1] *= (
             places[place][1][-1] / places[of_least][1][-1]
         )  # the largest gaps, which are the same at the rotors
-        found = _fitted(places[place][0], begin, count, len(rubbing), settings)
-        best[place] = min(best[place], (_size(places[place][0](found)), found), key=lambda one: one[0])
+        best[place] = min(best[place], nearest(place, [begin], first), key=lambda one: one[0])
+    for share in settings.horizons[1:]:
+        best = {place: nearest(place, [x], share) for place, (_, x) in best.items()}
     if not best:
         return None
     geared = {f"shafts.{shaft.name}" for shaft in system.shafts if shaft.ratio is not None}
@@ -188,13 +197,11 @@ def _size(errors: np.ndarray) -> float:
 
 
 def _fitted(
-    errors: Errors, begin: np.ndarray, count: int, rubbing: int,
-    settings: LostMotionSettings,
-) -> np.ndarray:  # fmt: skip
+    errors: Errors, begin: np.ndarray, count: int, rubbing: int, settings: LostMotionSettings, share: float
+) -> np.ndarray:
     """Deviations (p,), friction and gap of the least misfit near ``begin``; the first ``count`` are held by the box.
 
-    By Levenberg's method, first on the begin of the recording alone: a vibration that is followed too long has a
-    minimum at every beat.
+    Of a share of the recording, its begin: a vibration that is followed too long has a minimum at every beat.
     """
     scale = np.ones(len(begin))
     scale[count:] = 0.1
@@ -203,29 +210,20 @@ def _fitted(
     low[:count], high[:count] = -LARGEST, LARGEST
     for i in range(count + rubbing, len(begin)):  # every size of play has a minimum of its own
         low[i], high[i] = begin[i] / settings.near, begin[i] * settings.near
-    x = begin
-    for share in settings.horizons:
 
-        def weighed(x: np.ndarray, share: float = share) -> np.ndarray:
-            left = errors(x, share)
-            return np.append(settings.weight * left / np.sqrt(len(left)), x[:count])
+    def weighed(x: np.ndarray) -> np.ndarray:
+        left = errors(x, share)
+        return np.append(settings.weight * left / np.sqrt(len(left)), x[:count])
 
-        now, damping = weighed(x), 1e-2
-        for _ in range(settings.iterations):
-            J = np.stack([weighed(x + step) - now for step in settings.change * np.diag(scale)], axis=1)
-            J /= settings.change  # by scaled values
-            normal, slope, cost = J.T @ J, J.T @ now, now @ now
-            for _ in range(settings.shorter):
-                step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -slope)
-                tried = np.clip(x + scale * step, low, high)
-                then = weighed(tried)
-                if then @ then < cost:
-                    x, now, damping = tried, then, damping / 10
-                    break
-                damping *= 10
-            if cost - now @ now < settings.hardly * cost:
-                break
-    return x
+    def slopes(x: np.ndarray) -> np.ndarray:
+        # contact and friction have steps: differences over a step above them, which SciPy's own are not at 0
+        step, now = settings.change * scale, weighed(x)
+        return np.stack([(weighed(x + own) - now) / own.sum() for own in np.diag(step)], axis=1)
+
+    return least_squares(
+        weighed, np.clip(begin, low, high), slopes, (low, high), "dogbox", settings.hardly, None, None, x_scale=scale,
+        max_nfev=settings.tries,
+    ).x  # fmt: skip
 
 
 LARGEST = 3.0  # half-widths that a quantity is off at most

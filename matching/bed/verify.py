@@ -211,8 +211,9 @@ class BedVerification(Displayed):
 
 # --- Response errors of the controlled bed, and whether the match predicted them.
 
-UNKNOWN_VARIANCE = 0.1  # of a response over its square: beyond it nothing is said at that frequency
-LARGEST_UNKNOWN = 0.2  # share of the band that may be left out of an error
+UNKNOWN_VARIANCE = 0.1  # of a response over its square: beyond it a frequency counts as one in the noise
+LARGEST_UNKNOWN = 0.2  # share of the band that may lie in the noise
+IN_NOISE = 0.3  # of a response over its square: beyond it what was read is judged beside the lines around it
 NEGLIGIBLE = 0.1  # of what the case allows: a smaller error is none that the prediction could be blamed for
 RICHARDSON = 3.0  # 2² − 1: the trapezoidal rule is of second order
 CORRECTED = 0.5  # of what the spectral lines change: half-width of what is left after its correction
@@ -257,12 +258,11 @@ class Figures:
             relative = function.variances / np.abs(values) ** 2
             error = np.abs(np.log(values / vehicle)) ** 2
         expected = np.abs(np.log(matched / vehicle)) ** 2
-        good = np.isfinite(error) & (relative < UNKNOWN_VARIANCE)
-        weights = log_weights(function.frequencies, band)
-        unknown = float(weights[~good].sum())
+        share, read = log_weights(function.frequencies, band), np.isfinite(error)
+        unknown = float(share[~(read & (relative < UNKNOWN_VARIANCE))].sum())
         if unknown > LARGEST_UNKNOWN:
-            return cls(math.nan, math.nan, float(weights @ expected), unknown)
-        share = np.where(good, weights, 0.0) / weights[good].sum()
+            return cls(math.nan, math.nan, float(share @ expected), unknown)
+        good = read & (relative < IN_NOISE)
         error, relative = np.where(good, error, 0.0), np.where(good, relative, 0.0)
         with np.errstate(invalid="ignore", divide="ignore"):
             clean = np.log(values / vehicle) * np.sqrt(np.maximum(1 - relative / np.maximum(error, 1e-300), 0.0))
@@ -271,13 +271,48 @@ class Figures:
         between = 0.0
         if (shared == 1).all():
             between = between_lines(function.frequencies[good], error[good] - relative[good], band)
-        lines = Lines(share, clean, noise, shared, between)
+        below, spread = below_noise(function, vehicle, error - relative, good)
+        lines = Lines(share, clean, noise, shared, math.hypot(between, float(share[~good] @ spread)))
         variance = square_variance([lines])
         square, others = float(share @ error), np.zeros(0)
         if drawn is not None and len(drawn):
             others = np.abs(np.log(np.where(good, values, vehicle) / drawn)) ** 2 @ share - square
+        square += float(share[~good] @ below)
         predicted = float(share @ expected)
         return cls(square - float(share @ relative), variance, predicted, unknown, vehicles=others, lines=lines)
+
+
+NEIGHBOURS = 10  # lines above the noise that say how large an error one below it is likely to have
+SCALES = (1.0, 4.0, 16.0)  # of that size: where a dip moved, single lines are off by far more than those around it
+TURNS, SIZES = 24, 24  # phases and sizes that stand for a circular normal distribution
+
+
+def below_noise(
+    function: MeasuredFunction, vehicle: np.ndarray, squares: np.ndarray, good: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Squares of the error (f',) at the lines that are not ``good`` (f,), and their standard uncertainties.
+
+    There the response has a dip that lies in the noise, and the error is often the largest of the band: a dip that
+    moved. It is as likely as the errors (``squares``, f) of the lines around it say, and as what was read there allows;
+    of a dip every modulus is as likely as any other, not its logarithm. Lines beside each other are off together.
+    """
+    if good.all():
+        return np.zeros(0), np.zeros(0)
+    bad, above = np.flatnonzero(~good), np.flatnonzero(good)
+    nearest = np.argsort(np.abs(np.log(function.frequencies[bad, None] / function.frequencies[above])), axis=1)
+    size = np.sqrt(np.maximum(squares[above][nearest[:, :NEIGHBOURS]].mean(axis=1), 0.0))
+    radii = np.sqrt(-np.log(1 - (np.arange(SIZES) + 0.5) / SIZES))
+    circle = (radii[:, None] * np.exp(2j * np.pi * np.arange(TURNS) / TURNS)).ravel()
+    error = size[:, None] * np.concatenate([scale * circle for scale in SCALES])  # (f', d)
+    ratio = np.exp(error)
+    misfit = np.abs(function.values[bad, None] - vehicle[bad, None] * ratio) ** 2 / function.variances[bad, None]
+    misfit = np.where(np.isfinite(misfit), misfit, 0.0)  # nothing was read: it is as likely as its neighbours say
+    misfit -= np.minimum(error.real, 0.0)
+    likely = np.exp(misfit.min(axis=1, keepdims=True) - misfit)
+    likely /= likely.sum(axis=1, keepdims=True)
+    drawn = np.abs(np.log(ratio)) ** 2
+    mean = np.sum(likely * drawn, axis=1)
+    return mean, np.sqrt(np.sum(likely * (drawn - mean[:, None]) ** 2, axis=1))
 
 
 def between_lines(frequencies: np.ndarray, squares: np.ndarray, band: tuple[float, float]) -> float:

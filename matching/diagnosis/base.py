@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from matching.diagnosis.causes import ExtendedModel
 from matching.diagnosis.data import FitData
@@ -69,7 +69,7 @@ def _spread(problem: FitProblem, v: np.ndarray, settings: DiagnosisSettings) -> 
     if not k:
         return []
     low, high = problem.lower[:k], problem.upper[:k]
-    shares = qmc.Sobol(k, seed=0).random(settings.base_starts)
+    shares = scipy.stats.qmc.Sobol(k, seed=0).random(settings.base_starts)
     positive = low > 0  # by factors: a stiffness of a tenth is as far as one of ten times
     points = np.where(positive, np.where(positive, low, 1.0) * (high / np.where(positive, low, 1.0)) ** shares,
                       low + (high - low) * shares)  # fmt: skip

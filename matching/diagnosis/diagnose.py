@@ -213,9 +213,10 @@ def diagnose(
     """
     settings = settings or DiagnosisSettings()
     by_default = time_limit is None and not is_limited()
+    seconds = settings.processor_seconds if by_default else time_limit
     with (
         ends_early(),
-        limited(settings.processor_seconds if by_default else time_limit, of_processor=by_default) as limit,
+        limited(None if seconds is None else (1 - settings.reserved) * seconds, of_processor=by_default) as limit,
     ):
         measuring = [holdout] if isinstance(holdout, Recording) else list(holdout or [])
         stated, system = system, with_clocks(system, [*recordings, *measuring])
@@ -253,7 +254,8 @@ def diagnose(
         while True:
             selected, fits = identified.selected, equivalent_fits(best.fit, best.causes)
             base, final = selected.base, replace(best, fit=fits[0])
-            left = [_left(hypothesis, judge, unseen) for hypothesis in (base, final)]
+            left = [_left(base, judge, unseen)]
+            left.append(left[0] if final.fit is base.fit else _left(final, judge, unseen))
             before, after = (rms_by_sensor(list(of.residuals)) for of in left)
             verdict = _verdict(final, judge, after, data.rounding)
             values, judging = fitted_values(final, fits), None if verdict == "explained" else unseen
@@ -289,8 +291,8 @@ def diagnose(
         )  # fmt: skip
     if ended_early_by():
         found.notes.append("interrupted: the best answer so far")
-    elif limit.ended_at and (by_default or time_limit is not None):
-        spent = f"{settings.processor_seconds:g} s of processor time" if by_default else f"{time_limit:g} s"
+    elif limit.ended_at and seconds is not None:
+        spent = f"{seconds:g} s{' of processor time' if by_default else ''}"
         found.notes.append(f"cut short after {spent}: the best answer so far")
     return found
 

@@ -7,8 +7,9 @@ straight lines, 1.4 % at 12 Hz and 187 samples per second: 13 standard uncertain
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 from scipy.linalg import qr
@@ -29,6 +30,7 @@ LIKELIER = 25.0  # decrease of χ² over its inflation for another hypothesis to
 MOST = (
     0.5  # share of the misfit beyond noise that another hypothesis has to explain: what a cause leaves decides nothing
 )
+WORTH = 0.2  # of that, to first order: another hypothesis that gains less is not fitted
 DELAY = 0.25  # of a sample: step of the derivative by a delay
 ITERATIONS = 60
 
@@ -58,18 +60,19 @@ def likeliest(system: System, recorded: FitData, fit: Fit, kinds: tuple[str, ...
         len(part.time) for part in fit.problem.data.segments
     ]:
         return kinds, fit
-    known = {kinds: fit}
+    known, told = {kinds: fit}, cache(partial(_with_delays, fit))
     for group in [torques, *([j] for j in torques if len(torques) > 1)]:
         for kind in KINDS:
             other = tuple(kind if j in group else now for j, now in enumerate(kinds))
             if (
                 other not in known
                 and not time_is_over()
-                and (found := _refitted(fit, as_taken(recorded, other))) is not None
+                and (found := _refitted(fit, as_taken(recorded, other), told)) is not None
             ):
                 known[other] = found
         kinds = _likelier(system, recorded, known, kinds)
-        fit = known[kinds]
+        if known[kinds] is not fit:
+            fit, told = known[kinds], cache(partial(_with_delays, known[kinds]))
     return kinds, fit
 
 
@@ -84,9 +87,11 @@ def note_on(system: System, kinds: Sequence[str]) -> list[str]:
     return out
 
 
-def _refitted(fit: Fit, data: FitData) -> Fit | None:
-    """A fit with other inputs; None where that changes nothing, is clearly worse to first order, or does not
-    simulate."""
+def _refitted(fit: Fit, data: FitData, told: Callable[[], np.ndarray]) -> Fit | None:
+    """A fit with other inputs; None where that changes nothing, gains nothing to first order, or does not simulate.
+
+    ``told`` gives the basis of :func:`_with_delays`: what it can take decides nothing.
+    """
     problem = replace(fit.problem, data=data)
     residual = problem.residuals(fit.v[None])[0]
     change = problem.by_sensor(residual - fit.residual)
@@ -94,6 +99,9 @@ def _refitted(fit: Fit, data: FitData) -> Fit | None:
     if not np.sqrt(squares / np.maximum(data.readings_by_sensor, 1)).max(initial=0.0) >= NOTICED:
         return None
     if expected_cost(fit, residual) > fit.cost + LIKELIER:
+        return None
+    before, after = (float(np.sum((r - told() @ (told().T @ r)) ** 2)) for r in (fit.residual, residual))
+    if before - after < WORTH * LIKELIER:
         return None
     try:
         return solve(problem, fit.v, fit.jacobian, FitOptions(ITERATIONS, exact=False))
@@ -125,6 +133,12 @@ def _likelier(
 
 def _free_of_delays(fit: Fit) -> np.ndarray:
     """The residual (r,) of a fit without what its variables and a delay of each input can take."""
+    basis = _with_delays(fit)
+    return fit.residual - basis @ (basis.T @ fit.residual)
+
+
+def _with_delays(fit: Fit) -> np.ndarray:
+    """Orthonormal basis (r, n) of what the variables of a fit and a delay of each input change."""
     problem, columns = fit.problem, []
     for j in range(problem.data.segments[0].inputs.shape[1]):
         later = replace(problem, data=replace(problem.data, segments=tuple(_late(s, j) for s in problem.data.segments)))
@@ -133,8 +147,7 @@ def _free_of_delays(fit: Fit) -> np.ndarray:
             columns.append(moved)
     matrix = np.column_stack([fit.jacobian, *columns])
     lengths = np.linalg.norm(matrix, axis=0)
-    basis = qr(matrix / np.where(lengths > 0, lengths, 1.0), mode="economic", check_finite=False)[0]
-    return fit.residual - basis @ (basis.T @ fit.residual)
+    return qr(matrix / np.where(lengths > 0, lengths, 1.0), mode="economic", check_finite=False)[0]
 
 
 def _late(segment: Segment, j: int) -> Segment:

@@ -1,8 +1,9 @@
 """One selection: a set of causes with their values, and moves from it. Each refits from the best values so far.
 
-The moves are: add a cause, or two that hide each other; share one cause between channels; put a simpler kind in the
-place of a cause; drop a cause, the only one too; exchange a cause. One rule decides downward, to the model without a
-cause: a cause stands where unseen data are met better with it than without it, beyond chance and in every sensor.
+The moves are: add a cause, or two that hide each other; share one cause between channels; put a simpler kind, or a
+ripple over another angle, in the place of a cause; drop a cause, the only one too; exchange a cause. One rule decides
+downward, to the model without a cause: a cause stands where unseen data are met better with it than without it, beyond
+chance and in every sensor.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from matching.diagnosis.causes import Cause, ExtendedModel, compilable, recorded_range
+from matching.diagnosis.causes import Cause, ExtendedModel, compilable, recorded_range, simulated_motion
 from matching.diagnosis.data import FEWEST_SAMPLES, FitData
 from matching.diagnosis.descent import SEARCH, Fit, FitOptions, discrepancy, reweighted, solve, with_sharper_friction
 from matching.diagnosis.hypotheses import (
@@ -120,7 +121,7 @@ class Search:
         self.settings = settings = unseen.settings
         self.left, self.windowed = settings.refits, settings.windowed
         self.in_place: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # by the causes beside it
-        self.simpler: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # the same: simpler kinds of what was named there
+        self.from_values: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # the same, begun at the values of a cause
         self.done: dict[tuple, tuple[Hypothesis, Any]] = {}  # with the hypothesis: no other takes its identity
         screening = Screening(base_fit)
         recorded = recorded_range(system, base_fit.problem.data, screening.motion)
@@ -159,14 +160,14 @@ class Search:
         """Add causes, one or two at a time, while unseen data are met better with them."""
         state = self.state
         while len(state.best.causes) < self.settings.most_causes and not self._over(state.best):
-            fitted = self.refitted(state.best, self.promising(state.best))
+            fitted = self._everywhere(state.best, self.promising(state.best))
             if not state.best.causes:
                 state.with_one_cause = self.in_place[()] = fitted
             accepted = self.first_accepted(fitted) or self.first_accepted(self.pairs())
             if accepted is None:
                 return
             accepted = with_balanced_sensors(accepted, self.settings.far_from_noise)
-            state.best = self._shared(self.simplified(accepted))
+            state.best = self._shared(self._of_right_angle(self.simplified(accepted)))
 
     def _settle(self, finished: Callable[[Hypothesis], Hypothesis]) -> None:
         """Share, simplify, drop and exchange until nothing changes; where the time is up, a cause is only dropped."""
@@ -264,6 +265,20 @@ class Search:
             ]
             out = self._sharpened(again)
         return distinct(out)
+
+    def _everywhere(self, parent: Hypothesis, candidates: list[ScreenedCandidate]) -> list[Hypothesis]:
+        """Candidates refitted, and the kind that explains most at further places too, where it leaves more than noise:
+        to first order its neighbour may promise more."""
+        out = self.refitted(parent, candidates)
+        if not out or at_noise(out[0]):
+            return out
+        fitted = {(each.causes[-1].kind, each.causes[-1].at) for each in out}
+        others: dict[tuple[str, str], ScreenedCandidate] = {}
+        for candidate in self.screened(parent)[1]:
+            if candidate.kind == out[0].causes[-1].kind and candidate.kind_and_place not in fitted:
+                others.setdefault(candidate.kind_and_place, candidate)
+        more = self.refitted(parent, list(others.values())[: self.settings.places])
+        return distinct(sorted([*out, *more], key=lambda hypothesis: hypothesis.cost))
 
     def _over_windows(self, parent: Hypothesis, hypothesis: Hypothesis) -> Hypothesis:
         """A hypothesis whose last cause is a free play, fitted over short windows first, where that is better."""
@@ -390,16 +405,21 @@ class Search:
 
     def _simpler(self, hypothesis: Hypothesis, index: int) -> list[Hypothesis]:
         """A hypothesis with simpler kinds in the place of one of its causes, fitted; as rivals of that as well."""
+        return self._fitted_in_place(hypothesis, index, list(simpler_models(hypothesis, index)))
+
+    def _fitted_in_place(self, hypothesis: Hypothesis, index: int, models: list[ExtendedModel]) -> list[Hypothesis]:
+        """Models with another cause in the place of one of a hypothesis, fitted from its values; as rivals of that as
+        well."""
         beside = tuple(cause for i, cause in enumerate(hypothesis.causes) if i != index)
         out = []
-        for model in compilable(list(simpler_models(hypothesis, index))):
+        for model in compilable(models):
             try:
                 fit = fit_extended(model, hypothesis.fit)
             except FitError as reason:
                 self.state.failed.setdefault((model.causes[-1].kind, model.causes[-1].at), str(reason))
                 continue
             out.append(with_sharpest_friction(Hypothesis(model, fit, hypothesis.screened)))
-        self.simpler.setdefault(beside, []).extend(out)
+        self.from_values.setdefault(beside, []).extend(out)
         return out
 
     def _explains_as_much(self, simpler: Hypothesis, hypothesis: Hypothesis) -> bool:
@@ -410,6 +430,19 @@ class Search:
         if simpler.chi_square < hypothesis.chi_square + saved * price:
             return True
         return not at_noise(hypothesis) and not self.unseen.accepts(hypothesis, simpler)
+
+    def _of_right_angle(self, hypothesis: Hypothesis) -> Hypothesis:
+        """A hypothesis with a ripple over another angle in the place of one, where that leaves less and meets unseen
+        data better: far from the truth, the screening may take the angles of a shaft's ends for each other."""
+        for index in range(0 if self._late() else len(hypothesis.causes)):
+            models = [
+                model for model in list(akin_models(hypothesis, index))[: self.settings.exchanged] if self._take()
+            ]
+            for other in sorted(self._fitted_in_place(hypothesis, index, models), key=lambda other: other.cost):
+                better = at_noise(other) or self.unseen.prefers(other, hypothesis)
+                if other.cost < hypothesis.cost and better and not other.model.not_taken(other.fit):
+                    return self._of_right_angle(_in_place(other, index))
+        return hypothesis
 
     # --- Drop
 
@@ -467,7 +500,7 @@ class Search:
         if beside not in self.in_place:
             rest = self._without(index)
             candidates = [] if rest is None else self.screened(rest)[1][: self.settings.exchanged]
-            self.in_place[beside] = [] if rest is None else self.refitted(rest, candidates)
+            self.in_place[beside] = [] if rest is None else self._everywhere(rest, candidates)
         by_noise = best.fit.problem.weighting is None
         known = [self._once(weighted, other, by_noise) for other in self._in_place_of(beside)]
         others = [other for other in known if other.places != best.places]
@@ -491,8 +524,8 @@ class Search:
         return self._once(weighted, same[0], by_noise) if same else best
 
     def _in_place_of(self, beside: tuple[Cause, ...]) -> list[Hypothesis]:
-        """What was fitted beside some causes, simpler kinds of it included."""
-        return distinct([*self.simpler.get(beside, []), *self.in_place.get(beside, [])])
+        """What was fitted beside some causes, from the values of what was named there as well."""
+        return distinct([*self.from_values.get(beside, []), *self.in_place.get(beside, [])])
 
     def _once(self, what: Callable[..., Any], hypothesis: Hypothesis, *given: Any) -> Any:
         """What a function makes of a hypothesis, made once."""
@@ -570,6 +603,18 @@ def simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel
             and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain)
         ):
             yield rest.with_cause(kind, at, simpler.parameters, fit.problem.data.sampling_interval)
+
+
+def akin_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel]:
+    """Models with an effect in the place of a cause that a search may have taken that for; none at the noise."""
+    cause, fit = hypothesis.causes[index], hypothesis.fit
+    if at_noise(hypothesis) or not EFFECTS[cause.kind].zero_mean:  # only what repeats over an angle has any
+        return
+    rest = hypothesis.model.without_cause(index, fit)
+    values = {key: fit.values[name] for key, name in cause.names().items()}
+    for kind, at, parameters in EFFECTS[cause.kind].akin(cause.at, values, simulated_motion(fit)):
+        if (kind, at) not in hypothesis.places:
+            yield rest.with_cause(kind, at, parameters, fit.problem.data.sampling_interval)
 
 
 def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:

@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 from scipy import fft
-from scipy.linalg import qr
+from scipy.linalg import LinAlgError, cholesky, qr, solve_triangular
 from scipy.special import chdtrc, chdtri
 
 from matching.diagnosis.causes import (
@@ -115,20 +115,18 @@ class NoiseDraws:
         self.noise = free(noise).astype(np.float32)
         self.decreases: list[np.ndarray] = []
 
-    def offer(self, spans: list[np.ndarray], chosen_from: list[float]) -> None:
+    def offer(self, taken: list[np.ndarray], chosen_from: list[float]) -> None:
         """Let several guesses take what they can.
 
         Parameters
         ----------
-        spans : list of ndarray (r, c)
-            Orthonormal signatures of each guess.
+        taken : list of ndarray (c, d)
+            How far the noise lies along each guess's orthonormal signatures.
         chosen_from : list of float
             How many independent guesses each stands for.
         """
-        squares = (np.concatenate([span.T for span in spans], dtype=np.float32) @ self.noise) ** 2
-        ends = np.cumsum([span.shape[1] for span in spans])
-        for span, count, square in zip(spans, chosen_from, np.split(squares, ends[:-1]), strict=True):
-            self.decreases.append(best_of(count, square.sum(axis=0), span.shape[1]))
+        for own, count in zip(taken, chosen_from, strict=True):
+            self.decreases.append(best_of(count, (own**2).sum(axis=0), len(own)))
 
     def threshold(self) -> float:
         """Decrease of χ² that noise reaches with the probability ``PASSED_BY_NOISE``.
@@ -313,6 +311,7 @@ HOPEFUL_SHARE = 0.1  # of the best of all kinds: nearby guesses gain a few times
 FOLLOWING = 100  # guesses of a kind at pairs of inertias that are projected
 TOGETHER = 16  # guesses that are projected at once
 DEPENDENT = 1e-6  # of a signature's length: what is left by others that take its place
+ROUNDING = 1e-14  # relative, of an inner product of long signatures
 VALUE_STEP = 1e-3  # relative, of the differences by a known quantity
 
 
@@ -542,39 +541,53 @@ class Screening:
     def reductions(self, guesses: Sequence[Guess]) -> list[tuple[float, dict[str, float] | None]]:
         """How much each guess lowers χ² at its best amplitudes, and its parameters then (None: no such effect).
 
-        All are projected at once: the basis is long, and reading it is what takes the time.
+        Signatures are long and many. What base parameters and start states leave of them is therefore never made: its
+        inner products, with itself, the residual and the noise, follow from those of the signatures with the basis.
         """
         signatures = [np.array([self.signature(dict(addition)) for addition in guess.additions]) for guess in guesses]
-        finite = [i for i, rows in enumerate(signatures) if np.isfinite(rows).all()]
+        finite = [i for i, rows in enumerate(signatures) if np.isfinite(np.vdot(rows, rows))]
         out: list[tuple[float, dict[str, float] | None]] = [(0.0, None)] * len(guesses)
         if not finite:
             return out
         every = np.concatenate([signatures[i] for i in finite])
-        lengths = np.linalg.norm(every, axis=1)
-        every -= (every @ self.basis) @ self.basis.T
-        ends = np.cumsum([len(signatures[i]) for i in finite])[:-1]
-        spans, counts = [], []
-        for i, rows, length in zip(finite, np.split(every, ends), np.split(lengths, ends), strict=True):
-            factors = _orthonormal(rows.T, length)
-            if factors is None:
+        inside, along = every @ self.basis, every @ self.residual  # the residual has nothing of the basis
+        whole = every @ every.T
+        left = whole - inside @ inside.T
+        noise = None if self.draws is None else every.astype(np.float32) @ self.draws.noise
+        begin, taken, counts = 0, list[np.ndarray](), list[float]()
+        for i in finite:
+            own = slice(begin, begin := begin + len(signatures[i]))
+            factor = _triangle(left[own, own], np.diag(whole)[own])
+            if factor is None:
                 continue
-            span, triangle = factors
-            along = span.T @ self.residual
-            out[i] = float(along @ along), guesses[i].parameters(np.linalg.solve(triangle, along))
-            spans.append(span)
-            counts.append(guesses[i].chosen_from)
-        if self.draws is not None and spans:
-            self.draws.offer(spans, counts)
+            toward = solve_triangular(factor, along[own], trans="T")
+            out[i] = float(toward @ toward), guesses[i].parameters(solve_triangular(factor, toward))
+            if noise is not None:
+                taken.append(solve_triangular(factor, noise[own], trans="T"))
+                counts.append(guesses[i].chosen_from)
+        if self.draws is not None:
+            self.draws.offer(taken, counts)
         return out
 
 
-def _orthonormal(columns: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """QR factors of projected signatures (r, c), of these lengths (c,) before; None where they depend on each other or
-    on the base parameters."""
-    left = np.linalg.norm(columns, axis=0)
-    if np.any(left < DEPENDENT * lengths) or not np.all(left > 0):
+def _triangle(left: np.ndarray, whole: np.ndarray) -> np.ndarray | None:
+    """Upper triangle R (c, c) with RᵀR the inner products of signatures without what base parameters take (c, c);
+    None where the signatures depend on each other or on the base parameters.
+
+    Parameters
+    ----------
+    whole : ndarray (c,)
+        Squares of the signatures' lengths before.
+    """
+    squares = np.diag(left)
+    if np.any(squares <= DEPENDENT**2 * whole):
         return None
-    span, triangle = (columns / left, np.eye(1)) if len(left) == 1 else np.linalg.qr(columns / left)
-    if np.abs(np.diag(triangle)).min() < DEPENDENT:
+    lengths = np.sqrt(squares)
+    try:
+        factor = cholesky(left / np.outer(lengths, lengths), check_finite=False)
+    except LinAlgError:
         return None
-    return span, triangle * left
+    unknown = np.sqrt(ROUNDING * (whole / squares).max())  # of a length, by the rounding of what was subtracted
+    if np.diag(factor).min() < max(DEPENDENT, float(unknown)):
+        return None
+    return factor * lengths

@@ -31,6 +31,9 @@ class DiagnosisSettings:
     candidates, kinds : int
         Most promising candidates that are refitted in a round, and further kinds, each at its most promising place.
         Trial.
+    places : int
+        Further places at which the kind that explains most is refitted, where it leaves more than noise: a drivetrain
+        of one motor and two wheels has four shafts.
     exchanged, pairs : int
         Candidates that are refitted in the place of each of several causes, and pairs that are. Trial.
     paired : int
@@ -72,6 +75,9 @@ class DiagnosisSettings:
     processor_seconds : float
         Time of the processor that a diagnosis may take where the caller sets no other limit, s: what somebody waits for
         at a bench. Recordings that one of the known effects explains take a tenth of it.
+    reserved : float
+        Share of that time which is kept for what cannot be cut short: what is begun is finished, the figures, and the
+        report. Of 24 inertias and 18 000 samples it takes 20 s.
     left_by_model : float
         Times the noise that the best hypothesis leaves in a sensor, from which the model is taken as
         imperfect and sensors are weighted by what it leaves: more than a noise that is stated too small.
@@ -101,6 +107,7 @@ class DiagnosisSettings:
     draws: int = 2000
     candidates: int = 7
     kinds: int = 5
+    places: int = 4
     exchanged: int = 4
     pairs: int = 2
     paired: int = 10
@@ -122,6 +129,7 @@ class DiagnosisSettings:
     refits: int = 60
     search_share: float = 0.7
     processor_seconds: float = 120.0
+    reserved: float = 0.2
     left_by_model: float = 3.0
     far_from_noise: float = 100.0
     base_iterations: int = 80

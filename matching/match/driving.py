@@ -107,6 +107,9 @@ def at_speeds(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) ->
         found = judge.verdicts([{}, *values])
         figures = loop_figures(planned(own, sensor_noise(own, controller.sensors)), controller, required)
         noise = max(figures.command_noise.values())
+        noisy = any(
+            value > most for value, most in zip(figures.command_noise.values(), required.command_noise, strict=True)
+        )
         stable = found.stable[1:]
         missed = [
             words for words, wrong in (
@@ -114,7 +117,7 @@ def at_speeds(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) ->
                 ("beds damped too little", not found.damped.all()),
                 ("the modulus margin", figures.modulus_margin < required.modulus_margin),
                 ("the roll-off", figures.largest_rolled_off > required.rolled_off),
-                ("the command noise", (np.array([*figures.command_noise.values()]) > required.command_noise).any()),
+                ("the command noise", noisy),
                 ("the error to measured torques", found.measured[0] > case.tolerance),
                 ("the error to unmeasured torques", found.unmeasured[0] > case.unmeasured_tolerance),
             ) if wrong
@@ -306,8 +309,8 @@ class Driving:
         """Where the larger of both errors, each over what usually is allowed, is largest."""
         return max(self.speeds, key=lambda one: max(one.measured / 0.1, one.unmeasured / 0.3))
 
-    def sentences(self, torque_limit: float | None) -> list[str]:
-        """What stands in the way, in sentences."""
+    def sentences(self, torque_limit: float) -> list[str]:
+        """What stands in the way, in sentences; the limit is the least of the dynamometers', N·m, or infinite."""
         said = []
         missing: dict[str, list[float]] = {}
         for one in self.speeds:
@@ -333,7 +336,7 @@ class Driving:
         }  # fmt: skip
 
 
-def _missed(drive: DriveResult, settings: DrivingSettings, torque_limit: float | None) -> list[str]:
+def _missed(drive: DriveResult, settings: DrivingSettings, torque_limit: float) -> list[str]:
     errors, said = drive.errors, []
     if errors.fault:
         on = (
@@ -352,7 +355,7 @@ def _missed(drive: DriveResult, settings: DrivingSettings, torque_limit: float |
             f"{drive.title}: 95 % of the drawn beds are off by up to {100 * errors.high:.2g} % of the range, "
             f"{100 * settings.tolerance:g} % is allowed"
         )
-    if errors.quiet is not None and torque_limit is not None and errors.quiet > settings.quiet * torque_limit:
+    if errors.quiet is not None and errors.quiet > settings.quiet * torque_limit:
         said.append(
             f"{drive.title}: at rest the command keeps moving by {errors.quiet:.2g} N·m rms, "
             f"{settings.quiet * torque_limit:.3g} N·m ({100 * settings.quiet:g} % of the torque limit) is allowed"

@@ -194,11 +194,7 @@ def judged(
         *not_kept(case, checked, play),
         *missing_measurement(relaxed, case),
         *run.sentences(),
-        *(
-            over_range.sentences(float(limit) if np.isfinite(limit := case.limits_of("torque").min()) else None)
-            if over_range is not None
-            else ()
-        ),
+        *(over_range.sentences(min(case.limits_of("torque"))) if over_range is not None else ()),
         *unloaded_lashes(case),
     ]
     stands = led_by_dead_time(stands, case, error)

@@ -692,6 +692,16 @@ class Kind:
         """
         return ()
 
+    def akin(
+        self, at: str, parameters: Mapping[str, float], motion: FittedMotion
+    ) -> Iterable[tuple[str, str, dict[str, float]]]:
+        """Kind, place and first values of effects that a search may have taken this one for; by default none.
+
+        Far from the truth no first guess may reach such an effect; from the values of this one, a fit does. ``motion``
+        is that of the fit that has it.
+        """
+        return ()
+
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         """Bounds of a parameter in a fit that starts from a guess, for data sampled every ``step`` s.
 

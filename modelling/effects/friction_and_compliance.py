@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
-from itertools import accumulate
 
 import numpy as np
 import scipy
@@ -355,8 +354,11 @@ def _dahl(angle: float, time: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """z/torque over a twist rate (t,), exact for a rate that is constant between samples."""
     mean = (rate[1:] + rate[:-1]) / 2
     kept = np.exp(-np.abs(mean) * np.diff(time) / angle)
-    added = np.sign(mean) * (1 - kept)
-    return np.array(list(accumulate(zip(kept.tolist(), added.tolist()), lambda z, s: s[0] * z + s[1], initial=0.0)))
+    z, out = 0.0, [0.0]
+    for share, toward in zip(kept.tolist(), (np.sign(mean) * (1 - kept)).tolist(), strict=True):
+        z = share * z + toward
+        out.append(z)
+    return np.array(out)
 
 
 # --- Rubber: a spring that a damper lets go, parallel to the shaft (Maxwell element of the standard linear solid).

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from itertools import accumulate
 
 import numpy as np
 from sympy import Float, Max, Min, pi, sin, sqrt
@@ -402,8 +401,13 @@ class RateLimit(Kind):
 
 def _followed(rate: float, time: np.ndarray, signal: np.ndarray) -> np.ndarray:
     """A signal (t,) followed with so much change per second at most."""
-    steps = zip(signal[1:].tolist(), (rate * np.diff(time)).tolist(), strict=True)
-    return np.array(list(accumulate(steps, lambda z, s: z + min(max(s[0] - z, -s[1]), s[1]), initial=float(signal[0]))))
+    z = float(signal[0])
+    out = [z]
+    for wanted, most in zip(signal[1:].tolist(), (rate * np.diff(time)).tolist(), strict=True):
+        change = wanted - z
+        z = wanted if -most <= change <= most else z + (most if change > 0 else -most)
+        out.append(z)
+    return np.array(out)
 
 
 # --- A motor whose torque constant falls with its current, as iron saturates.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Protocol
 
@@ -104,11 +104,37 @@ class TorqueRipple(Kind):
         phase = math.remainder(parameters["phase"] + shift, 2 * math.pi)
         return parameters | {"amplitude": abs(parameters["amplitude"]), "phase": phase}
 
+    def akin(
+        self, at: str, parameters: Mapping[str, float], motion: FittedMotion
+    ) -> Iterator[tuple[str, str, dict[str, float]]]:
+        """A ripple of that order over another shaft's angle."""
+        return _over_other_angles(at, at.split(".")[1], parameters, motion)
+
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         name = at.split(".")[1]
         if key == "order":
             return recorded.lowest_order(name), math.inf
         return (-math.inf, recorded.torque[name]) if key == "amplitude" else (-math.inf, math.inf)
+
+
+def _over_other_angles(
+    place: str, over: str, parameters: Mapping[str, float], motion: FittedMotion
+) -> Iterator[tuple[str, str, dict[str, float]]]:
+    """The ripple on an inertia over other angles than that of ``over``: of those that can be told from it, those that
+    leave a fixed ratio to it most first."""
+    own, found = motion.angle[over], list[tuple[float, str, str, dict[str, float]]]()
+    for other, angle in motion.angle.items():
+        if other == over or not np.ptp(angle) > 0:
+            continue
+        ratio, lag = _parting(own, angle)
+        if parameters["order"] * lag < TOLD_APART:
+            continue
+        wave = {"order": parameters["order"] * abs(ratio), "amplitude": math.copysign(parameters["amplitude"], ratio)}
+        wave["phase"] = math.copysign(1.0, ratio) * parameters["phase"]
+        on = f"inertias.{other}"
+        kind, at = (TorqueRipple.kind, place) if on == place else (GearedRipple.kind, shared_place((place, on)))
+        found.append((lag, kind, at, wave))
+    yield from ((kind, at, wave) for _, kind, at, wave in sorted(found, key=lambda one: -one[0]))
 
 
 def wave_parameters(order: float, a: np.ndarray) -> dict[str, float]:
@@ -180,6 +206,7 @@ def outstanding_orders(
 SUFFIXES = {1: "", 2: "_2", 3: "_3"}  # of the harmonics' parameters
 LEAST_LAG = 1.0  # rad of the ripple's phase, by which one angle has to leave a fixed ratio to the other; else a ripple
 # over its own angle is the same torque, if that is one of an order that is looked for
+TOLD_APART = 0.02  # rad of the same: the torque of a ripple is then another by 2 % of its amplitude
 RIGID = 1e-6  # of an angle's range: what leaves a fixed ratio by less is joined by rigid gears
 
 
@@ -219,6 +246,7 @@ class GearedRipple(Kind):
         angle = motion.angle[second]
         of_model = motion.model_angle or motion.angle
         ratio, lag = _parting(of_model[second], of_model[first])
+        ratio = abs(ratio)
         if lag < RIGID * np.ptp(angle) or (HIGHEST_FOLLOWED * lag < LEAST_LAG and ratio >= 1):
             return
         for order, chosen_from in _orders(motion, first, second):
@@ -235,6 +263,13 @@ class GearedRipple(Kind):
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
         return TorqueRipple().fit_bounds(key, guess, step) if key == "order" else (-math.inf, math.inf)
+
+    def akin(
+        self, at: str, parameters: Mapping[str, float], motion: FittedMotion
+    ) -> Iterator[tuple[str, str, dict[str, float]]]:
+        """A ripple of that order over the angle of its own inertia, or of a third one."""
+        first, second = members(at)
+        return _over_other_angles(first, second.split(".")[1], parameters, motion)
 
     def canonical(self, parameters: dict[str, float]) -> dict[str, float]:
         out = dict(parameters)
@@ -253,10 +288,10 @@ class GearedRipple(Kind):
 
 
 def _parting(angle: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """The ratio of an angle (t,) to another (magnitude), and the range (rad) of what is left of it by that."""
+    """The ratio of an angle (t,) to another, and the range (rad) of what is left of it by that."""
     straight = np.column_stack([other, np.ones_like(other)])
     line = np.linalg.lstsq(straight, angle, rcond=None)[0]
-    return abs(float(line[0])), float(np.ptp(angle - straight @ line))
+    return float(line[0]), float(np.ptp(angle - straight @ line))
 
 
 def _ripple_guess(

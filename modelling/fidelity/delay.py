@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import scipy
 from scipy.fft import next_fast_len
+from scipy.special import ndtri, stdtrit
 
 # --- The standard uncertainty of a fitted delay, from the spectrum of what the fit leaves and from corners of the
 # signal.
@@ -118,7 +119,7 @@ def _noise_variance(power: np.ndarray, columns: np.ndarray, residual: np.ndarray
     total /= max(1 - taken / in_band, LEAST_LEFT) if in_band > 0 else 1.0
     neighbours = length / count  # bins that tell the same
     freedom = max(4 * float(parts.sum()) ** 2 / float(np.sum(parts**2)) / neighbours, 2.0)
-    return 2 * total / length * float((scipy.stats.t.ppf(0.975, freedom) / scipy.stats.norm.ppf(0.975)) ** 2)
+    return 2 * total / length * float((stdtrit(freedom, 0.975) / ndtri(0.975)) ** 2)
 
 
 @cache

@@ -6,6 +6,7 @@ SINGLE = ("plain", "subtle", "wrong_plain", "wrong_subtle", "wrong_noise", "slow
 ALARM = 0.5  # confidence from which a cause outside the vocabulary is an alarm
 SURE = 0.9
 BEYOND_CHANCE = 1.02  # ratio of pooled unseen errors
+SAME_LAW = {"saturating_actuator": "saturation"}  # hidden as no kind of the vocabulary, which has the same law by now
 
 
 def where(cause: dict[str, Any]) -> str:
@@ -15,7 +16,8 @@ def where(cause: dict[str, Any]) -> str:
 
 def matches(cause: dict[str, Any], answer: dict[str, Any]) -> bool:
     """Whether a named cause is a hidden one or equivalent to it."""
-    good = {(answer["kind"], answer["at"])} | {(one["kind"], one["at"]) for one in answer.get("equivalent_causes", [])}
+    good = {(SAME_LAW.get(answer["kind"], answer["kind"]), answer["at"])}
+    good |= {(one["kind"], one["at"]) for one in answer.get("equivalent_causes", [])}
     good |= {(answer["kind"], at) for at in answer.get("equivalent", [])}
     if answer["kind"] == "clock_offset" and answer["parameters"].get("offset", 0.0) > 0:
         good.add(("sensor_delay", answer["at"]))  # a logger that is late reads late
@@ -30,7 +32,7 @@ def right(row: dict[str, Any]) -> bool:
 
 def hidden(cause: dict[str, Any], row: dict[str, Any]) -> bool:
     """Whether a named cause is one of those hidden in a recording or its background, or equivalent to one."""
-    behind = {(kind, at) for kind, at in row["answer"]["background"]}
+    behind = {(SAME_LAW.get(kind, kind), at) for kind, at in row["answer"]["background"]}
     return (cause["kind"], where(cause)) in behind or any(matches(cause, one) for one in row["answer"]["causes"])
 
 
@@ -43,10 +45,15 @@ def all_found(row: dict[str, Any]) -> bool:
 def confidences(rows: list[dict[str, Any]]) -> list[tuple[float, bool]]:
     """Confidence of every named cause, and whether it is hidden and in the vocabulary."""
     return [
-        (cause["confidence"], hidden(cause, row) and not row["answer"]["outside"])
+        (cause["confidence"], hidden(cause, row) and (not row["answer"]["outside"] or _has_law(row["answer"])))
         for row in rows
         for cause in row["found"]["causes"]
     ]
+
+
+def _has_law(answer: dict[str, Any]) -> bool:
+    """Whether the vocabulary has the law of an effect that was hidden as one of none."""
+    return answer["kind"] in SAME_LAW
 
 
 def component(place: str) -> set[str]:
@@ -102,8 +109,10 @@ def table(every: list[dict[str, Any]]) -> dict[str, Any]:
     for category in ("two", "three"):
         out[f"{category}: all found"] = counted([all_found(row) for row in of(category)])
     for category in ("perfect", "wrong_clean"):
-        out[f"{category}: any cause"] = counted([bool(row["found"]["causes"]) for row in of(category)])
-    sure = [max((c["confidence"] for c in row["found"]["causes"]), default=0.0) for row in of("outside")]
+        named = [[cause for cause in row["found"]["causes"] if not hidden(cause, row)] for row in of(category)]
+        out[f"{category}: any cause that is not there"] = counted([bool(causes) for causes in named])
+    outside = [row for row in of("outside") if not _has_law(row["answer"])]
+    sure = [max((c["confidence"] for c in row["found"]["causes"]), default=0.0) for row in outside]
     out[f"outside: confidence over {ALARM}"] = counted([one > ALARM for one in sure])
     caused = [row for row in made if row["found"]["causes"]]
     gains = [row["found"]["gain"] for row in caused]

@@ -7,7 +7,10 @@ from plant.hidden import INSIDE, KINDS
 from plant.marks import needs_compiler
 from plant.orders import OTHERS, RATES, TORQUES, WRONG, Order, orders
 
-from tests.campaign.score import table
+from matching.diagnosis.diagnose import diagnose
+from modelling.model_file import load
+from modelling.recordings.read import read_recording
+from tests.campaign.score import matches, table
 
 
 def test_orders_are_the_same_for_the_same_seed_and_a_third_is_on_wrong_models() -> None:
@@ -77,8 +80,28 @@ def test_table() -> None:
     ])  # fmt: skip
     assert found["plain: right first"] == [1, 2]
     assert found["two: all found"] == [1, 2]
-    assert found["perfect: any cause"] == [1, 2]
+    assert found["perfect: any cause that is not there"] == [1, 2]
     assert found["outside: confidence over 0.5"] == [1, 1]
     assert found["causes named, unseen error higher"] == [1, 6]
     assert found["wrong causes of confidence over 0.9"] == [1, 3]
     assert found["failed"] == ["7 ValueError: no"]
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("number", "where"),
+    [
+        (46, "the screening takes the angles of a shaft's ends for each other"),
+        pytest.param(5, "the screening promises more of a neighbouring shaft", marks=pytest.mark.long),
+    ],
+)
+def test_a_cause_is_found_though_the_screening_prefers_a_neighbour(number, where, tmp_path):
+    del where
+    case = orders(72, 61403)[number].make()
+    case.write(tmp_path)
+    system = load(tmp_path / "model.toml")
+    found = diagnose(system, [read_recording(tmp_path / "recording.csv", system)])
+    assert found.verdict == "explained"
+    (cause,) = found.to_dict()["causes"]
+    assert matches(cause, case.answer)
+    assert cause["confidence"] > 0.9

@@ -26,8 +26,8 @@ def test_threshold_of_many_independent_guesses_is_near_the_exact_one() -> None:
     """Of 200 orthogonal signatures the largest of 200 χ² with one degree of freedom."""
     samples, guesses = 4000, 200
     made = NoiseDraws(np.ones(samples, bool), lambda signal: signal, seed=3)
-    spans = list(np.linalg.qr(np.random.default_rng(1).standard_normal((samples, guesses)))[0].T[:, :, None])
-    made.offer(spans, [1.0] * guesses)
+    spans = np.linalg.qr(np.random.default_rng(1).standard_normal((samples, guesses)))[0]
+    made.offer(list((spans.T @ made.noise)[:, None, :]), [1.0] * guesses)
     exact = chi2.isf(-np.expm1(np.log1p(-PASSED_BY_NOISE) / guesses), 1)
     assert made.threshold() == pytest.approx(exact, rel=0.25)
     assert np.mean(made.decreases) == pytest.approx(1.0, rel=0.1)

@@ -8,7 +8,7 @@ import tomllib
 
 import numpy as np
 
-FINE = 1e-4  # s
+FINE = 2e-4  # s
 SHAPE = 1.65
 SETTLES = 0.02  # rad/s up to which dry friction rises
 COUNTS = 8192  # of an encoder's turn

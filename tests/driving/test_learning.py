@@ -117,6 +117,7 @@ def test_what_repeats_is_learned_at_eight_milliseconds():
         sizes.append(size(bench.repeated(added, 0, exact=True)))
         assert (sizes[-1] <= sizes[-2] + noise / 2).all(), (sizes, noise)
     shares = np.array(sizes[1:]) / sizes[0]
+    print(np.round(sizes[0], 4), np.round(shares, 2))
     assert (shares[-1] <= 0.3).sum() >= 0.9 * bench.count, shares
     assert np.median(shares[-1]) <= 0.2
 

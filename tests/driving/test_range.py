@@ -91,6 +91,7 @@ def test_car_and_bed_drive_alike_through_the_range(motions):
     assert lasted.all(), "emulation ended by itself"
     errors = np.sqrt(np.mean((found - wanted) ** 2, axis=0)) / np.ptp(wanted, axis=0)
     worst = errors.max(axis=0).reshape(drives, BEDS + 1)
+    print(np.round(worst[:, 0], 4), np.round(np.sort(worst[:, 1:], axis=1)[:, [-1, -2]], 4))
     assert worst[:, 0].max() <= 0.03, worst[:, 0]
     assert (worst[:, 1:] <= 0.05).sum(axis=1).min() >= 19, worst
 

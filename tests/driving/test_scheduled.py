@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driving.own_car import Bed, Car, steady, step
+from driving.own_car import FINE, Bed, Car, steady, step
 from fmu.slave import slave
 from needs import compiles
 
@@ -168,7 +168,7 @@ def test_the_driver_follows_the_profile(case):
     time = np.arange(7000) * 1e-3
     speeds, state = [], begin
     for now in torque.torque(time) + held:
-        for _ in range(10):
+        for _ in range(round(1e-3 / FINE)):
             state = step(car, state, now)
         speeds.append(state["body_left"][0])
     kmh = 3.6 * 0.3 * np.array(speeds)
