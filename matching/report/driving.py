@@ -100,7 +100,7 @@ def fold(content: Mapping[str, Any]) -> list[Fold]:
     driving = content.get("driving")
     if not driving:
         return []
-    blocks: list[Block] = [Show("over_speed"), Table([_speed(row) for row in driving["speeds"]])]
+    blocks: list[Block] = [_why(driving), Show("over_speed"), Table([_speed(row) for row in driving["speeds"]])]
     if driving["drives"]:
         blocks = [
             Table([_drive(row) for row in driving["drives"]], HOW.format(speed=number(KMH * driving["one_speed"], 3))),
@@ -121,7 +121,13 @@ def key_rows(content: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]
     stable = sum(row["stable"] for row in driving["speeds"])
     drawn = sum(row["drawn"] for row in driving["speeds"])
     rows = [
-        (f"{low} to {high} km/h: response error, at most", "", "", f"{number(worst['measured'], 2)} at {at} km/h", ""),
+        (
+            f"{low} to {high} km/h: response error, at most",
+            "",
+            "",
+            f"{number(max(worst['measured'], worst['unmeasured']), 2)} at {at} km/h",
+            "",
+        ),
         ("  drawn beds stable at every speed", "", "", str(stable), str(drawn)),
     ]
     asked = f"≤ {100 * DRIVING.planned:g} %, {100 * DRIVING.tolerance:g} %"
@@ -146,6 +152,19 @@ def _worst(driving: Mapping[str, Any]) -> Mapping[str, Any]:
 
     worst: Mapping[str, Any] = max(driving["speeds"], key=size)
     return worst
+
+
+def _why(driving: Mapping[str, Any]) -> str:
+    """The worst speed, and why it is: between two designs, or what dead time and sampling leave there."""
+    worst, known = _worst(driving), {round(speed, 9) for speed in driving["designed_at"]}
+    designed = [row for row in driving["speeds"] if round(row["vehicle_speed"], 9) in known]
+    near = min(designed, key=lambda row: abs(np.log(row["vehicle_speed"] / worst["vehicle_speed"])))
+    speed, error = number(KMH * worst["vehicle_speed"], 2), number(max(worst["measured"], worst["unmeasured"]), 2)
+    said = f"The error is largest at {speed} km/h ({error})"
+    if worst is near:
+        return f"{said}, where the controller is designed: that is what dead time, sampling and the weights leave."
+    other = number(max(near["measured"], near["unmeasured"]), 2)
+    return f"{said}, between two of the designs, whose matrices are interpolated; at the next design it is {other}."
 
 
 def _drive(row: Mapping[str, Any]) -> dict[str, str]:

@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from driving.own_car import Bed, Car, Sensors, drive_car, run_bed, steady
+from fmu.slave import slave
 from needs import compiles
 
 from matching.export import exported_controller
 from modelling.controller.batch import ControllerBatch
+from modelling.fmu.export import controller_fmu
 
 pytestmark = compiles
 EXAMPLE = Path(__file__).parents[2] / "examples" / "drive_away"
@@ -101,3 +103,34 @@ def test_it_is_quiet_at_rest(motions):
     _, _, sent, _, _ = motions
     at_rest = sent[:500, :, : BEDS + 1]  # before the car drives away
     assert np.std(at_rest, axis=0).max() <= 0.02 * 1500
+
+
+@pytest.mark.long
+def test_the_fmu_drives_the_bed_away(controller, tmp_path):
+    """Through the whole manoeuvre on the bed as planned, by another tool."""
+    (tmp_path / "controller.fmu").write_bytes(controller_fmu(controller).content)
+    law, time = controller.law, np.arange(round(SECONDS / STEP)) * STEP
+    car, one = Car(EXAMPLE / "vehicle.toml", {}, 1), np.ones(1)
+    bed = Bed(EXAMPLE / "rig.toml", {}, 1, 0.002 * one, 0.0005 * one, np.ones((2, 1)))
+    of_car, of_bed, held, wheel = steady(car, bed, np.zeros(1))
+    torque = drives_over(time)[0][1][:, None] + held
+    noise = [NOISE.get(name, SPEED_NOISE) for name in law.sensors]
+    sensors = Sensors(law.sensors, noise, dict.fromkeys(law.sensors, 1.0), STEP, SEED)
+    names = [f"{name}.command" for name in law.dynamometers]
+    with slave(tmp_path / "controller.fmu") as fmu:
+        fmu.begin()
+
+        def commands(readings, now, mode, hold, sample):
+            values = dict(zip(law.sensors, readings[:, 0], strict=True)) | {"motor_torque": float(now[0])}
+            values |= {f"{name}.hold_speed": hold[j, 0] for j, name in enumerate(law.dynamometers)}
+            fmu.set(values | {"mode": float(mode), "life": float(sample)})
+            fmu.step(STEP)
+            return np.array(fmu.get(names))[:, None], np.array(fmu.get(["fault"]))
+
+        found, _, lasted = run_bed(
+            bed, of_bed, torque, commands, sensors, np.array([0.0025]), STEP, np.stack([wheel, wheel]), before=1.0
+        )
+    wanted, _ = drive_car(car, of_car, torque, STEP)
+    assert lasted.all()
+    errors = np.sqrt(np.mean((found - wanted) ** 2, axis=0)) / np.ptp(wanted, axis=0)
+    assert errors.max() <= 0.03
