@@ -587,7 +587,10 @@ def _is_quantity(text: str) -> bool:
 
 # --- A case as a form: what may move within which bounds, what is held; the case beside it at other values.
 
-FORM_TABLES = ("loop", "limits", "response", "move", "targets", "manoeuvre", "operating_point", "uncertainty")
+FORM_TABLES = (
+    "loop", "limits", "response", "move", "targets", "manoeuvre", "operating_point", "operating_range", "drives",
+    "uncertainty",
+)  # fmt: skip
 SPREAD = 2.0  # a quantity that begins to move may do so by this factor up and down
 
 

@@ -223,6 +223,7 @@ STARTS = 4
 TITLES = {
     "move": "What may move (bounds)", "loop": "Loop", "limits": "Limits", "response": "Compared responses",
     "targets": "Target modes", "manoeuvre": "Manoeuvre", "operating_point": "Operating point",
+    "operating_range": "Range of speeds", "drives": "Drives that judge it",
     "uncertainty": "What is not known exactly",
 }  # fmt: skip
 PAIRS = {"max-width": "690px"}  # two fields: lower and upper bound beside each other
