@@ -79,11 +79,12 @@ def seeds() -> tuple[Seed, ...]:
 def _of_drives() -> Iterator[Seed]:
     """Cases and models of the examples, and their models as the case reads them."""
     for folder in (*(path.parent for path in sorted(ROOT.glob("examples/*/rig.toml"))), ROOT / "matching" / "starter"):
-        files = {path.name: path.read_bytes() for path in sorted(folder.glob("*.toml"))}
+        named = (*folder.glob("*.toml"), *folder.glob("stop_and_go.csv"))  # a speed profile, which a case names
+        files = {path.name: path.read_bytes() for path in sorted(named)}
         for name, content in files.items():
             if b"\nrig = " in content:
                 yield Seed("case", folder.name if name == "case.toml" else f"{folder.name}_{name[:-5]}", content, files)
-            elif "inertias" in tomllib.loads(content.decode()):
+            elif name.endswith(".toml") and "inertias" in tomllib.loads(content.decode()):
                 yield Seed("model", f"{folder.name}_{name[:-5]}", content)
         for role in ("vehicle", "rig"):
             role_of = {"role.txt": role.encode()}
