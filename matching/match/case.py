@@ -192,6 +192,11 @@ class Case:
 LIMITS_OF_ALL = {"torque": "dynamometer_torque", "command_noise": "command_noise"}  # by what a dynamometer's own limits
 
 
+def limit_of_all(key: str) -> str:
+    """The key of a limit of all dynamometers for one's own, which has the same words; any other key as it is."""
+    return LIMITS_OF_ALL[key.rpartition(".")[2]] if key.startswith("dynamometers.") else key
+
+
 def own_limit(dynamometer: str, what: str) -> str:
     """The key of a dynamometer's own limit."""
     return f"dynamometers.{dynamometer}.{what}"

@@ -13,16 +13,23 @@ import tomli_w
 
 from matching.match.box import read_uncertainty, uncertainty_table
 from matching.match.case import ERROR_SCALES, LIMITS_OF_ALL, Case, Compared, Move, Target, own_limit, table_of, text_of
-from matching.match.operating_range import range_tables, read_range, trace_file, turning_as, with_point_in_range
+from matching.match.operating_range import (
+    in_steady_motion,
+    range_tables,
+    read_range,
+    trace_file,
+    turning_as,
+    with_point_in_range,
+)
 from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
 from modelling.bed.bed import HARDWARE, OWN_TIMES, Dynamometer, Loop
 from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.vehicle import ResidualVehicle, cut, own_part, with_residual_vehicle, without_exact_delays
 from modelling.errors import InputError, unknown
-from modelling.linear.steady_motion import operating_motion, torques_of
+from modelling.linear.steady_motion import torques_of
 from modelling.model_file import dumps, load, quantity
-from modelling.system import Effect, OperatingPoint, Quantity, System, mirror_image, resistance
+from modelling.system import Effect, Quantity, System, mirror_image, resistance
 from modelling.toml import check_file, no_pipe, read_toml, title
 from modelling.topology import connected_parts, joints
 from modelling.units import to_si
@@ -407,17 +414,10 @@ def at_operating_point(data: Mapping[str, Any], vehicle: System, rig: System, wh
         vehicle = _with_road_load(vehicle, bodies, table["road_load"], _radius(table, place), f"{place}.road_load")
     if not speeds and not torques:
         raise InputError(place, "states no speed and no torque", EXAMPLE)
-    on_rig = {part.name for part in rig.inputs}
-    drives = [part.name for part in vehicle.inputs if part.name in on_rig and part.name not in torques]
-    loads = [part.name for part in vehicle.inputs if part.name not in on_rig and part.name not in torques]
-    free = (drives or loads) if speeds else []
-    torques |= {name: 0.0 for name in (*drives, *loads) if name not in free}
     try:
-        vehicle = replace(vehicle, operating_point=OperatingPoint(tuple(speeds.items()), tuple(torques.items())))
-        operating_motion(vehicle)
+        return in_steady_motion(vehicle, rig, speeds, torques)
     except InputError as fault:
         raise InputError(place, fault.wrong, fault.right) from None
-    return vehicle
 
 
 def rig_at_operating_point(vehicle: System, rig: System, residual: ResidualVehicle, loop: Loop, where: str) -> System:

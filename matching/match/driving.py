@@ -14,8 +14,8 @@ from matching.match.case import Case, Drive
 from matching.match.in_time import Imperfection, hardware, perturbed_system
 from matching.match.loop import compared_sensors, linear_bed, without_limits
 from matching.match.loop_modes import neutral_motions
-from matching.match.minutes import MinuteSettings, readings_of
-from matching.match.operating_range import at_speed, grid, law_over_speed
+from matching.match.minutes import MinuteSettings, Sensors, sensors_on
+from matching.match.operating_range import RANGE, at_speed, body_speed, grid, law_over_speed
 from matching.match.requirements import requirements
 from matching.match.running import run, stacked
 from modelling.bed.nonlinear import NonlinearBeds
@@ -96,8 +96,6 @@ def at_speeds(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) ->
     """The controller of a tuned case at the speeds of its grid and between them."""
     law, about = law_over_speed(case), case.operating_range
     assert about is not None
-    from matching.match.operating_range import RANGE
-
     rows = []
     for speed in grid(about, RANGE.further).tolist():
         own, radius = at_speed(case, speed), about.rolling_radius
@@ -186,77 +184,88 @@ class DriveResult:
         }  # fmt: skip
 
 
+@dataclass
+class _Exported:
+    """An exported controller on every bed of a batch: speed hold for ``before`` samples, then emulation.
+
+    Attributes
+    ----------
+    known : ndarray (t, w, b)
+        Torques that it is told, N·m, absolute.
+    about, held : ndarray (y, b), (k, 1)
+        Readings and commands at the operating point, from which the beds count.
+    faults : ndarray (b,)
+        What ended the emulation first, by number; 0 where nothing did.
+    """
+
+    controller: ExportedController
+    sensors: Sensors
+    rows: Sequence[int]
+    known: np.ndarray
+    about: np.ndarray
+    held: np.ndarray
+    before: int
+    faults: np.ndarray = field(init=False)
+    batch: ControllerBatch = field(init=False)
+
+    def __post_init__(self) -> None:
+        count = self.known.shape[2]
+        self.faults, self.batch = np.zeros(count, int), ControllerBatch(self.controller, count)
+
+    def commands(self, sample: int, readings: np.ndarray, flanges: np.ndarray) -> np.ndarray:
+        """See :class:`matching.match.running.Running`."""
+        own = readings[list(self.rows)]
+        own[[number for number in self.controller.torque_readings if number >= 0]] = flanges
+        mode = SPEED_HOLD if sample < self.before else EMULATION
+        hold = self.about[list(self.controller.speed_readings)]
+        read = self.sensors.read(own, 0.0) + self.about
+        sent, _, fault = self.batch.step(read, self.known[sample], mode, hold, sample)
+        if sample >= self.before:
+            self.faults = np.where(self.faults == 0, fault, self.faults)
+        return sent - self.held
+
+    def restart(self, which: np.ndarray) -> None:
+        """See :class:`matching.match.running.Running`: nothing, its fault is told."""
+        self.faults = np.where(which & (self.faults == 0), FAULTS.index("not finite"), self.faults)
+
+
 @dataclass(frozen=True)
 class _Played:
-    """What one controller did: readings (t, y, b), commands (t, k, b), when (b,) in samples emulation ended, why."""
+    """What one controller did: readings (t, y, b), commands (t, k, b), and what ended emulation (b,), 0 if nothing."""
 
     readings: np.ndarray
     commands: np.ndarray
-    ended: np.ndarray
     faults: np.ndarray
 
 
-def play(
+def _play(
     case: Case, controller: ExportedController, torques: dict[str, np.ndarray], rows: Sequence[Imperfection],
-    sensors: Sequence[str], seed: int = 0, settings: DrivingSettings = DRIVING, added: np.ndarray | None = None,
+    sensors: Sequence[str], seed: int, settings: DrivingSettings,
 ) -> _Played:  # fmt: skip
-    """A drive on imperfect beds of a case at its operating point, under an exported controller.
-
-    Parameters
-    ----------
-    torques : dict of str to ndarray (t,)
-        N·m by input, less those of the operating point.
-    sensors : sequence of str (y)
-        Of the rig, that are kept.
-    added : ndarray (t, k), optional
-        Torques, N·m, that the dynamometers get beside the controller's commands.
-    """
-    loop, step = case.loop, controller.law.sample_time
+    """A drive on imperfect beds of a case at its operating point: torques (t,) in N·m by input, less those there, and
+    the ``sensors`` (y) of the rig that are kept."""
+    loop, step, size = case.loop, controller.law.sample_time, len(rows)
     beds = NonlinearBeds(
         [perturbed_system(case.rig, row, case) for row in rows], loop, loop.dynamometers,
         [hardware(case, row) for row in rows],
     )  # fmt: skip
-    drives = stacked([torques] * len(rows), beds.drives)
-    names, size, count = controller.law.sensors, len(rows), len(drives)
-    poor = readings_of(case, names, [row.values for row in rows], MinuteSettings(offset=0.0), step, seed)
+    before, trim = round(settings.hold / step), torques_of(case.rig)
+    waiting = {name: np.concatenate([np.full(before, torque[0]), torque]) for name, torque in torques.items()}
+    drives, names = stacked([waiting] * size, beds.drives), controller.law.sensors
+    told = {
+        name: waiting.get(name, np.zeros(len(drives))) + trim.get(name, 0.0)
+        for name in controller.law.known if name not in beds.drives or name in loop.measured
+    }  # fmt: skip
     at = [beds.model.sensors.index(name) for name in names]
-    kept = [beds.model.sensors.index(name) for name in sensors]
-    flanges = [number for number in controller.torque_readings if number >= 0]
-    about, trim = beds.steady[at], torques_of(case.rig)
+    poor = sensors_on(
+        case, names, [row.values for row in rows], MinuteSettings(offset=0.0), step, np.random.default_rng(seed)
+    )
     held = np.array([trim[one.torque_input] for one in loop.dynamometers])[:, None]
-    known = np.zeros((count, len(controller.law.known), size))
-    for number, name in enumerate(controller.law.known):
-        on_rig = name in beds.drives
-        if not on_rig or name in loop.measured:
-            known[:, number] = np.asarray(torques.get(name, np.zeros(count)))[:, None] + trim.get(name, 0.0)
-    batch, x = ControllerBatch(controller, size), beds.start
-    before = round(settings.hold / step)
-    speeds = about[list(controller.speed_readings)]
-    read, sent = np.empty((count, len(kept), size)), np.empty((count, len(held), size))
-    ended, faults = np.full(size, count), np.zeros(size, int)
-    for n in range(-before, count):
-        now, after = drives[max(n, 0)], drives[min(max(n + 1, 0), count - 1)]
-        if n < 0:
-            now = after = drives[0]
-        true = beds.read(x, now)
-        if n >= 0:
-            read[n] = true[kept]
-        own = true[at]
-        own[flanges] = beds.lagged(x)
-        mode = SPEED_HOLD if n < 0 else EMULATION
-        commands, _, fault = batch.step(poor.read(own, 0.0) + about, known[max(n, 0)], mode, speeds, n + before)
-        if n >= 0:
-            new = (fault != 0) & (faults == 0)
-            ended[new], faults[new] = n, fault[new]
-            if added is not None:
-                commands = commands + added[n][:, None]
-            sent[n] = commands
-        x = beds.advance(x, commands - held, now, after)
-        lost = ~np.isfinite(x).all(axis=0)
-        if lost.any():
-            ended[lost & (faults == 0)], faults[lost & (faults == 0)] = max(n, 0), 1
-            x = np.where(lost, beds.start, x)
-    return _Played(read, sent, ended, faults)
+    known = stacked([told] * size, controller.law.known) if told else np.zeros((len(drives), 0, size))
+    running = _Exported(controller, poor, at, known, beds.steady[at], held, before)
+    found = run(beds, drives, [beds.model.sensors.index(name) for name in sensors], running)
+    running.restart(found.lost)
+    return _Played(found.readings[before:], found.commands[before:], running.faults)
 
 
 def vehicles_in(
@@ -303,11 +312,6 @@ class Driving:
     one_speed: float
     not_run: str = ""
     settings: DrivingSettings = DRIVING
-
-    @property
-    def worst_speed(self) -> AtSpeed:
-        """Where the larger of both errors, each over what usually is allowed, is largest."""
-        return max(self.speeds, key=lambda one: max(one.measured / 0.1, one.unmeasured / 0.3))
 
     def sentences(self, torque_limit: float) -> list[str]:
         """What stands in the way, in sentences; the limit is the least of the dynamometers', N·m, or infinite."""
@@ -368,11 +372,6 @@ def driving(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) -> D
     about = case.operating_range
     assert about is not None
     one_speed = replace(case, operating_range=None)
-    speed = (
-        float(np.mean([dict(case.vehicle.operating_point.speeds).get(name, 0.0) for name in about.bodies]))
-        if case.vehicle.operating_point
-        else 0.0
-    )
     drives, not_run = [], ""
     try:
         controllers = exported_controller(case), exported_controller(one_speed)
@@ -381,7 +380,7 @@ def driving(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) -> D
         not_run = str(fault)
     return Driving(
         about.lowest, about.highest, tuple(grid(about).tolist()), at_speeds(case, seed, settings), tuple(drives),
-        speed * about.rolling_radius, not_run, settings,
+        body_speed(case) * about.rolling_radius, not_run, settings,
     )  # fmt: skip
 
 
@@ -397,7 +396,7 @@ def _driven(
     rows = [Imperfection(""), *(Imperfection("", box.at(position)) for position in box.draw(settings.drawn, seed))]
     sensors = compared_sensors(case)
     vehicle = vehicles_in(own, torques, rows, sensors)
-    played = [play(own, controller, torques, rows, sensors, seed, settings) for controller in controllers]
+    played = [_play(own, controller, torques, rows, sensors, seed, settings) for controller in controllers]
     errors, one_speed = (_errors(vehicle, each, settings, step) for each in played)
     planned_error = _relative(vehicle, played[0].readings)[:, 0]
     worst = sensors[int(planned_error.argmax())]

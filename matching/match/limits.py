@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from matching.match.case import LIMITS_OF_ALL, Case, Move, apply, scaled
+from matching.match.case import Case, Move, apply, limit_of_all, scaled
 from matching.match.demands import ExceededLimit, rig_values
 from matching.match.objective import search_for
 from matching.match.problem import MatchProblem, differing_components, target_results
@@ -357,21 +357,16 @@ def asks(dyno: str, limit: str, demand: float, allowed: float) -> str:
     )
 
 
-def _of_all(limit: str) -> str:
-    """The key of a limit of all dynamometers for one's own, which has the same words."""
-    return LIMITS_OF_ALL[limit.rpartition(".")[2]] if limit.startswith("dynamometers.") else limit
-
-
 def _named(limit: str, dyno: str) -> str:
-    if _of_all(limit) in _WORDS:
-        return f"a {_WORDS[_of_all(limit)][0]} at dynamometer {dyno}"
+    if limit_of_all(limit) in _WORDS:
+        return f"a {_WORDS[limit_of_all(limit)][0]} at dynamometer {dyno}"
     shaft, _, what = limit.removeprefix("shafts.").rpartition(".")
     return f"a {what} in {shaft}"
 
 
 def _with_unit(limit: str, value: float) -> str:
-    if _of_all(limit) in _WORDS:
-        return f"{value:.4g} {_WORDS[_of_all(limit)][1]}".rstrip()
+    if limit_of_all(limit) in _WORDS:
+        return f"{value:.4g} {_WORDS[limit_of_all(limit)][1]}".rstrip()
     return f"{value:.4g} N·m" if limit.endswith("torque") else f"{np.degrees(value):.3g}°"
 
 
@@ -398,7 +393,7 @@ def _violation(violation: Violation) -> str:
     value, allowed = (
         _with_unit(violation.limit, number_in_si) for number_in_si in (violation.value, violation.allowed)
     )
-    known = _WORDS.get(_of_all(violation.limit))
+    known = _WORDS.get(limit_of_all(violation.limit))
     what = f"{known[0]} " if known else ""
     ratio = f"{violation.value / violation.allowed:.2f} times the limit"
     return f"{violation.where}: the simulated manoeuvre takes {what}{value}, {ratio} of {allowed}"

@@ -120,7 +120,7 @@ class Minutes:
 
 
 @dataclass
-class _Sensors:
+class Sensors:
     """Readings of y sensors on b beds: gain, noise, counts of encoders, an offset that grows over the run."""
 
     noise: np.ndarray
@@ -195,7 +195,7 @@ def _run(case: Case, controller: ExportedController, seed: int, settings: Minute
         [perturbed_system(case.rig, one, case) for one in imperfect], loop, loop.dynamometers,
         [hardware(case, one) for one in imperfect],
     )  # fmt: skip
-    sensors = _sensors(case, law.sensors, [values for _, values, _ in rows], settings, step, random)
+    sensors = sensors_on(case, law.sensors, [values for _, values, _ in rows], settings, step, random)
     batch, size = ControllerBatch(controller, len(rows)), len(rows)
     at, flanges = (
         [beds.model.sensors.index(name) for name in law.sensors],
@@ -244,25 +244,18 @@ def _run(case: Case, controller: ExportedController, seed: int, settings: Minute
     )
 
 
-def readings_of(
-    case: Case, names: Sequence[str], values: Sequence[Mapping[str, float]], settings: MinuteSettings, step: float,
-    seed: int,
-) -> _Sensors:  # fmt: skip
-    """Sensors by name as they stand on beds with these values, for a run of its own."""
-    return _sensors(case, names, values, settings, step, np.random.default_rng(seed))
-
-
-def _sensors(
+def sensors_on(
     case: Case, names: Sequence[str], values: Sequence[Mapping[str, float]], settings: MinuteSettings, step: float,
     random: np.random.Generator,
-) -> _Sensors:  # fmt: skip
+) -> Sensors:  # fmt: skip
+    """Sensors by name as they stand on beds with these values."""
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
     noise = np.array([by_name[name].uncertainty or NOISE[by_name[name].measures] for name in names])[:, None]
     counting = np.array([by_name[name].measures == "speed" for name in names])[:, None]
     signs = random.choice([-1.0, 1.0], (2, len(names), len(values)))
     gains = np.array([[of_bed.get(f"sensors.{name}.gain", 1.0) for of_bed in values] for name in names])
     gains = gains * np.where(counting, 1 + settings.encoder_gain * signs[0], 1.0)
-    return _Sensors(noise, gains, settings.offset * noise * signs[1], counting, step, random)
+    return Sensors(noise, gains, settings.offset * noise * signs[1], counting, step, random)
 
 
 def _operating_readings(case: Case, beds: NonlinearBeds, at: Sequence[int]) -> np.ndarray:

@@ -104,7 +104,9 @@ def read_range(
     entries = data.get("drives", [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise InputError(f"{where}: drives", "is no list of tables", 'write [[drives]] with vehicle_speed = "30 km/h"')
-    drives = tuple(_drive(entry, number, made, vehicle, loop, known, where) for number, entry in enumerate(entries, 1))
+    drives = tuple(
+        _drive(entry, number, made, vehicle, rig, loop, known, where) for number, entry in enumerate(entries, 1)
+    )
     return replace(made, drives=drives)
 
 
@@ -125,8 +127,8 @@ def _speeds(table: Mapping[str, Any], place: str) -> tuple[float, float]:
 
 
 def _drive(
-    entry: Mapping[str, Any], number: int, about: OperatingRange, vehicle: System, loop: Loop, known: list[str],
-    where: str,
+    entry: Mapping[str, Any], number: int, about: OperatingRange, vehicle: System, rig: System, loop: Loop,
+    known: list[str], where: str,
 ) -> Drive:  # fmt: skip
     place, own = f"{where}: drives[{number}]", ("title", "vehicle_speed", "profile", "driver")
     for key in entry:
@@ -142,7 +144,7 @@ def _drive(
     if "profile" in entry:
         profile = read_speed_profile(entry["profile"], folder, place)
         speed = to_si(entry.get("vehicle_speed", float(profile.speed[0])), "m/s", f"{place}.vehicle_speed")
-        begin, driver = at_vehicle_speed(vehicle, about, speed), read_driver(entry.get("driver"), known, place)
+        begin, driver = at_vehicle_speed(vehicle, rig, about, speed), read_driver(entry.get("driver"), known, place)
         torques |= driven_along(profile, driver, begin, loop, about.bodies, about.rolling_radius)
     for name in known:
         if name in entry:
@@ -201,7 +203,7 @@ def at_speed(case: Case, speed: float) -> Case:
     """
     about = case.operating_range
     assert about is not None
-    vehicle = at_vehicle_speed(case.vehicle, about, speed)
+    vehicle = at_vehicle_speed(case.vehicle, case.rig, about, speed)
     emulated = vehicle
     if case.simple_vehicle is not None:
         ends = [(one.vehicle_end, one.vehicle_end) for one in case.residual_vehicle.interfaces]
@@ -224,16 +226,41 @@ def at_speed(case: Case, speed: float) -> Case:
     )  # fmt: skip
 
 
-def at_vehicle_speed(vehicle: System, about: OperatingRange, speed: float) -> System:
+def at_vehicle_speed(vehicle: System, rig: System, about: OperatingRange, speed: float) -> System:
     """The vehicle with its operating point at a speed, m/s; at rest at 0."""
     if not speed:
         return replace(vehicle, operating_point=None)
-    beyond = set(about.bodies)
-    torques = tuple((part.name, 0.0) for part in vehicle.inputs if part.on in beyond)
-    speeds = tuple((name, speed / about.rolling_radius) for name in about.bodies)
-    vehicle = replace(vehicle, operating_point=OperatingPoint(speeds, torques))
+    return in_steady_motion(vehicle, rig, dict.fromkeys(about.bodies, speed / about.rolling_radius), {})
+
+
+def in_steady_motion(
+    vehicle: System, rig: System, speeds: Mapping[str, float], torques: Mapping[str, float]
+) -> System:  # fmt: skip
+    """The vehicle at an operating point with these speeds (rad/s) and torques (N·m): the drives' torques follow.
+
+    Drives are inputs that the rig has too; nothing acts at others that are not named. Where there are no drives the
+    others' torques follow; without a speed none do.
+
+    Raises
+    ------
+    InputError
+        If there is no such steady motion.
+    """
+    on_rig = {part.name for part in rig.inputs}
+    drives = [part.name for part in vehicle.inputs if part.name in on_rig and part.name not in torques]
+    loads = [part.name for part in vehicle.inputs if part.name not in on_rig and part.name not in torques]
+    free = (drives or loads) if speeds else []
+    stated = {**torques, **{name: 0.0 for name in (*drives, *loads) if name not in free}}
+    vehicle = replace(vehicle, operating_point=OperatingPoint(tuple(speeds.items()), tuple(stated.items())))
     operating_motion(vehicle)
     return vehicle
+
+
+def body_speed(case: Case) -> float:
+    """Speed of the vehicle at the operating point of a case with a range, rad/s: the mean of its bodies'."""
+    about, turning = case.operating_range, speeds_of(case.vehicle)
+    assert about is not None
+    return float(np.mean([turning[name] for name in about.bodies]))
 
 
 def turning_as(
@@ -264,8 +291,8 @@ def law_over_speed(case: Case) -> ScheduledLaw:
     """
     about = case.operating_range
     assert about is not None
-    cases, turning = [at_speed(case, float(speed)) for speed in grid(about)], speeds_of(case.vehicle)
+    cases = [at_speed(case, float(speed)) for speed in grid(about)]
     return scheduled_law(
         [each.rig for each in cases], [each.residual_vehicle for each in cases], case.loop, case.loop.values,
-        about.bodies, linear_bed(cases[-1]).torque_signs, float(np.mean([turning[name] for name in about.bodies])),
+        about.bodies, linear_bed(cases[-1]).torque_signs, body_speed(case),
     )  # fmt: skip

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from matching.match.case import LIMITS_OF_ALL
+from matching.match.case import limit_of_all
 from matching.match.map import Axis, Map
 from matching.match.tolerance import Spread, Tolerance, required_range
 from matching.report import common
@@ -61,17 +61,11 @@ RING_CLEARANCE = 17  # points from the middle of the ring to the number below it
 MOST_TICKS = 10  # labels per axis
 
 
-def _kind_of_limit(name: str) -> str:
-    """What a limit of a shaft or of a dynamometer of its own is called here."""
-    kind = name.rpartition(".")[2]
-    return LIMITS_OF_ALL[kind] if name.startswith("dynamometers.") else kind
-
-
 def limiting_words(point: Mapping[str, Any]) -> str:
     """What limits the match at a point; its status where nothing does."""
     if point["status"] == "impossible":
         return LIMITS["impossible"]
-    words = dict.fromkeys(LIMITS[_kind_of_limit(name)] for name in point["limited_by"])
+    words = dict.fromkeys(LIMITS[limit_of_all(name).rpartition(".")[2]] for name in point["limited_by"])
     return ", ".join(words) or str(point["status"])
 
 

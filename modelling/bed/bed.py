@@ -74,6 +74,16 @@ class ControlLaw:
         return len(self.A)
 
     @property
+    def laws(self) -> tuple[ControlLaw, ...]:
+        """The law at every speed at which it is designed: itself alone."""
+        return (self,)
+
+    @property
+    def vehicle_states(self) -> int:
+        """Number v of states of a residual vehicle that runs in it as it is: none."""
+        return 0
+
+    @property
     def linear(self) -> ControlLaw:
         """The law as a linear one: itself."""
         return self

@@ -85,8 +85,9 @@ def nonlinear_vehicle(residuals: Sequence[ResidualVehicle], loop: Loop, bodies: 
     states: list[ca.SX] = []
     at_cuts, at_own = ca.SX.sym("T", len(cuts)), ca.SX.sym("w", len(own))
     rates, speeds = [], []
-    for system in first.parts:
-        model, lift = compiled(system), _lift(system)
+    lifts = [_lift(system) for system in first.parts]  # which angles nothing depends on is the same at every speed
+    for system, lift in zip(first.parts, lifts, strict=True):
+        model = compiled(system)
         x = ca.SX.sym(f"x{len(states)}", lift.shape[1])
         u = ca.vertcat(*(
             at_cuts[cuts.index(name)] if name in cuts else at_own[own.index(name)] for name in model.inputs
@@ -104,12 +105,9 @@ def nonlinear_vehicle(residuals: Sequence[ResidualVehicle], loop: Loop, bodies: 
         )
     A, steady = [], []
     for residual in residuals:
-        lifts = [_lift(system) for system in residual.parts]
         pairs = list(zip(residual.parts, lifts, strict=True))
         A.append(block_diag(*(lift.T @ linearise(system).A @ lift for system, lift in pairs)))
-        steady.append(np.concatenate([
-            lift.T @ operating_motion(system).state for system, lift in zip(residual.parts, lifts, strict=True)
-        ]))  # fmt: skip
+        steady.append(np.concatenate([lift.T @ operating_motion(system).state for system, lift in pairs]))
     function = ca.Function("vehicle", [ca.vertcat(*states), at_cuts, at_own], [ca.cse(ca.vertcat(*rates))])
     return NonlinearVehicle(function, np.stack(A), np.stack(steady), np.concatenate(speeds) / len(bodies), own)
 
@@ -192,6 +190,11 @@ class ScheduledLaw:
     def sample_time(self) -> float:
         """In s."""
         return self.first.sample_time
+
+    @property
+    def vehicle_states(self) -> int:
+        """Number v of states of the residual vehicle that runs in it as it is."""
+        return len(self.vehicle.speed)
 
     @property
     def states(self) -> int:

@@ -9,7 +9,6 @@ import casadi as ca
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from modelling.bed.bed import ControlLaw
 from modelling.bed.scheduled import ScheduledLaw
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
@@ -45,7 +44,7 @@ def memory_bytes(controller: ExportedController) -> int:
     """Size of the controller's structure in double precision, padding aside."""
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
     x, w, s = controller.law.states, len(controller.law.known), len(controller.watched.shafts)
-    v = len(controller.law.vehicle.speed) if isinstance(controller.law, ScheduledLaw) else 0
+    v = controller.law.vehicle_states
     reals = (
         9 * k
         + 2 * len(controller.settings.curve_speeds)
@@ -77,8 +76,8 @@ def _header(controller: ExportedController) -> str:
             seconds=law.sample_time,
             bytes=memory_bytes(controller),
             states=law.states,
-            speeds=len(_laws(law)),
-            vehicle_states=len(law.vehicle.speed) if isinstance(law, ScheduledLaw) else 0,
+            speeds=len(law.laws),
+            vehicle_states=law.vehicle_states,
             readings=[c_comment(reading) for reading in readings],
             known=[c_comment(name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],
@@ -139,9 +138,9 @@ def _data(controller: ExportedController) -> str:
     for name, matrix in matrices.items():
         lines += ["", *_rows(name, matrix)]
     over_speed = {
-        "CORRECTION": [one.L for one in _laws(law)],
-        "COMMAND": [np.hstack([one.K, one.Dy, one.Dw]) for one in _laws(law)],
-        "NEXT_STATE": [np.hstack([one.A, one.By, one.Bw, one.Bs]) for one in _laws(law)],
+        "CORRECTION": [one.L for one in law.laws],
+        "COMMAND": [np.hstack([one.K, one.Dy, one.Dw]) for one in law.laws],
+        "NEXT_STATE": [np.hstack([one.A, one.By, one.Bw, one.Bs]) for one in law.laws],
     }
     for name, stack in over_speed.items():
         lines += ["", *_at_speeds(name, stack)]
@@ -151,11 +150,6 @@ def _data(controller: ExportedController) -> str:
     if isinstance(law, ScheduledLaw):
         lines += _vehicle(law)
     return "\n".join(lines) + "\n"
-
-
-def _laws(law: ControlLaw | ScheduledLaw) -> tuple[ControlLaw, ...]:
-    """The law at every speed of its grid."""
-    return law.laws if isinstance(law, ScheduledLaw) else (law,)
 
 
 def _vehicle(law: ScheduledLaw) -> list[str]:

@@ -288,7 +288,7 @@ class GearedRipple(Kind):
 
 
 def _parting(angle: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """The ratio of an angle (t,) to another, and the range (rad) of what is left of it by that."""
+    """Slope of the line by which an angle (t,) follows another, and the range (rad) of its deviation from that line."""
     straight = np.column_stack([other, np.ones_like(other)])
     line = np.linalg.lstsq(straight, angle, rcond=None)[0]
     return float(line[0]), float(np.ptp(angle - straight @ line))
