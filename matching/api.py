@@ -1130,8 +1130,8 @@ def learn(
 
     What the controlled bed gets wrong in the same way every time is foreseen: torques, sample by sample from the
     trigger of the manoeuvre on, corrected after every repetition. A correction improves the bed as planned and every
-    bed drawn from what is not known exactly; what does not repeat is not learned. The command writes learned.csv,
-    controller.fmu, which plays it from its trigger on, learned.json and report.html.
+    drawn bed; noise is not learned. The command writes learned.csv, controller.fmu, which plays it from its trigger on,
+    learned.json and report.html.
 
     Parameters
     ----------

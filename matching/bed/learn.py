@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 
 from matching.bed.excite import bed_inputs
-from matching.bed.simulated_bed import SETTLING_SECONDS, FmuBed, Tripped, held_as_linear, run_csv
+from matching.bed.simulated_bed import FmuBed, emulated_recording
 from matching.bed.verify import BedRecordings, read_recordings
 from matching.dry_run import computing
 from matching.export import exported_controller
 from matching.match.case import Case
-from matching.match.learning import Learner, added_to
-from matching.match.operating_range import at_speed
-from matching.match.running import run
+from matching.match.driving import vehicles_in
+from matching.match.in_time import Imperfection
+from matching.match.learning import LEARNING, Learner, added_to
+from matching.match.operating_range import at_speed, body_speed
 from modelling.bed.bed import Dynamometer
-from modelling.bed.nonlinear import NonlinearBeds
 from modelling.bed.scheduled import ScheduledLaw
-from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, ExportedController
+from modelling.controller.law import ExportedController
 from modelling.display import Displayed
 from modelling.errors import InputError
 from modelling.fmu.export import controller_fmu
@@ -31,18 +31,13 @@ from modelling.recordings.read import Channel, csv_text, read_signals
 from modelling.writing import strict_json, write_all
 
 TABLE, RESULT, CONTROLLER = "learned.csv", "learned.json", "controller.fmu"
-WORTH = 1.2  # times the noise of the mean that a predicted fall of the error has to exceed to be worth a repetition
-GAINS = 0.2  # of the error that a repetition has to take away
-MOST_SHIFT = 0.5  # s by which the triggers of two recordings may be apart
-MEAN = 0.02  # s after the trigger whose mean is where everything counts from
 
 
 @dataclass(frozen=True)
 class Learned(Displayed):
     """What repetitions of a manoeuvre say, and the torques of the next one; n samples, k dynamometers, c sensors.
 
-    Errors are root mean squares of sensor less vehicle over the range of the vehicle's signal, the mean of all compared
-    sensors.
+    Errors are root mean squares of sensor less vehicle over the range of the vehicle's signal, of all compared sensors.
 
     Attributes
     ----------
@@ -91,13 +86,14 @@ class Learned(Displayed):
     @property
     def worth(self) -> bool:
         """Whether another repetition gains more than the noise hides, and more than a little."""
-        falls = self.error - self.predicted > GAINS * self.error
-        fell = not self.history or self.history[-1] - self.error > GAINS * self.history[-1]
-        beyond = self.error**2 - self.predicted**2 > (WORTH * self.noise) ** 2
+        gains = LEARNING.gains
+        falls = self.error - self.predicted > gains * self.error
+        fell = not self.history or self.history[-1] - self.error > gains * self.history[-1]
+        beyond = self.error**2 - self.predicted**2 > (LEARNING.beyond_noise * self.noise) ** 2
         return self.share > 0 and falls and fell and beyond
 
     def sentence(self) -> str:
-        """What was found, and what to do."""
+        """The error, what of it repeats, and whether another repetition is worth it."""
         off = 100 * self.error
         of_noise = f"{100 * self.noise:.2g} % of it does not repeat" if self.noise > 0.01 * self.error else "it repeats"
         said = f"repetition {self.repetition}: the error is {off:.2g} % of the range, {of_noise}"
@@ -116,7 +112,7 @@ class Learned(Displayed):
             "predicted": self.predicted, "unexplained": self.unexplained, "share": self.share, "worth": self.worth,
             "sentence": self.sentence(), "history": list(self.history), "sensors": list(self.sensors),
             "dynamometers": list(self.dynamometers), "largest_torque": float(np.abs(self.torques).max(initial=0.0)),
-            "step": float(self.time[1]) if len(self.time) > 1 else 0.0,
+            "step": float(self.time[1]),
             "predicted_error": self.traces[1].tolist(),
         }  # fmt: skip
 
@@ -175,8 +171,7 @@ def case_of_manoeuvre(case: Case, vehicle_speed: float | None) -> tuple[Case, fl
             raise InputError("vehicle_speed", "is for a case with [operating_range]", right)
         return case, 0.0
     if vehicle_speed is None:
-        turning = speeds_of(case.vehicle)
-        return replace(case, operating_range=None), float(np.mean([turning[name] for name in about.bodies]))
+        return replace(case, operating_range=None), body_speed(case)
     return at_speed(case, vehicle_speed), vehicle_speed / about.rolling_radius
 
 
@@ -220,7 +215,8 @@ def learn(
     if before is not None:
         shared = min(count, len(before.torques))
         added[:shared] = before.torques[:shared]
-    vehicle = _vehicle(own, recorded, torques)
+    driven = dict(zip(recorded.inputs, torques.mean(axis=0).T, strict=True))
+    vehicle = vehicles_in(own, driven, [Imperfection("")], recorded.sensors)[:, :, 0]
     ranges = np.ptp(vehicle, axis=0)
     if not (ranges > 0).all():
         still = recorded.sensors[int(np.argmin(ranges))]
@@ -234,7 +230,7 @@ def learn(
     unexplained = None
     if before is not None:
         shared = min(count, len(before.predicted))
-        off = _size(mean[:shared] - before.predicted[:shared], ranges)
+        off = learner.size(mean[:shared] - before.predicted[:shared], ranges)
         unexplained = float(np.sqrt(max(off**2 - 2 * correction.noise**2, 0.0)))
     table = added + correction.torques
     units = {sensor.name: sensor.unit for sensor in own.rig.sensors}
@@ -242,16 +238,10 @@ def learn(
         repetition=1 + (0 if before is None else len(before.history)), recordings=len(recordings),
         time=np.arange(count) * step, dynamometers=law.dynamometers, sensors=recorded.sensors,
         units=tuple(units[name] for name in recorded.sensors), torques=table, error=correction.size,
-        noise=correction.noise, predicted=_size(correction.predicted, ranges), unexplained=unexplained,
+        noise=correction.noise, predicted=correction.left, unexplained=unexplained,
         share=correction.share, history=() if before is None else before.history,
         controller=replace(exported, learned=table), traces=(mean, correction.predicted),
     )  # fmt: skip
-
-
-def _size(error: np.ndarray, ranges: np.ndarray) -> float:
-    """Root mean square of an error (n, c) over the ranges (c,)."""
-    begin = error - error[: max(len(error) // 100, 1)].mean(axis=0)
-    return float(np.sqrt(np.mean((begin / ranges) ** 2)))
 
 
 def _together(recorded: BedRecordings, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -267,7 +257,7 @@ def _together(recorded: BedRecordings, step: float) -> tuple[np.ndarray, np.ndar
     first = max(max(-shift, 0) for shift in shifts)
     count = min(len(each) - first - shift for each, shift in zip(signals, shifts, strict=True))
     cut = np.stack([each[first + shift : first + shift + count] for each, shift in zip(signals, shifts, strict=True)])
-    begin = max(round(MEAN / step), 1)
+    begin = max(round(LEARNING.begin / step), 1)
     cut = cut - cut[:, :begin].mean(axis=1, keepdims=True)
     inputs = len(recorded.inputs)
     return cut[:, :, :inputs], cut[:, :, inputs:]
@@ -275,7 +265,7 @@ def _together(recorded: BedRecordings, step: float) -> tuple[np.ndarray, np.ndar
 
 def _shift(first: np.ndarray, other: np.ndarray, inputs: int, step: float) -> int:
     """By how many samples the trigger of a recording is later than that of the first, by its torques."""
-    most, count = round(MOST_SHIFT / step), min(len(first), len(other))
+    most, count = round(LEARNING.latest_trigger / step), min(len(first), len(other))
     one, two = (np.diff(each[:count, :inputs], axis=0).ravel(order="F") for each in (first, other))
     correlation = np.correlate(two, one, "full")
     centre = len(one) - 1
@@ -283,61 +273,7 @@ def _shift(first: np.ndarray, other: np.ndarray, inputs: int, step: float) -> in
     return int(np.argmax(window)) - min(most, centre)
 
 
-def _vehicle(case: Case, recorded: BedRecordings, torques: np.ndarray) -> np.ndarray:
-    """Readings (n, c) of the nonlinear vehicle under the mean of the torques (r, n, u), from where it begins."""
-    beds = NonlinearBeds([case.vehicle], case.loop)
-    drives = np.zeros((torques.shape[1], len(beds.drives), 1))
-    for number, name in enumerate(recorded.inputs):
-        drives[:, beds.drives.index(name), 0] = torques[:, :, number].mean(axis=0)
-    found = run(beds, drives, [beds.model.sensors.index(name) for name in recorded.sensors])
-    read: np.ndarray = found.readings[:, :, 0]
-    return read - read[0]
-
-
 # --- A simulated bed: repetitions one after the other.
-
-
-def repetition_recording(
-    bed: FmuBed, case: Case, controller: ExportedController, speed: float, torques: Mapping[str, np.ndarray]
-) -> str:
-    """Text of the CSV recording of a manoeuvre on the bed, from its trigger on.
-
-    Parameters
-    ----------
-    speed : float
-        rad/s of the rotors when it begins.
-    torques : mapping of str to ndarray (n,)
-        N·m by input of the rig or the vehicle.
-
-    Raises
-    ------
-    Tripped
-        If the controller gives up.
-    """
-    law, running, step = controller.law, controller.running(), controller.law.sample_time
-    names, held, before = list(torques), torques_of(case.rig), round(SETTLING_SECONDS / step)
-    rest = np.zeros(before)
-    meant = np.stack([np.concatenate([rest, torques[name]]) + held.get(name, 0.0) for name in names], axis=1)
-    drives = [name for name in bed.inputs if name not in {one.torque_input for one in case.loop.dynamometers}]
-    at = [bed.sensors.index(name) for name in law.sensors]
-    readings, sent = np.zeros((len(meant), len(bed.sensors))), np.zeros((len(meant), len(law.dynamometers)))
-    as_linear, hold = held_as_linear(meant), np.full(len(law.dynamometers), speed)
-    bed.begin(speed)
-    for i, torque in enumerate(meant):
-        now, known = dict(zip(names, torque, strict=True)), dict(zip(names, as_linear[i], strict=True))
-        readings[i] = bed.readings()
-        told = np.array([
-            known.get(name, 0.0) if name in case.loop.measured or name not in drives else 0.0 for name in law.known
-        ])  # fmt: skip
-        mode = SPEED_HOLD if i < before // 2 else EMULATION
-        answer = running.step(readings[i, at], told, mode, hold, i, trigger=i >= before)
-        if answer.fault:
-            text = run_csv(case, bed, step, as_linear[: i + 1], readings[: i + 1], tuple(names))
-            raise Tripped((i - before) * step, FAULTS[answer.fault], running.reason, text)
-        sent[i] = answer.commands
-        bed.step(np.concatenate([sent[i], [now.get(name, 0.0) for name in drives]]), step)
-    return run_csv(case, bed, step, as_linear[before:], readings[before:], tuple(names))
-
 
 RECORDINGS = 2  # of every repetition on a simulated bed: two tell what does not repeat
 
@@ -352,11 +288,10 @@ def learn_on_bed(
     step = case.loop["sample_time"]
     duration = max(torque.duration for torque in case.manoeuvre.values())
     time = np.arange(round(duration / step) + 1) * step
-    torques = {name: torque.torque(time) for name, torque in case.manoeuvre.items()}
-    turning = speeds_of(own.rig)
-    on = {part.name: part.on for part in own.rig.inputs}
-    rotors = [on[one.torque_input] for one in own.loop.dynamometers]
-    speed = float(np.mean([turning[name] for name in rotors]))
+    held, turning, on = torques_of(own.rig), speeds_of(own.rig), {part.name: part.on for part in own.rig.inputs}
+    torques = [torque.torque(time) + held.get(name, 0.0) for name, torque in case.manoeuvre.items()]
+    driven = tuple(case.manoeuvre), np.stack(torques, axis=1)
+    speed = float(np.mean([turning[on[one.torque_input]] for one in own.loop.dynamometers]))
     found: list[Learned] = []
     controller, played = exported_controller(case), None
     for number in range(1, repetitions + 1):
@@ -364,7 +299,7 @@ def learn_on_bed(
         paths = []
         for recording in range(1, RECORDINGS + 1):
             with FmuBed(bed, bed_inputs(case), sensors) as slave:
-                text = repetition_recording(slave, own, controller, speed, torques)
+                text = emulated_recording(slave, own, controller.law, controller.running(), driven, speed)
             write_all(folder, {f"recording_{recording}.csv": text})
             paths.append(folder / f"recording_{recording}.csv")
         learned = learn(case, paths, played=played, vehicle_speed=vehicle_speed)

@@ -472,14 +472,15 @@ class FmuController(Slave):
 
     def step(
         self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int,
-        added: np.ndarray | None = None,
+        added: np.ndarray | None = None, trigger: bool = False,
     ) -> Answer:  # fmt: skip
-        """One sample: readings (y,), known torques (w,), N·m, mode asked for, speeds to hold (k,), rad/s, and torques
-        that are added (k,), N·m."""
+        """One sample: readings (y,), known torques (w,), N·m, mode asked for, speeds to hold (k,), rad/s, torques that
+        are added (k,), N·m, and the trigger of what was learned, which an FMU without that has not."""
         more = np.zeros(len(hold)) if added is None else added
         names = (*self._law.sensors, *self._law.known, *self._hold, *self._added)
         values = dict(zip(names, (*readings, *known, *hold, *more), strict=True))
-        self.set(values | {"mode": float(mode), "life": float(life)})
+        played = {"trigger": float(trigger)} if "trigger" in self._references else {}
+        self.set(values | {"mode": float(mode), "life": float(life)} | played)
         self.advance(self._law.sample_time)
         *commands, active, fault = self.get([*self._commands, "active_mode", "fault"])
         return Answer(np.array(commands), int(active), int(fault))
@@ -545,44 +546,60 @@ def proof_recording(
     speed: float,
     replayed: SupervisedController | None = None,
 ) -> str:
-    """Text of the CSV recording of the controlled bed under a proof's torques, emulation on.
+    """Text of the CSV recording of the controlled bed under a proof's torques; see :func:`emulated_recording`."""
+    return emulated_recording(bed, case, law, controller, (wanted.inputs, wanted.torques), speed, replayed)
+
+
+def emulated_recording(
+    bed: FmuBed, case: Case, law: Law, controller: FmuController | SupervisedController,
+    driven: tuple[Sequence[str], np.ndarray], speed: float, replayed: SupervisedController | None = None,
+) -> str:  # fmt: skip
+    """Text of the CSV recording of the controlled bed under torques, emulation on; the trigger rises with its begin.
+
+    Parameters
+    ----------
+    driven : (sequence of str, ndarray (t, u))
+        Inputs of rig and vehicle and their torques, N·m, one row a sample of the law.
+    speed : float
+        rad/s of the rotors before.
+    replayed : SupervisedController, optional
+        The same controller in Python, which says which reading led to a fault where ``controller`` does not.
 
     Raises
     ------
     Tripped
-        If the controller gives up; ``replayed``, the same controller in Python, says which reading led to it.
+        If the controller gives up.
     """
-    step = wanted.step
+    (inputs, asked), step = driven, case.loop["sample_time"]
     k, before = len(law.dynamometers), round(SETTLING_SECONDS / step)
-    drives = [
-        name for name in bed.inputs if name not in {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
-    ]
+    commanded = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
+    drives = [name for name in bed.inputs if name not in commanded]
     at = [bed.sensors.index(name) for name in law.sensors]
     # mean torques, which keep free play closed, rise in speed hold
-    rising = np.minimum(np.arange(before) / max(before // 4, 1), 1.0)[:, None] * wanted.torques[0]
-    torques = np.vstack([rising, wanted.torques])
+    rising = np.minimum(np.arange(before) / max(before // 4, 1), 1.0)[:, None] * asked[0]
+    torques = np.vstack([rising, asked])
     readings, hold = np.zeros((len(torques), len(bed.sensors))), np.full(k, speed)
-    driven = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
     sent = np.zeros((len(torques), k))
     bed.begin(speed)
     # the bed holds a motor's torque over a sample; one of the road is only read by the controller, at the sample
-    as_linear = np.where([name in drives for name in wanted.inputs], held_as_linear(torques), torques)
+    as_linear = np.where([name in drives for name in inputs], held_as_linear(torques), torques)
     for i, torque in enumerate(torques):
-        now, meant = (dict(zip(wanted.inputs, values, strict=True)) for values in (torque, as_linear[i]))
+        now, meant = (dict(zip(inputs, values, strict=True)) for values in (torque, as_linear[i]))
         readings[i] = bed.readings()
         known = np.array([meant.get(name, 0.0) for name in law.known])
         mode = SPEED_HOLD if i < before // 2 else EMULATION
-        answer = controller.step(readings[i, at], known, mode, hold, i)
+        answer = controller.step(readings[i, at], known, mode, hold, i, trigger=i >= before)
         if replayed is not None:
-            replayed.step(readings[i, at], known, mode, hold, i)
+            replayed.step(readings[i, at], known, mode, hold, i, trigger=i >= before)
         if answer.fault:
             held = np.hstack([as_linear[: i + 1], held_as_linear(sent[: i + 1])])
-            text = run_csv(case, bed, step, held, readings[: i + 1], (*wanted.inputs, *driven))
-            raise Tripped((i - before) * step, FAULTS[answer.fault], replayed.reason if replayed else "", text)
+            text = run_csv(case, bed, step, held, readings[: i + 1], (*inputs, *commanded))
+            reason = getattr(replayed or controller, "reason", "")
+            raise Tripped((i - before) * step, FAULTS[answer.fault], reason, text)
         sent[i] = answer.commands
         bed.step(np.concatenate([sent[i], [now.get(name, 0.0) for name in drives]]), step)
     held = np.hstack([as_linear, held_as_linear(sent)])[before:]
-    return run_csv(case, bed, step, held, readings[before:], (*wanted.inputs, *driven))
+    return run_csv(case, bed, step, held, readings[before:], (*inputs, *commanded))
 
 
 def run_csv(

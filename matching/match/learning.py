@@ -5,9 +5,9 @@ sample from the trigger of the manoeuvre on, are corrected after every repetitio
 before and after each moment (norm-optimal iterative learning: Bristow, Tharayil and Alleyne, IEEE Control Systems
 Magazine 26(3), 2006, 96). The controller knows of the added torques, so that its observer does not answer them.
 
-The closed loop of the bed as planned says what a torque does to the error; beds drawn from what is not known exactly
-say how far that can be trusted: at a frequency where one of them would not contract, less is learned or nothing, and
-the whole correction is as large as the beds allow with the error that was measured.
+The closed loop of the bed as planned predicts what a torque does to the error; drawn beds show how far to trust that.
+At a frequency where the error would not shrink on one of them, less is learned or nothing, and the whole correction is
+as large as all of them allow with the error that was measured.
 """
 
 from __future__ import annotations
@@ -46,6 +46,12 @@ class LearningSettings:
         s at the end over which the error is faded out, so that the end does not look like a jump.
     seed : int
         Of the drawn beds.
+    beyond_noise : float
+        Times the noise of the mean error: what its predicted fall has to exceed for another repetition to be worth it.
+    gains : float
+        Of the error that a repetition has to take away, too.
+    latest_trigger : float
+        s by which the triggers of two recordings may be apart.
     """
 
     highest: float = 60.0
@@ -57,6 +63,9 @@ class LearningSettings:
     begin: float = 0.02
     quiet: float = 0.1
     seed: int = 1
+    beyond_noise: float = 1.2
+    gains: float = 0.2
+    latest_trigger: float = 0.5
 
 
 LEARNING = LearningSettings()
@@ -110,9 +119,9 @@ class Learner:
         values = [{}, *(box.at(position) for position in box.draw(settings.drawn, settings.seed))]
         beds = bed_set(case, values, lines)
         own = acting.of_known[:, :, [acting.known.index(added_to(name)) for name in law.dynamometers]]
-        # only how the compared sensors stand among the controller's readings differs from a match
-        commands = np.linalg.solve(return_difference(beds, acting), np.broadcast_to(own, (len(values), *own.shape)))
-        by_reading = beds.commanded[0] @ np.linalg.solve(return_difference(beds, acting)[0], acting.of_readings)
+        difference = return_difference(beds, acting)
+        commands = np.linalg.solve(difference, np.broadcast_to(own, (len(values), *own.shape)))
+        by_reading = beds.commanded[0] @ np.linalg.solve(difference[0], acting.of_readings)
         sensors = sensor_noise(case, case.loop.controller_sensors)
         noise = samples * ((np.abs(by_reading) ** 2) @ sensors**2 + sensor_noise(case, compared_sensors(case)) ** 2)
         return cls(step, padded, beds.commanded @ commands, noise, settings)
@@ -145,11 +154,22 @@ class Learner:
         effect = np.zeros((self.padded // 2 + 1, len(ranges)), complex)
         effect[lines] = part * moved[0]
         predicted = errors.mean(axis=0) + ranges * np.fft.irfft(effect, self.padded, axis=0)[:count]
-        per_sample = 2 / self.padded / count  # of a power over lines
         return Correction(
-            part * wanted, part, predicted, float(np.sqrt(noise.sum() * per_sample)),
-            float(np.sqrt((np.abs(E) ** 2).sum() * per_sample)),
+            part * wanted, part, predicted,
+            *(self._rms(power, errors.shape) for power in (noise, np.abs(E) ** 2, np.abs(E + part * moved[0]) ** 2)),
         )  # fmt: skip
+
+    def size(self, error: np.ndarray, ranges: np.ndarray) -> float:
+        """Root mean square of an error (n, c) over the ranges (c,), of all sensors, up to the highest frequency."""
+        lines = slice(1, self.answers.shape[1] + 1)
+        spectrum = np.fft.rfft(self._faded(error) / ranges, self.padded, axis=0)[lines]
+        return self._rms(np.abs(spectrum) ** 2, error[None].shape)
+
+    def _rms(self, power: np.ndarray, shape: tuple[int, ...]) -> float:
+        """Root mean square over n samples and c sensors of a motion of ``shape`` (r, n, c) by the power of its lines
+        (Parseval)."""
+        _, count, sensors = shape
+        return float(np.sqrt(2 * power.sum() / (self.padded * count * sensors)))
 
     def _faded(self, error: np.ndarray) -> np.ndarray:
         """An error (n, c) from where it begins, faded out at its end."""
@@ -202,8 +222,9 @@ class Correction:
         Of the norm-optimal correction: what every drawn bed allows with the error that was measured.
     predicted : ndarray (n, c)
         Error that the bed as planned has with them.
-    noise, size : float
-        Root mean squares over the ranges of what does not repeat in the mean error, and of all of it.
+    noise, size, left : float
+        Root mean squares over the ranges, of all sensors: of what does not repeat in the mean error, of all of it, and
+        of the error that is predicted.
     """
 
     torques: np.ndarray
@@ -211,3 +232,4 @@ class Correction:
     predicted: np.ndarray
     noise: float
     size: float
+    left: float

@@ -403,7 +403,7 @@ class Ahead:
     Attributes
     ----------
     A, W, F, G : ndarray (m, m), (m, w), (k, m), (k, w)
-        States [x; commands on their way, newest first; known torques of the last sample, but no remainders].
+        States [x; commands on their way, newest first; known torques of the last sample].
     """
 
     A: np.ndarray

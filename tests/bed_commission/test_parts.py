@@ -274,7 +274,7 @@ class ListeningController:
     def __init__(self):
         self.known = []
 
-    def step(self, readings, known, mode, hold, life):
+    def step(self, readings, known, mode, hold, life, trigger=False):
         self.known.append(known)
         return SimpleNamespace(commands=np.ones(1), fault=0)
 

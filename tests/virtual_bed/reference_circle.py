@@ -44,7 +44,9 @@ class HeldSpeed:
     def __init__(self, controller: FmuController):
         self._controller = controller
 
-    def step(self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int) -> Answer:
+    def step(
+        self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int, trigger: bool = False
+    ) -> Answer:
         """As :meth:`FmuController.step`."""
         return self._controller.step(readings, known, SPEED_HOLD, hold, life)
 
