@@ -167,8 +167,10 @@ def end_of(rounds: Sequence[Round]) -> str | None:
         return None
     if now["status"] == "as_predicted":
         return "the bed answers as well as the match can make it"
-    weak = [question["name"] for question in now.get("open", ()) if question["too_weak"]]
-    if weak and all(_planned_too_weak(error, now) for error in now["errors"]):
+    because = {question["because"] for question in now.get("open", ())}
+    if "vehicle" in because:
+        return "a further round could not gain more than its uncertainty: what is not known of the vehicle is more"
+    if "excitation" in because and all(_planned_too_weak(error, now) for error in now["errors"]):
         return "a further round could not gain more than its uncertainty: the planned excitation is too weak for it"
     return None
 
@@ -631,7 +633,7 @@ class Circle:
         if self._channels is None:
             raise fault
         return {"status": "unlike_model", "sentence": f"{fault.wrong}", "errors": [], "functions": [], "modes": [],
-                "fidelity": [], "notes": []}  # fmt: skip
+                "open": [], "fidelity": [], "notes": []}  # fmt: skip
 
     def _identified(self, number: int) -> dict[str, Any]:
         """Excite, record, diagnose. With free play the proof is diagnosed, whose mean torque keeps the play closed."""

@@ -181,6 +181,8 @@ class OpenQuestion:
     longer : float
         Times as long a recording under the same torques that would do, as far as its noise decides; infinite where none
         does. Its square root is the factor on the torques.
+    of_vehicle : bool
+        Whether no recording decides it for what is not known of the vehicle.
     """
 
     name: str
@@ -188,17 +190,21 @@ class OpenQuestion:
     allowed: float
     unit: str
     longer: float
+    of_vehicle: bool = False
 
     @property
-    def too_weak(self) -> bool:
-        """Whether even a bed without any error would stay undetermined: the excitation is too weak for the question."""
-        return not self.expanded <= self.allowed
+    def because(self) -> str:
+        """``near_limit``, or where even a bed without any error would stay undetermined ``vehicle`` or ``excitation``:
+        that is too weak for the question."""
+        if self.expanded <= self.allowed:
+            return "near_limit"
+        return "vehicle" if self.of_vehicle else "excitation"
 
     def to_dict(self) -> dict[str, Any]:
         """As ``verification.json`` holds it; what is not known is null."""
         return {
             "name": self.name, "expanded_uncertainty": self.expanded if math.isfinite(self.expanded) else None,
-            "allowed": self.allowed, "unit": self.unit, "too_weak": self.too_weak,
+            "allowed": self.allowed, "unit": self.unit, "because": self.because,
             "times_as_long": self.longer if math.isfinite(self.longer) else None,
         }  # fmt: skip
 
@@ -222,7 +228,7 @@ class BedVerification(Displayed):
         Hz.
     notes : tuple of str
     open : tuple of OpenQuestion
-        What the recordings do not decide; first what their excitation is too weak for.
+        What the recordings do not decide; what their excitation is too weak for comes first.
     duration : float
         Of all recordings together, s.
     """
@@ -790,9 +796,11 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
     for kind in dict.fromkeys(function.kind for function in shown.functions):
         alike = [function for function in shown.functions if function.kind == kind]
 
-        def of_kind(longer: float, kind: str = kind, alike: list[_Function] = alike) -> ErrorJudgement:
-            """As a recording so many times as long would be judged."""
-            figures = [function.figures_of(longer) if longer > 1 else function.figures for function in alike]
+        def of_kind(
+            longer: float, known_vehicle: bool = False, kind: str = kind, alike: list[_Function] = alike
+        ) -> ErrorJudgement:
+            """As a recording so many times as long would be judged, and with all known of the vehicle."""
+            figures = [one.figures_of(longer, known_vehicle) if longer > 1 else one.figures for one in alike]
             counted = [one.number for one, known in zip(alike, figures, strict=True) if known.known]
             expected = largest_expected(drawn[:, counted or [one.number for one in alike]])
             return judged(kind, figures, expected, allowed[kind])
@@ -807,7 +815,7 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
         for function in shown.functions
     ]  # fmt: skip
     mode_checks, of_modes = _modes(case, shown)
-    questions = sorted([*questions, *of_modes], key=lambda question: not question.too_weak)
+    questions = sorted([*questions, *of_modes], key=lambda question: question.because)
     duration = sum(float(np.ptp(recording.time)) for recording in recorded.recordings)
     fidelity = tuple(recorded_fidelity(case, recorded, recording) for recording in recorded.recordings)
     states = [*(checked.status for checked in errors), *(checked.status for checked in mode_checks)]
@@ -818,17 +826,21 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
     )  # fmt: skip
 
 
-def _open_error(now: ErrorJudgement, of_kind: Callable[[float], ErrorJudgement]) -> OpenQuestion:
+def _open_error(now: ErrorJudgement, of_kind: Callable[..., ErrorJudgement]) -> OpenQuestion:
     """What would decide an undetermined response error: the shortest recording, by steps of a half in noise power."""
     name, expanded = f"response error to {now.name} torques", COVERAGE_FACTOR * now.uncertainty
-    weak, longer = not expanded <= now.allowed, 1.0
-    while (longer := 1.5 * longer) < LONGEST:
-        then = of_kind(longer)
-        reach = math.sqrt(max(then.interval[1] ** 2 - then.value**2, 0.0))  # of a bed without error, whatever is read
+
+    def decides(then: ErrorJudgement) -> bool:
+        """Also of a bed without error, whatever is read of it."""
+        reach = math.sqrt(max(then.interval[1] ** 2 - then.value**2, 0.0))
         enough = reach <= COVERAGE_FACTOR * SUFFICIENT * now.allowed
-        if enough and (weak or then.status != "undetermined"):
+        return enough and (not expanded <= now.allowed or then.status != "undetermined")
+
+    longer = 1.0
+    while (longer := 1.5 * longer) < LONGEST:
+        if decides(of_kind(longer)):
             return OpenQuestion(name, expanded, now.allowed, "", longer)
-    return OpenQuestion(name, expanded, now.allowed, "", math.inf)
+    return OpenQuestion(name, expanded, now.allowed, "", math.inf, decides(of_kind(LONGEST, True)))
 
 
 @dataclass(frozen=True)
@@ -860,7 +872,7 @@ class _Function:
     def figures(self) -> Figures:
         return self.figures_of(1.0)
 
-    def figures_of(self, longer: float) -> Figures:
+    def figures_of(self, longer: float, known_vehicle: bool = False) -> Figures:
         """As if the noise were that of a recording so many times as long, with less of it on what was read.
 
         Where noise hides the response, it is taken as predicted.
@@ -881,7 +893,8 @@ class _Function:
                 less = np.sqrt((own + relative / longer) / np.abs(error) ** 2)
             values = np.where(np.isfinite(less), self.vehicle * np.exp(less * error), self.matched)
             measured = replace(measured, values=values, noise=measured.noise / math.sqrt(longer))
-        figures = Figures.of(measured, self.vehicle, self.matched, self.band, self.drawn)
+        drawn = None if known_vehicle else self.drawn
+        figures = Figures.of(measured, self.vehicle, self.matched, self.band, drawn)
         return replace(figures, source=self.input, resolution=self.resolution)
 
     def curves(self, unit: str) -> FunctionCurves:

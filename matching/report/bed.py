@@ -160,8 +160,8 @@ def _case_of(made: Provenance | None) -> str:
 
 def answer(result: Mapping[str, Any]) -> str:
     """The answer in one sentence, with what is short or open."""
-    weak, close = too_weak(result), [open_words(one) for one in result["open"] if not one["too_weak"]]
-    parts = [weak, VERDICT_MEANING[result["status"]]]
+    close = [open_words(one) for one in result["open"] if one["because"] == "near_limit"]
+    parts = [too_weak(result), VERDICT_MEANING[result["status"]]]
     names = [f"{error['name']} torques" for error in result["errors"] if error["status"] == "short"]
     names += [f"vehicle mode {mode['vehicle_mode']}" for mode in result["modes"] if mode["status"] == "short"]
     parts += [f"Short: {', '.join(names)}."] if names else []
@@ -170,19 +170,28 @@ def answer(result: Mapping[str, Any]) -> str:
 
 
 def too_weak(result: Mapping[str, Any]) -> str:
-    """A sentence on what the excitation is too weak for, and what would do; empty where there is nothing."""
-    weak = [one for one in result.get("open", ()) if one["too_weak"]]
-    if not weak:
-        return ""
-    said = f"The excitation is too weak for its own question: {'; '.join(open_words(one) for one in weak)}."
-    times = [one["times_as_long"] for one in weak]
-    if None in times:
-        return f"{said} No longer recording decides that: it does not show, or noise is not what hides it."
-    longer = max(times)
-    return (
-        f"{said} {number(longer, 2)} times as long ({number(longer * result['duration'], 2)} s), or torques "
-        f"{number(longer**0.5, 2)} times as large, would do."
+    """A sentence on what the excitation, or what is known of the vehicle, is not enough for, and what would do."""
+    weak, vehicle = (
+        [one for one in result.get("open", ()) if one["because"] == because] for because in ("excitation", "vehicle")
     )
+    said = []
+    if vehicle:
+        said.append(
+            f"Too little is known of the vehicle for an answer: {'; '.join(map(open_words, vehicle))}. A longer "
+            "recording of the bed does not change that, but a recording of the vehicle does, or less uncertainty of it "
+            "under [uncertainty]."
+        )
+    if weak:
+        said.append(f"The excitation is too weak for its own question: {'; '.join(map(open_words, weak))}.")
+        times = [one["times_as_long"] for one in weak]
+        if None in times:
+            said.append("No recording up to 100 times as long decides it.")
+        else:
+            said.append(
+                f"{number(max(times), 2)} times as long ({number(max(times) * result['duration'], 2)} s), or torques "
+                f"{number(max(times) ** 0.5, 2)} times as large, would do."
+            )
+    return " ".join(said)
 
 
 def open_words(question: Mapping[str, Any]) -> str:
@@ -262,13 +271,15 @@ def verification_steps(result: Mapping[str, Any], case: str, folder: str, *, com
         return [
             Step("Allow a further round: it records the bed without emulation and diagnoses it", result["sentence"]),
         ] if not commissioned else []  # fmt: skip
+    vehicle = [Step("Record the vehicle on the road as road.csv, and begin again with what it tells",
+                    command=f"rigmatch identify {case} --vehicle road.csv --out identify")]  # fmt: skip
+    if all(one["because"] == "vehicle" for one in result["open"]) and result["open"]:
+        return vehicle
     recordings = " ".join(quote(row["recording"]) for row in result["fidelity"]) or "recording.csv"
-    times = [one["times_as_long"] for one in result["open"]]
     why = "; ".join(f"{one['name']}: {number(one['times_as_long'], 2)} times as long decides it, as far as noise does"
                     for one in result["open"] if one["times_as_long"])  # fmt: skip
-    if None in times and not commissioned:
-        why = why or "with sensors of less noise, larger limits, or more moving torques"
     return [
+        *(vehicle if any(one["because"] == "vehicle" for one in result["open"]) else ()),
         Step("Record again as again.csv, longer or with larger torques; the proof plans torques for this case", why,
              command=f"rigmatch excite {case} --proof --out proof"),
         Step("Judge it together with what there is",
@@ -462,7 +473,9 @@ def round_lines(entry: Mapping[str, Any]) -> list[str]:
         if proof["status"] == "unlike_model":
             lines.append(f"unlike its model: {proof['sentence']}")
         for error in proof["errors"]:
-            lines.append(f"{spaced(proof['status'])}: response error to {error['name']} torques {error_words(error)}")
+            lines.append(f"{spaced(error['status'])}: response error to {error['name']} torques {error_words(error)}")
+        lines += [f"short: {sentence}" for sentence in why(proof) if sentence.startswith("vehicle mode")]
+        lines += [f"undetermined: {open_words(one)}" for one in proof.get("open", ()) if "vehicle mode" in one["name"]]
         lines += [f"not judged: {note}" for note in proof["notes"] if "left out" in note]
         lines += _fidelity(proof, "")
     if "against_last_vehicle" in entry:
@@ -651,11 +664,20 @@ def excitation_report(
          "then to": f"± {number(own['standard_uncertainty_after'], 2)}"}
         for own in content["expected"][:NAMED]
     ]  # fmt: skip
-    most = max(content["limits_used"], key=content["limits_used"].get)
+    most, weak, longer = max(content["limits_used"], key=content["limits_used"].get), "", content["times_as_long"]
+    if longer != 1:
+        enough = "No excitation up to 100 times as long is enough. " if longer is None else (
+            f"{number(longer, 2)} times as long ({number(longer * content['duration'], 2)} s), or torques "
+            f"{number(longer**0.5, 2)} times as large, would do. "
+        )  # fmt: skip
+        weak = (
+            f"The excitation is too weak: after the recording the bed is known to a response error of "
+            f"{number(error['after'], 2)}, {number(error['allowed'], 2)} is allowed. {enough}"
+        )
     return Report(
         title="Excitation",
-        status="planned",
-        answer=f"{number(content['duration'], 3)} s about a rotor speed of {number(content['speed'], 3)} rad/s. "
+        status="too weak" if weak else "planned",
+        answer=f"{weak}{number(content['duration'], 3)} s about a rotor speed of {number(content['speed'], 3)} rad/s. "
         f"The uncertain quantities cause a response error "
         f"of {number(error['before'], 2)} now, and {number(error['after'], 2)} is expected after the recording.",
         lists={"What to do now": [

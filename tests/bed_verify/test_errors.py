@@ -103,13 +103,15 @@ def test_a_circle_goes_on_as_long_as_a_round_would_gain():
 
 
 def test_a_round_that_cannot_gain_more_than_its_uncertainty_is_not_asked_for():
-    weak = {"open": [{"name": "response error to measured torques", "too_weak": True}]}
+    weak = {"open": [{"name": "response error to measured torques", "because": "excitation"}]}
     open_ = verification(0.05, "undetermined", uncertainty=0.09)
     assert "planned excitation is too weak" in end_of(
         [Round(1, verification=open_ | weak | {"planned": {"measured": 0.06}})]
     )
     # the next proof is planned to decide it: what made this one worse can be diagnosed
     assert end_of([Round(1, verification=open_ | weak | {"planned": {"measured": 0.01}})]) is None
+    vehicle = {"open": [{"name": "response error to measured torques", "because": "vehicle"}]}
+    assert "not known of the vehicle" in end_of([Round(1, verification=open_ | vehicle)])
     hidden = verification(None, "undetermined", uncertainty=None) | weak
     assert "planned excitation is too weak" in end_of(
         [Round(1, verification=hidden | {"planned": {"measured": math.inf}})]
@@ -136,8 +138,8 @@ def test_a_length_that_would_do_does():
     rng, case = np.random.default_rng(8), SimpleNamespace(band=(1.0, 30.0))
 
     def question(function):
-        def of_kind(longer):
-            return judged("measured", [function.figures_of(longer)], 0.01, 0.1)
+        def of_kind(longer, known_vehicle=False):
+            return judged("measured", [function.figures_of(longer, known_vehicle)], 0.01, 0.1)
 
         now = of_kind(1.0)
         return now, _open_error(now, of_kind) if now.status == "undetermined" else None
@@ -148,13 +150,26 @@ def test_a_length_that_would_do_does():
         now, asked = question(recorded(rng, sigma, case))
         if asked is None:
             continue
-        assert asked.too_weak == (not 2 * now.uncertainty <= 0.1)
-        weak.append(asked.too_weak)
+        assert (asked.because == "excitation") == (not 2 * now.uncertainty <= 0.1)
+        weak.append(asked.because == "excitation")
         then, _ = question(recorded(rng, sigma / math.sqrt(asked.longer), case))
         enough.append(then.uncertainty <= 1.2 * 0.1 / 3)
     assert len(weak) > 30
     assert 0 < sum(weak) < len(weak)
     assert np.mean(enough) > 0.9
+
+
+def test_what_is_not_known_of_the_vehicle_is_not_blamed_on_the_excitation():
+    """Vehicles drawn 0.3 to either side: no recording decides, a known vehicle does."""
+    case = SimpleNamespace(band=(1.0, 30.0))
+    function = recorded(np.random.default_rng(2), 0.01, case)
+    far = replace(function, drawn=np.exp(np.outer([0.3, -0.3], np.ones(120))))
+
+    def of_kind(longer, known_vehicle=False):
+        return judged("measured", [far.figures_of(longer, known_vehicle)], 0.01, 0.1)
+
+    asked = _open_error(of_kind(1.0), of_kind)
+    assert (asked.because, asked.longer) == ("vehicle", math.inf)
 
 
 def test_the_best_round_is_the_one_nearest_to_the_same_vehicle():
