@@ -248,7 +248,7 @@ def diagnose(
             if others == kinds:
                 break
             kinds = others
-        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times, data.sampling_interval)
+        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times)
         judge = Holdout(inputs.as_taken(other, kinds)) if other.segments else None
         weak, weighed = list[NamedCause](), list[Candidate]()
         while True:

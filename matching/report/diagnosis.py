@@ -810,8 +810,8 @@ REASONS = {
 NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
 NOTHING_NAMED = "No cause is named and no effect is added: extended.toml is the base model with its fitted values."
 HOW_CHANNELS = (
-    "Times against most channels, from the phases of pairs: one channel drives the part of the model between them, the "
-    "other is compared (nothing where that is open). Gain against the simulation of the model as given, fitted, from "
+    "Times, signs and gains against most channels, from pairs: one channel drives the part of the model between them, "
+    "the other is compared (nothing where that is open). Measured over simulated, by the model as given, fitted, from "
     "least squares: a wrong model shows there as well."
 )
 HOW_ERRORS = (
@@ -883,7 +883,8 @@ def _channels(channels: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -
         rows.append({
             "channel": row["name"], "readings of": row["exchanged_with"],
             "late": "" if late is None else f"{number(1e3 * late, 3)} ± {number(1e3 * row['delay_uncertainty'], 2)} ms",
-            "measured over simulated": "" if row["gain"] is None else number(row["gain"], 4),
+            "gain": "" if row["gain"] is None else f"{number(row['gain'], 4)} ± {number(row['gain_uncertainty'], 2)}",
+            "measured over simulated": "" if row["over_simulated"] is None else number(row["over_simulated"], 4),
             "rounded to": f"{number(step, 3)} {units.get(row['name'], '')}".rstrip() if step else "",
             "between samples": row["between"], "hum": row["hum"],
         })  # fmt: skip

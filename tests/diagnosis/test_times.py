@@ -117,7 +117,7 @@ def test_a_late_speed_of_a_stiff_joint_is_found_whatever_rubs(name):
 def test_channels_of_one_time_have_it_though_the_model_is_wrong():
     hypotheses, times = suspected(*axis(5, {}))
     assert not hypotheses
-    assert abs(times.delay[2] - times.delay[1]) < 5 * times.uncertainty[1, 2] < 5e-3
+    assert abs(times.late.value[2] - times.late.value[1]) < 5 * times.late.uncertainty[1, 2] < 5e-3
 
 
 def test_the_clock_of_a_long_line_is_found_though_nobody_knows_its_load():
