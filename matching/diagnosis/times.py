@@ -43,6 +43,7 @@ CHUNK = 512  # frequencies at which responses are worked out at once
 ABOVE_NOISE = 4.0  # times the power of its noise that a channel has up to the highest frequency that is looked at
 ROUNDS = 3  # of the time within a block
 LATE_SAMPLES, LATE_SIGMA = 1.0, 4.0  # from which channels have different times: samples, and standard uncertainties
+KNOWN_GAIN = 0.01  # relative: no model is better; lines at which it is that good tell a gain
 LEAST_GAIN = 1e-3  # relative standard uncertainty of a gain at least: no block tells it better
 OTHER_GAIN = 0.02  # relative, from which channels have different gains, beside the standard uncertainties
 SIGN = 1.2  # times the agreement with the other sign, from which a channel has the other one
@@ -395,6 +396,7 @@ def _pair(
     periods = 2 * np.pi * PERIODS / (_middle(whole) * step)
     size = int(min(max(sum(len(y) for _, y in segments) / BLOCKS, FEWEST_OF_BLOCK, periods),
                    max(len(y) for _, y in segments) / 2))  # fmt: skip
+    whole = [replace(part, measured=sign * part.measured) for part in whole]
     blocks = []
     shift = round(coarse / step)
     coarse = shift * step
@@ -425,11 +427,7 @@ def _pair(
         lag = _lag(blocks, coarse)
         if not lag:
             uncertainty = float(np.hypot(uncertainty, apart))
-    gains = np.array([_gain(block, fine) for block, fine in zip(np.array(blocks, object)[known], every, strict=True)])
-    gain = gain_uncertainty = np.nan
-    if np.isfinite(gains).all() and np.median(gains) > 0:
-        gain = float(np.median(gains))
-        gain_uncertainty = float(np.hypot(max(_spread(gains), LEAST_GAIN * gain), gain * _gain_by_model(blocks)))
+    gain, gain_uncertainty = _gain(whole, delay)
     return PairTime(source.source, target, delay, uncertainty, sign * gain, gain_uncertainty, sign, lag)
 
 
@@ -476,7 +474,8 @@ def _compared(
     unknown = of_noise + _smoothed(np.max(np.square(shifts), axis=0))
     weight = np.where(unknown < MOST_PHASE**2, 1 / (KNOWN_PHASE**2 + unknown) / power, 0.0)
     of_model = np.max([np.square(other - 1) for other in others], axis=0)
-    of_gain = np.where(unknown + of_model < MOST_PHASE**2, 1 / (KNOWN_PHASE**2 + unknown + of_model) / power, 0.0)
+    of_gain = np.where(of_model < MOST_PHASE**2, weight * power, 0.0) * (KNOWN_PHASE**2 + unknown)
+    of_gain /= (KNOWN_GAIN**2 + unknown + of_model) * power
     told = omega**2 * weight
     if source.source >= 0 and np.sum(told * np.abs(by_inputs[0]) ** 2) > BY_INPUTS * np.sum(told * power):
         return None
@@ -564,26 +563,35 @@ def _by_model(blocks: Sequence[_Compared]) -> float:
     return max(moved, default=0.0)
 
 
-def _gain(block: _Compared, delay: float) -> float:
-    """The measured amplitude of a block over that expected, in phase; the latter without what the noise of the driving
-    channel adds. NaN where no line tells it."""
-    weight = block.weight_of_gain
-    expected = block.expected * np.exp(-1j * block.omega * delay)
-    power = float(np.sum(weight * (np.abs(expected) ** 2 - block.of_noise)))
-    return float(np.sum(weight * (block.measured * np.conj(expected)).real)) / power if power > 0 else np.nan
+def _gain(parts: Sequence[_Compared], delay: float) -> tuple[float, float]:
+    """The measured amplitude of whole segments over that expected, in phase, and its standard uncertainty: by the
+    scatter of bands of frequency that tell as much each, and by other quantities of the model; NaN where it is open.
 
-
-def _gain_by_model(blocks: Sequence[_Compared]) -> float:
-    """By how much a gain depends on the quantities of the model, relative."""
-    moved = []
-    for number in range(len(blocks[0].others)):
-        along = norm = 0.0
-        for block in blocks:
-            told = block.weight_of_gain * np.abs(block.expected) ** 2
-            along += float(np.sum(told * (block.others[number] - 1)))
-            norm += float(np.sum(told))
-        moved.append(abs(along) / norm if norm else 0.0)
-    return max(moved, default=0.0)
+    The expected power is taken without what the noise of the driving channel adds.
+    """
+    weight = np.concatenate([part.weight_of_gain for part in parts])
+    measured, expected, omega, of_noise = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("measured", "expected", "omega", "of_noise")
+    )
+    expected = expected * np.exp(-1j * omega * delay)
+    along = weight * (measured * np.conj(expected)).real
+    power = weight * (np.abs(expected) ** 2 - of_noise)
+    order = np.argsort(omega)
+    total = np.cumsum(power[order])
+    if not total[-1] > 0:
+        return np.nan, np.nan
+    ends = np.searchsorted(total, total[-1] * np.arange(1, BLOCKS) / BLOCKS)
+    bands = [band for band in np.split(order, ends) if power[band].sum() > 0]
+    gains = np.array([along[band].sum() / power[band].sum() for band in bands])
+    gain = float(np.median(gains))
+    if len(bands) < BLOCKS / 2 or gain <= 0:
+        return np.nan, np.nan
+    told, moved = weight * np.abs(expected) ** 2, []
+    for number in range(len(parts[0].others)):
+        other = np.concatenate([part.others[number] for part in parts])
+        moved.append(float(np.sqrt(np.sum(told * (other - 1) ** 2) / told.sum())))
+    return gain, float(np.hypot(max(_spread(gains), LEAST_GAIN * gain), gain * max(moved)))
 
 
 TRIED = np.geomspace(0.05, 20.0, 60)  # time constants that are tried, times the inverse of the middle frequency
