@@ -1,4 +1,4 @@
-"""Times, signs and gains of channels from pairs of them, where the model is wrong: made with Runge-Kutta steps of their own."""
+"""Times, signs and gains of channels from pairs of them, where the model is wrong: with own Runge-Kutta steps."""
 
 from dataclasses import dataclass
 from math import sin, tanh
