@@ -38,6 +38,7 @@ from matching.diagnosis.loggers import with_clocks
 from matching.diagnosis.moves import Progress, Search, Selection, Suspected, search_window, without
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.result import (
+    BEST_SO_FAR,
     Candidate,
     Diagnosis,
     FittedCandidate,
@@ -292,10 +293,10 @@ def diagnose(
             audit.audited(system, base_fit, times, order, kinds, hum),
         )  # fmt: skip
     if ended_early_by():
-        diagnosis.notes.append("interrupted: the best answer so far")
+        diagnosis.notes.append(f"interrupted: {BEST_SO_FAR}")
     elif limit.ended_at and seconds is not None:
         spent = f"{seconds:g} s{' of processor time' if by_default else ''}"
-        diagnosis.notes.append(f"cut short after {spent}: the best answer so far")
+        diagnosis.notes.append(f"cut short after {spent}: {BEST_SO_FAR}")
     return diagnosis
 
 

@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFo
 
 from matching.diagnosis.audit import AuditedChannel
 from matching.diagnosis.holdout import HoldoutData
-from matching.diagnosis.result import UNITS, Diagnosis, DiscrepancyCurve, PlotData, SensorErrors
+from matching.diagnosis.result import BEST_SO_FAR, UNITS, Diagnosis, DiscrepancyCurve, PlotData, SensorErrors
 from matching.report.common import (
     BAND,
     EXTENDED,
@@ -620,7 +620,9 @@ def answer(result: Mapping[str, Any]) -> str:
     if not causes:
         worst = _worst(result["errors"])
         size = "" if worst is None else f": the error of {worst[0]} is {number(worst[1], 3)} times the noise"
-        return f"None of the known effects explains what the model misses{size} on held-out data{_doubtful(result)}."
+        ended = any(note.endswith(BEST_SO_FAR) for note in result.get("notes", []))
+        none = "None of the effects that were tried before the end" if ended else "None of the known effects"
+        return f"{none} explains what the model misses{size} on held-out data{_doubtful(result)}."
     clauses = [clause(cause) + _rivals(cause) for cause in causes]
     text = clauses[0] if len(clauses) == 1 else f"{', '.join(clauses[:-1])}, and {clauses[-1]}"
     text = text[:1].upper() + text[1:] if text.startswith(("the ", "each ")) else text
