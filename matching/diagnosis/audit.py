@@ -24,7 +24,7 @@ from matching.diagnosis.problem import base_problem
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.times import Times
 from modelling.effects.effect import shared_place
-from modelling.effects.sensors_and_actuators import ClockOffset, DeadTime, Lag, SensorDelay
+from modelling.effects.sensors_and_actuators import ClockOffset, DeadTime, Lag, SensorDelay, SensorGain
 from modelling.errors import FitError
 from modelling.system import System
 
@@ -236,10 +236,10 @@ def time_hypotheses(system: System, fit: Fit, times: Times) -> list[tuple[str, s
 
     A group with the inputs stays where it is: what is apart from it is the rest.
     """
-    largest, *others = times.groups(fit.problem.data.sampling_interval) or [[]]
+    largest, *others = times.late.groups() or [[]]
     out: list[tuple[str, str, dict[str, float]]] = []
     for group in others:
-        moved, late = group, times.late(group, largest)[0]
+        moved, late = group, times.late.between(group, largest)[0]
         if group == [-1]:
             if late < 0 and len(largest) == len(system.sensors):
                 out.append(
@@ -259,21 +259,39 @@ def time_hypotheses(system: System, fit: Fit, times: Times) -> list[tuple[str, s
             kind == Lag.kind and at.endswith(system.sensors[pair.second].name) for kind, at, _ in out
         ):
             out.append((Lag.kind, f"sensors.{system.sensors[pair.second].name}", {"time_constant": pair.lag}))
-    return out
+    return out + [
+        (SensorGain.kind, f"sensors.{system.sensors[j].name}", {"factor": times.gain(j)[0]})
+        for j in _of_other_gain(system, times)
+    ]
 
 
-def notes_on_times(system: System, times: Times, step: float) -> list[str]:
-    """What is said of channels whose time is apart from that of most."""
-    largest, *others = times.groups(step) or [[]]
+def _of_other_gain(system: System, times: Times) -> list[int]:
+    """Sensors whose sign or gain is beyond doubt another than that of most, of three at least."""
+    largest = next(iter(times.logarithm.groups()), [])
+    told = [j for j in range(len(system.sensors)) if np.isfinite(times.gain(j)[0])]
+    other = [j for j in told if times.sign[j + 1] < 0 or (j not in largest and len(largest) > 1)]
+    return other if len(told) > 2 else []
+
+
+def notes_on_times(system: System, times: Times) -> list[str]:
+    """What is said of channels whose time, sign or gain is apart from that of most."""
+    largest, *others = times.late.groups() or [[]]
     names = ["the inputs", *(sensor.name for sensor in system.sensors)]
     notes = []
     for group in others:
-        late, uncertainty = times.late(group, largest)
+        late, uncertainty = times.late.between(group, largest)
         late_ones, rest = (" and ".join(names[j + 1] for j in part) for part in (group, largest))
         are, how = "are" if len(group) > 1 or group == [-1] else "is", "later" if late > 0 else "earlier"
         notes.append(
             f"{late_ones} {are} recorded {abs(late):.4g} ± {uncertainty:.1g} s {how} than {rest}, by the part of the "
             "model between them alone"
+        )
+    for j in _of_other_gain(system, times):
+        gain, uncertainty = times.gain(j)
+        sign = "the other sign and " if gain < 0 else ""
+        notes.append(
+            f"{system.sensors[j].name} has {sign}{abs(gain):.4g} ± {uncertainty:.1g} times the size that most channels "
+            "tell, by the parts of the model between them alone"
         )
     return notes
 
@@ -308,8 +326,11 @@ class AuditedChannel:
         The channel whose readings it seems to have; empty where it has its own.
     delay, delay_uncertainty : float
         Against the largest group of channels with one time, s; NaN where it is open, or of an input.
-    gain : float
-        Measured over simulated, in least squares; negative where the sign is the other; NaN of an input.
+    gain, gain_uncertainty : float
+        Against most channels, by the parts of the model between them; negative where the sign is the other; NaN where
+        it is open, or of an input.
+    over_simulated : float
+        Measured over simulated, in least squares; NaN of an input.
     resolution : float
         Step to which its values are rounded, SI; 0 where none shows.
     between : str
@@ -323,6 +344,8 @@ class AuditedChannel:
     delay: float = np.nan
     delay_uncertainty: float = np.nan
     gain: float = np.nan
+    gain_uncertainty: float = np.nan
+    over_simulated: float = np.nan
     resolution: float = 0.0
     between: str = ""
     hum: str = ""
@@ -337,7 +360,6 @@ def audited(
 ) -> list[AuditedChannel]:
     """A line for every channel, sensors first."""
     measured, simulated = _both(fit)
-    largest = next(iter(times.groups(fit.problem.data.sampling_interval)), [])
     inputs = np.concatenate([segment.inputs for segment in fit.problem.data.segments])
     out = []
     for j, sensor in enumerate(system.sensors):
@@ -349,17 +371,11 @@ def audited(
         other = "" if order[j] == j else system.sensors[order[j]].name
         out.append(
             AuditedChannel(
-                sensor.name, other, *_late(times, j, largest), float(a @ b) / square if square else np.nan,
-                resolution(measured[known, j]), "",
+                sensor.name, other, *times.late.of_channel(j), *times.gain(j),
+                float(a @ b) / square if square else np.nan, resolution(measured[known, j]), "",
                 ", ".join(line.source for line in hum if line.sensor == sensor.name),
             )
         )  # fmt: skip
     for j, part in enumerate(system.inputs):
         out.append(AuditedChannel(part.name, resolution=resolution(inputs[:, j]), between=kinds[j]))
     return out
-
-
-def _late(times: Times, j: int, largest: Sequence[int]) -> tuple[float, float]:
-    """How late a sensor is against the largest group, s, and the uncertainty; NaN where it is open."""
-    others = [other for other in largest if other != j]
-    return times.late([j], others) if others and np.isfinite(times.delay[j + 1]) else (np.nan, np.nan)

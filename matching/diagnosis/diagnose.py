@@ -38,6 +38,7 @@ from matching.diagnosis.loggers import with_clocks
 from matching.diagnosis.moves import Progress, Search, Selection, Suspected, search_window, without
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.result import (
+    BEST_SO_FAR,
     Candidate,
     Diagnosis,
     FittedCandidate,
@@ -89,10 +90,10 @@ class IdentifiedCauses:
     fitted: list[FittedCandidate]
 
 
-def identify_causes(
+def search_causes(
     system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected] = ()
-) -> IdentifiedCauses:
-    """The causes that a base fit lacks, and for each its rivals, itself included.
+) -> Found:
+    """The causes that a base fit lacks.
 
     Weights by noise are right for a model that can be perfect. Where a model is far from that, most of its error is
     what some torque has done long before, and only weights by what the model leaves show which torque that is: they
@@ -106,7 +107,7 @@ def identify_causes(
         """Whether weights by noise are the right ones."""
         return scatters_only(best) or largest_error(best.fit) < settings.left_by_model
 
-    found: _Found | None = None
+    found: Found | None = None
     for by_noise in (not far, far):
         if found and not far and near_noise(found.best):
             break
@@ -122,11 +123,11 @@ def identify_causes(
         right = by_noise and near_noise(other.best)
         found = other if found is None or right or unseen.prefers(other.best, found.best) else found
     assert found is not None
-    return _finished(found, progress)
+    return found
 
 
 @dataclass(frozen=True)
-class _Found:
+class Found:
     """A search, and the best of what it found, fitted to all data; of long data the search is of a time window."""
 
     search: Search
@@ -136,7 +137,7 @@ class _Found:
 
 def _searched(
     system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected]
-) -> _Found:
+) -> Found:
     """Causes, sensors weighted as in the base fit.
 
     Of long data, they are searched for in the time window where the base model is worst, then fitted to all data. If
@@ -153,14 +154,14 @@ def _searched(
         progress("all data")
         best = final_fit_on(search.state.best, base)
         if at_noise(best) or not at_noise(search.state.best) or time_is_over(settings.search_share):
-            return _Found(search, best, base)
+            return Found(search, best, base)
     search = Search(system, base, unseen, progress, suspected)
     search.run()
-    return _Found(search, search.state.best, base)
+    return Found(search, search.state.best, base)
 
 
-def _finished(found: _Found, progress: Progress) -> IdentifiedCauses:
-    """What a search found with its rivals, all on all data."""
+def with_rivals(found: Found, progress: Progress) -> IdentifiedCauses:
+    """What a search found, fitted to its end, and for each cause its rivals, itself included, all on all data."""
     selected, unseen = found.search.finish(), found.search.unseen
     rated = [rate_rivals(selected, index, unseen) for index in range(len(selected.best.causes))]
     identified = IdentifiedCauses(selected, rated, fitted_candidates(selected, unseen))
@@ -239,16 +240,18 @@ def diagnose(
                 base_fit = fit_base(system, data, settings, base_fit)
             suspected = audit.time_hypotheses(system, base_fit, times := channel_times(system, base_fit))
             unseen = UnseenData(blocks_for(base_fit, settings), settings)
-            identified = identify_causes(system, base_fit, unseen, progress, suspected)
-            best = identified.selected.best
+            found = search_causes(system, base_fit, unseen, progress, suspected)
+            best = found.best
             if last or not best.causes or (at_noise(best) and kinds != straight) or time_is_over():
                 break
             progress("inputs between samples")
-            others, _ = inputs.likeliest(system, recorded, best.fit, kinds)
+            others, _ = inputs.likeliest(system, recorded, final_fit(best).fit, kinds)
             if others == kinds:
                 break
             kinds = others
-        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times, data.sampling_interval)
+        identified = with_rivals(found, progress)
+        best = identified.selected.best
+        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times)
         judge = Holdout(inputs.as_taken(other, kinds)) if other.segments else None
         weak, weighed = list[NamedCause](), list[Candidate]()
         while True:
@@ -280,7 +283,7 @@ def diagnose(
         errors = errors_by_sensor(system, base, final, before, after)
         pictured(Pictured(errors, curves, plot_data := _plot_data(selected, final, held_out)))
         kept = kept_table(final, curves, unseen) if keep_rest else None
-        found = Diagnosis(
+        diagnosis = Diagnosis(
             verdict, [*sorted(named, key=lambda cause: -cause.gain), *reversed(weak)],
             {name: value for name, value in values.items() if name in system.uncertain}, system.units,
             errors, pooled_errors(data, before, after), fidelity(system, held_out),
@@ -290,11 +293,11 @@ def diagnose(
             audit.audited(system, base_fit, times, order, kinds, hum),
         )  # fmt: skip
     if ended_early_by():
-        found.notes.append("interrupted: the best answer so far")
+        diagnosis.notes.append(f"interrupted: {BEST_SO_FAR}")
     elif limit.ended_at and seconds is not None:
         spent = f"{seconds:g} s{' of processor time' if by_default else ''}"
-        found.notes.append(f"cut short after {spent}: the best answer so far")
-    return found
+        diagnosis.notes.append(f"cut short after {spent}: {BEST_SO_FAR}")
+    return diagnosis
 
 
 def _base_fit(system: System, train: FitData, recordings: Sequence[Recording], settings: DiagnosisSettings) -> Fit:

@@ -128,7 +128,8 @@ class Search:
         model = ExtendedModel(system, (), dict(base_fit.problem.bounds), base_fit.values, recorded=recorded)
         base = Hypothesis(model, base_fit)
         draws = screening.draws = NoiseDraws(screening.mask.ravel(), screening.free)
-        candidates = best_by_candidate(screening.candidates())
+        # of a model that leaves noise alone no candidate is ever asked for
+        candidates = [] if scatters_only(base) else best_by_candidate(screening.candidates())
         screening.draws = None
         self.known: dict[tuple[Cause, ...], tuple[Screening, list[ScreenedCandidate]]] = {(): (screening, candidates)}
         self.state = Selection(base, base, screening, candidates, draws.threshold())
@@ -163,7 +164,11 @@ class Search:
             fitted = self._everywhere(state.best, self.promising(state.best))
             if not state.best.causes:
                 state.with_one_cause = self.in_place[()] = fitted
-            accepted = self.first_accepted(fitted) or self.first_accepted(self.pairs())
+            accepted = (
+                self.first_accepted(fitted)
+                or self.first_accepted(self.pairs(state.best))
+                or self.first_accepted(self.pairs_in_place())
+            )
             if accepted is None:
                 return
             accepted = with_balanced_sensors(accepted, self.settings.far_from_noise)
@@ -203,15 +208,17 @@ class Search:
         return scatters_only(best) or (by_noise and largest_error(best.fit) > self.settings.far_from_noise)
 
     def promising(self, hypothesis: Hypothesis) -> list[ScreenedCandidate]:
-        """The candidates of a round: the most promising, and of further kinds the most promising place. To first order,
-        where sensors are weighted with a memory, what lets an angle drift away promises little; what promises too
-        little there to be accepted is not fitted."""
+        """The candidates of a round: the most promising, some at the components of the causes so far, and of further
+        kinds the most promising place. To first order, where sensors are weighted with a memory, what lets an angle
+        drift away promises little; what promises too little there to be accepted is not fitted."""
         least = self._least_promise(hypothesis)
         candidates = [each for each in self.screened(hypothesis)[1] if each.reduction > least]
-        best = candidates[: self.settings.candidates]
+        best, rest = candidates[: self.settings.candidates], candidates[self.settings.candidates :]
+        named = {_component(place) for cause in hypothesis.causes for place in members(cause.at)}
+        best += [each for each in rest if _component(each.at) in named][: self.settings.beside]
         seen = {candidate.kind for candidate in best}
         further: dict[str, ScreenedCandidate] = {}
-        for candidate in candidates[self.settings.candidates :]:
+        for candidate in rest:
             if candidate.kind not in seen:
                 further.setdefault(candidate.kind, candidate)
         known = {candidate.kind_and_place for candidate in best}
@@ -368,27 +375,38 @@ class Search:
             share_explained(parent, child) >= self.settings.least_share
         )
 
-    def pairs(self) -> list[Hypothesis]:
-        """The best hypothesis with two causes more: pairs of candidates that promise much of what the best alone would
-        leave. What one adds to the readings the other may take away, so that neither gains much alone."""
-        best = self.state.best
-        if len(best.causes) + 2 > self.settings.most_causes:
+    def pairs(self, parent: Hypothesis, instead_of: Cause | None = None) -> list[Hypothesis]:
+        """A hypothesis with two causes more: pairs of candidates that promise much of what the best alone would leave.
+        What one adds to the readings the other may take away, so that neither gains much alone."""
+        if len(parent.causes) + 2 > self.settings.most_causes:
             return []
         self.progress("pairs of causes")
-        screening, candidates = self.screened(best)
+        screening, candidates = self.screened(parent)
+        if instead_of is not None:
+            candidates = [each for each in candidates if each.kind_and_place != (instead_of.kind, instead_of.at)]
         out: list[Hypothesis] = []
         for pair in screened_pairs(screening, candidates, self.settings)[: self.settings.pairs]:
-            model = self._with(best, pair.first, pair.second)
-            if pair.reduction < self._least_promise(best) or not compilable([model]) or not self._take():
+            model = self._with(parent, pair.first, pair.second)
+            if pair.reduction < self._least_promise(parent) or not compilable([model]) or not self._take():
                 continue
             try:
-                fit = fit_extended(model, best.fit)
+                fit = fit_extended(model, parent.fit)
             except FitError as reason:
                 for one in (pair.first, pair.second):
                     self.state.failed.setdefault(one.kind_and_place, f"as one of a pair: {reason}")
                 continue
             out.append(Hypothesis(model, fit, pair.reduction))
         return self._sharpened(out)
+
+    def pairs_in_place(self) -> list[Hypothesis]:
+        """The best hypothesis with two causes in the place of one: that takes what both do as far as it can, and leaves
+        a fit from which neither is seen."""
+        best, out = self.state.best, list[Hypothesis]()
+        for index, cause in enumerate(best.causes):
+            rest = None if self._late() else self._without(index)
+            if rest is not None:
+                out += self._once(self.pairs, rest, cause)
+        return sorted(out, key=lambda hypothesis: hypothesis.cost)
 
     # --- Simplify
 
@@ -615,6 +633,11 @@ def akin_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel]:
     for kind, at, parameters in EFFECTS[cause.kind].akin(cause.at, values, simulated_motion(fit)):
         if (kind, at) not in hypothesis.places:
             yield rest.with_cause(kind, at, parameters, fit.problem.data.sampling_interval)
+
+
+def _component(place: str) -> str:
+    """The inertia, shaft, gear or channel of a place, which may be a quantity of it."""
+    return ".".join(place.split(".")[:2])
 
 
 def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:

@@ -41,6 +41,8 @@ from modelling.effects.effect import AXES, FittedMotion, TorqueTable, place_in_f
 from modelling.errors import FitError
 from modelling.system import Effect, Quantity, System
 
+BEST_SO_FAR = "the best answer so far"  # how a note ends that says of a diagnosis that it was ended early
+
 # --- A named cause with its parameters, and the candidates that were weighed against it.
 
 

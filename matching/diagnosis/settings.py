@@ -31,6 +31,9 @@ class DiagnosisSettings:
     candidates, kinds : int
         Most promising candidates that are refitted in a round, and further kinds, each at its most promising place.
         Trial.
+    beside : int
+        Further candidates at the components of the causes so far: a cause takes what another one does at its component
+        as far as it can, and the screening promises little of that. What warms changes in friction and drag.
     places : int
         Further places at which the kind that explains most is refitted, where it leaves more than noise: a drivetrain
         of one motor and two wheels has four shafts.
@@ -107,6 +110,7 @@ class DiagnosisSettings:
     draws: int = 2000
     candidates: int = 7
     kinds: int = 5
+    beside: int = 2
     places: int = 4
     exchanged: int = 4
     pairs: int = 2

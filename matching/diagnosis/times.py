@@ -1,15 +1,17 @@
-"""When channels were recorded, from pairs of them: one drives the model where it was measured, the other is compared.
+"""When channels were recorded and with which sign and gain, from pairs of them: one drives the model where it was
+measured, the other is compared.
 
 A motion that is imposed as it was measured cuts the model there: nothing behind the sensor matters, neither its torques
 nor its friction. What a neighbour reads then follows from the part between the two alone, and how late it is shows in
 its phase (transmissibility; Devriendt and Guillaume, Mechanical Systems and Signal Processing 22, 2008). A pair counts
-where the phase of that part hardly depends on its parameters. The times of all channels follow from those of the pairs.
+where the phase of that part hardly depends on its parameters, for the gain where its amplitude does not either. The
+times and gains of all channels follow from those of the pairs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
@@ -36,16 +38,21 @@ CLEAR = 0.5  # share of a channel that comes from the neighbour with the same ph
 SECOND_PEAK = 0.9  # of the first, from which a time is open: a periodic signal is alike a period later
 APART = 5.0  # standard uncertainties between the times of low and high frequencies, from which it is no delay
 LEAST = 0.02  # of a sample: uncertainty of a time at least
+OF_TIME = 4  # other models by which a phase is known: unknown torques, stiffnesses, dampings, drags
 CHUNK = 512  # frequencies at which responses are worked out at once
 ABOVE_NOISE = 4.0  # times the power of its noise that a channel has up to the highest frequency that is looked at
 ROUNDS = 3  # of the time within a block
 LATE_SAMPLES, LATE_SIGMA = 1.0, 4.0  # from which channels have different times: samples, and standard uncertainties
+KNOWN_GAIN = 0.01  # relative: no model is better; lines at which it is that good tell a gain
+LEAST_GAIN = 1e-3  # relative standard uncertainty of a gain at least: no block tells it better
+OTHER_GAIN = 0.02  # relative, from which channels have different gains, beside the standard uncertainties
+SIGN = 1.2  # times the agreement with the other sign, from which a channel has the other one
 RESISTANT, REWEIGHTED = 3.0, 20  # standard uncertainties from which a pair counts less, and rounds of that
 
 
 @dataclass(frozen=True)
 class PairTime:
-    """How late one channel is against another.
+    """How late one channel is against another, and how large.
 
     Attributes
     ----------
@@ -53,6 +60,10 @@ class PairTime:
         Sensors by index; −1 for the recorded inputs.
     delay, uncertainty : float
         s, of the second against the first.
+    gain, gain_uncertainty : float
+        Of the second over that of the first, negative where their signs differ; NaN where it depends on the model.
+    sign : float
+        −1 where the signs differ.
     lag : float
         Time constant of a first-order filter in the second that explains the phase better, s; 0 where none does.
     """
@@ -61,95 +72,162 @@ class PairTime:
     second: int
     delay: float
     uncertainty: float
+    gain: float = np.nan
+    gain_uncertainty: float = np.nan
+    sign: float = 1.0
     lag: float = 0.0
 
 
 @dataclass(frozen=True)
-class Times:
-    """When the channels were recorded, as far as it is told.
+class Offsets:
+    """By how much the channels differ in one respect, as far as it is told.
 
     Attributes
     ----------
-    delay : ndarray (1 + y,)
-        How late against the middle channel, s: of the recorded inputs, then of every sensor; NaN where it is open.
+    value : ndarray (1 + y,)
+        Against the middle channel: of the recorded inputs, then of every sensor; NaN where it is open.
     uncertainty : ndarray (1 + y, 1 + y)
-        Standard uncertainty of each difference, s.
-    pairs : list of PairTime
-        What they follow from.
+        Standard uncertainty of each difference.
+    least : float
+        Difference that matters.
     """
 
-    delay: np.ndarray
+    value: np.ndarray
     uncertainty: np.ndarray
-    pairs: list[PairTime]
+    least: float
 
-    def apart(self, i: int, j: int, step: float) -> bool:
-        """Whether two channels, by index in ``delay``, have different times beyond doubt."""
-        least = max(LATE_SAMPLES * step, LATE_SIGMA * self.uncertainty[i, j])
-        return bool(abs(self.delay[i] - self.delay[j]) > least)
+    def apart(self, i: int, j: int) -> bool:
+        """Whether two channels, by index in ``value``, differ beyond doubt."""
+        least = max(self.least, LATE_SIGMA * self.uncertainty[i, j])
+        return bool(abs(self.value[i] - self.value[j]) > least)
 
-    def groups(self, step: float) -> list[list[int]]:
-        """Sensors by their time, by index, the largest group first; with −1 for the inputs where these belong to one
-        group alone."""
-        known = sorted((np.flatnonzero(np.isfinite(self.delay[1:])) + 1).tolist(), key=lambda j: self.delay[j])
+    def groups(self) -> list[list[int]]:
+        """Sensors that do not differ, by index, the largest group first; with −1 for the inputs where these belong to
+        one group alone."""
+        known = sorted((np.flatnonzero(np.isfinite(self.value[1:])) + 1).tolist(), key=lambda j: self.value[j])
         parts: list[list[int]] = []
         for j in known:
-            if parts and not any(self.apart(i, j, step) for i in parts[-1]):
+            if parts and not any(self.apart(i, j) for i in parts[-1]):
                 parts[-1].append(j)
             else:
                 parts.append([j])
-        if np.isfinite(self.delay[0]):
-            near = [part for part in parts if not any(self.apart(0, j, step) for j in part)]
+        if np.isfinite(self.value[0]):
+            near = [part for part in parts if not any(self.apart(0, j) for j in part)]
             if not near:
                 parts.append([0])
             elif len(near) == 1:
                 near[0].insert(0, 0)
         return [sorted(j - 1 for j in part) for part in sorted(parts, key=lambda part: (-len(part), part))]
 
-    def late(self, group: Sequence[int], than: Sequence[int]) -> tuple[float, float]:
-        """How late a group is against another, s, and the standard uncertainty."""
+    def between(self, group: Sequence[int], than: Sequence[int]) -> tuple[float, float]:
+        """By how much a group differs from another, and the standard uncertainty."""
         i, j = min(((a + 1, b + 1) for a in group for b in than), key=lambda pair: float(self.uncertainty[pair]))
-        return float(self.delay[i] - self.delay[j]), float(self.uncertainty[i, j])
+        return float(self.value[i] - self.value[j]), float(self.uncertainty[i, j])
+
+    def of_channel(self, j: int) -> tuple[float, float]:
+        """By how much a sensor differs from the largest group, and the uncertainty; NaN where it is open."""
+        others = [other for other in next(iter(self.groups()), []) if other != j]
+        return self.between([j], others) if others and np.isfinite(self.value[j + 1]) else (np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class Times:
+    """When the channels were recorded, and how large and with which sign, as far as it is told.
+
+    Attributes
+    ----------
+    late : Offsets
+        s.
+    logarithm : Offsets
+        Of the amount of the gain.
+    sign : ndarray (1 + y,)
+        −1 where it is another than that of most channels; NaN where it is open.
+    pairs : list of PairTime
+        What they follow from.
+    """
+
+    late: Offsets
+    logarithm: Offsets
+    sign: np.ndarray
+    pairs: list[PairTime]
+
+    def gain(self, j: int) -> tuple[float, float]:
+        """Gain of a sensor over that of most channels, and the standard uncertainty; NaN where it is open."""
+        logarithm, uncertainty = self.logarithm.of_channel(j)
+        gain = float(self.sign[j + 1] * np.exp(logarithm))
+        return gain, abs(gain) * uncertainty
 
 
 def channel_times(system: System, fit: Fit) -> Times:
-    """How late the channels are against each other, from every pair that tells it."""
+    """How late, how large and with which sign the channels are against each other, from every pair that tells it."""
     pairs = list(_pairs(system, fit))
     count, step = len(system.sensors), fit.problem.data.sampling_interval
     filtered = {pair.second for pair in pairs if pair.lag}  # late as their filter is, at each frequency otherwise
     told = [pair for pair in pairs if not {pair.first, pair.second} & filtered]
-    members = _largest_group(count, told)
-    kept = [pair for pair in told if pair.first in members]
+    late = _from_pairs(
+        count, [(p.first, p.second, p.delay, p.uncertainty) for p in told], LEAST * step, LATE_SAMPLES * step
+    )
+    large = [pair for pair in told if np.isfinite(pair.gain)]
+    logarithm = _from_pairs(
+        count,
+        [(p.first, p.second, float(np.log(abs(p.gain))), p.gain_uncertainty / abs(p.gain)) for p in large],
+        LEAST_GAIN, OTHER_GAIN,
+    )  # fmt: skip
+    return Times(late, logarithm, _signs(count, pairs), pairs)
+
+
+def _from_pairs(count: int, pairs: Sequence[tuple[int, int, float, float]], floor: float, least: float) -> Offsets:
+    """What channels differ by, from what pairs (first, second, difference, uncertainty) do; ``floor`` is the standard
+    uncertainty of the channel that the others are told against."""
+    members = _largest_group(count, pairs)
+    kept = [pair for pair in pairs if pair[0] in members]
+    out, apart = np.full(count + 1, np.nan), np.full((count + 1, count + 1), np.nan)
     if not kept:
-        return Times(np.full(count + 1, np.nan), np.full((count + 1, count + 1), np.nan), pairs)
+        return Offsets(out, apart, least)
     nodes = sorted(members)
     rows = np.zeros((len(kept) + 1, len(nodes)))
-    for row, pair in zip(rows, kept, strict=False):
-        row[nodes.index(pair.second)], row[nodes.index(pair.first)] = 1.0, -1.0
+    for row, (first, second, _, _) in zip(rows, kept, strict=False):
+        row[nodes.index(second)], row[nodes.index(first)] = 1.0, -1.0
     rows[-1, 0] = 1.0
-    delays = np.array([*(pair.delay for pair in kept), 0.0])
-    sigma = np.array([*(pair.uncertainty for pair in kept), LEAST * step])
+    differences = np.array([*(difference for _, _, difference, _ in kept), 0.0])
+    sigma = np.array([*(uncertainty for *_, uncertainty in kept), floor])
     weight = np.ones(len(rows))
     for _ in range(REWEIGHTED):  # least squares that few wrong pairs do not move (Huber)
         scale = np.sqrt(weight) / sigma
-        times = np.linalg.lstsq(rows * scale[:, None], delays * scale, rcond=None)[0]
-        weight = 1 / np.maximum(np.abs(rows @ times - delays) / sigma / RESISTANT, 1.0)
+        values = np.linalg.lstsq(rows * scale[:, None], differences * scale, rcond=None)[0]
+        weight = 1 / np.maximum(np.abs(rows @ values - differences) / sigma / RESISTANT, 1.0)
     scale = np.sqrt(weight) / sigma
-    misfit = (rows @ times - delays) * scale
+    misfit = (rows @ values - differences) * scale
     inflation = max(1.0, float(misfit @ misfit) / max(len(rows) - len(nodes), 1))
     covariance = inflation * np.linalg.inv((rows * scale[:, None]).T @ (rows * scale[:, None]))
     variance = np.diag(covariance)[:, None] + np.diag(covariance) - 2 * covariance
-    out, apart = np.full(count + 1, np.nan), np.full((count + 1, count + 1), np.nan)
     index = np.array(nodes) + 1
-    out[index] = times - np.median(times)
+    out[index] = values - np.median(values)
     apart[np.ix_(index, index)] = np.sqrt(np.maximum(variance, 0.0))
-    return Times(out, apart, pairs)
+    return Offsets(out, apart, least)
 
 
-def _largest_group(count: int, pairs: Sequence[PairTime]) -> set[int]:
-    """Channels that pairs join, as many as possible."""
-    groups = [{j} for j in range(-1, count)]
+def _signs(count: int, pairs: Sequence[PairTime]) -> np.ndarray:
+    """Signs (1 + y,) of the channels, that of most is 1: the leading eigenvector of what the pairs say of each two."""
+    said = np.zeros((count + 1, count + 1))
     for pair in pairs:
-        joined = set().union(*(group for group in groups if pair.first in group or pair.second in group))
+        said[pair.first + 1, pair.second + 1] += pair.sign
+        said[pair.second + 1, pair.first + 1] += pair.sign
+    members = np.array(sorted(_largest_group(count, [(pair.first, pair.second) for pair in pairs]))) + 1
+    out = np.full(count + 1, np.nan)
+    if len(members) > 1:
+        leading = np.linalg.eigh(said[np.ix_(members, members)] + count * np.eye(len(members)))[1][:, -1]
+        signs = np.where(leading < 0, -1.0, 1.0)
+        most = signs.sum() or signs[0]  # of two that differ, the first one is taken as right
+        out[members] = signs * np.sign(most)
+    return out
+
+
+def _largest_group(count: int, pairs: Sequence[tuple]) -> set[int]:
+    """Channels that pairs (first, second, …) join, as many as possible."""
+    groups = [{j} for j in range(-1, count)]
+    for first, second, *_ in pairs:
+        joined = set().union(*(group for group in groups if first in group or second in group))
         groups = [group for group in groups if not group & joined] + [joined]
     return max(groups, key=len)
 
@@ -164,7 +242,7 @@ def _pairs(system: System, fit: Fit) -> Iterator[PairTime]:
     plain = without_effects(system)
     # as stated: a fit takes what it can of a wrong time
     value = {name: float(quantity.value) for name, quantity in plain.parameters.items()}
-    models = [linear_model(plain, changed) for changed in _variants(value)]
+    models = [linear_model(plain, changed) for changed in _variants(plain, value)]
     segments = [_even(segment.time, segment.inputs, segment.readings) for segment in fit.problem.data.segments]
     torques = [j for j, part in enumerate(system.inputs) if part.name not in system.imposed_by]
     on = [[part.name for part in system.inertias].index(system.inputs[j].on) for j in torques]
@@ -182,10 +260,17 @@ def _pairs(system: System, fit: Fit) -> Iterator[PairTime]:
                     yield pair
 
 
-def _variants(value: dict[str, float]) -> list[dict[str, float]]:
-    """Quantities as they are, with other stiffnesses, other dampings, and other drags."""
+def _variants(system: System, value: dict[str, float]) -> list[dict[str, float]]:
+    """Quantities as they are, with other stiffnesses, other dampings, and other drags; last with other inertias, where
+    these are uncertain, which change amplitudes."""
     ends = (("", 1.0), (".stiffness", STIFFER), (".damping", DAMPED), (".drag", DRAGGED))
-    return [{n: factor * v if end and n.endswith(end) else v for n, v in value.items()} for end, factor in ends]
+    out = [{n: factor * v if end and n.endswith(end) else v for n, v in value.items()} for end, factor in ends]
+    heavier = {
+        n: STIFFER * value[n] if q.upper is None else min(STIFFER * value[n], q.upper)
+        for n, q in system.parameters.items()
+        if n.endswith(".J") and q.uncertain
+    }
+    return [*out, value | heavier] if heavier else out
 
 
 def _even(time: np.ndarray, inputs: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -232,20 +317,20 @@ class _Source:
                 if self.possible:
                     self.shaft = shafts.index(sensor.of)
                     cut = {f"shafts.{sensor.of}.{key}": 0.0 for key in ("stiffness", "damping")}
-                    self.models = [linear_model(system, changed | cut) for changed in _variants(value)]
+                    self.models = [linear_model(system, changed | cut) for changed in _variants(system, value)]
             else:
                 self.inertia = names.index(sensor.of)
         elif not on:
             self.possible = False
 
     def responses(self, count: int, step: float) -> tuple[np.ndarray, list[Response]]:
-        """Angular frequencies (f,) of so many samples, and the responses there: of the model, of those with other
-        quantities, and with unknown torques."""
+        """Angular frequencies (f,) of so many samples, and the responses there: of the model, with unknown torques, and
+        of those with other quantities."""
         if count not in self._kept:
             omega = 2 * np.pi * fft.rfftfreq(count, step)[2:]
             omega = omega[omega <= self.highest]
-            others = [self._response(linear, omega) for linear in self.models]
-            self._kept[count] = omega, [*others, self._response(self.models[0], omega, UNKNOWN_TORQUE)]
+            first, *others = [self._response(linear, omega) for linear in self.models]
+            self._kept[count] = omega, [first, self._response(self.models[0], omega, UNKNOWN_TORQUE), *others]
         return self._kept[count]
 
     def _response(self, linear: LinearModel, omega: np.ndarray, unknown: float = 0.0) -> Response:
@@ -285,7 +370,8 @@ class _Source:
 
 @dataclass(frozen=True)
 class _Compared:
-    """Spectra of a channel as measured and as its neighbour has it, and the weight of every line."""
+    """Spectra of a channel as measured and as its neighbour has it, and the weight of every line, for the time and for
+    the gain."""
 
     count: int
     omega: np.ndarray
@@ -293,6 +379,9 @@ class _Compared:
     expected: np.ndarray
     weight: np.ndarray
     shifts: list[np.ndarray]  # phases of models with other quantities, rad
+    weight_of_gain: np.ndarray
+    of_noise: np.ndarray  # of the power that is expected
+    others: list[np.ndarray]  # amplitudes of models with other quantities, over that of the model
 
 
 def _pair(
@@ -300,12 +389,14 @@ def _pair(
 ) -> PairTime | None:
     """How late a channel is against the one that drives the model; None where that is not told."""
     whole = [one for u, y in segments if (one := _compared(source, target, u, y, y, step, noise)) is not None]
-    coarse = _coarse(whole, step)
-    if coarse is None:
+    found = _coarse(whole, step)
+    if found is None:
         return None
+    coarse, sign = found
     periods = 2 * np.pi * PERIODS / (_middle(whole) * step)
     size = int(min(max(sum(len(y) for _, y in segments) / BLOCKS, FEWEST_OF_BLOCK, periods),
                    max(len(y) for _, y in segments) / 2))  # fmt: skip
+    whole = [replace(part, measured=sign * part.measured) for part in whole]
     blocks = []
     shift = round(coarse / step)
     coarse = shift * step
@@ -316,7 +407,7 @@ def _pair(
                 source, target, u[part], y[part], y[part.start + shift : part.stop + shift], step, noise
             )
             if compared is not None:
-                blocks.append(compared)
+                blocks.append(replace(compared, measured=sign * compared.measured))
     if len(blocks) < 2:
         return None
     middle = _middle(blocks)
@@ -336,13 +427,18 @@ def _pair(
         lag = _lag(blocks, coarse)
         if not lag:
             uncertainty = float(np.hypot(uncertainty, apart))
-    return PairTime(source.source, target, delay, uncertainty, lag)
+    gain, gain_uncertainty = _gain(whole, delay)
+    return PairTime(source.source, target, delay, uncertainty, sign * gain, gain_uncertainty, sign, lag)
 
 
 def _scatter(values: np.ndarray, step: float) -> float:
+    """Standard uncertainty of the median of times."""
+    return max(_spread(values), LEAST * step)
+
+
+def _spread(values: np.ndarray) -> float:
     """Standard uncertainty of a median."""
-    spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
-    return max(1.25 * spread / np.sqrt(len(values)), LEAST * step)
+    return 1.25 * 1.4826 * float(np.median(np.abs(values - np.median(values)))) / float(np.sqrt(len(values)))
 
 
 def _compared(
@@ -371,23 +467,29 @@ def _compared(
     power = _smoothed(np.abs(expected) ** 2)
     if not power.all():
         return None
-    shifts = [np.angle(other * np.conj(expected)) for other in every[1:]]
+    shifts = [np.angle(other * np.conj(expected)) for other in every[1 : 1 + OF_TIME]]
+    others = [np.sqrt(_smoothed(np.abs(other) ** 2) / power) for other in every[1:]]
     gain = np.abs(models[0][0][:, target]) ** 2 * (noise[source.source] ** 2 if source.source >= 0 else 0.0)
     of_noise = (noise[target] ** 2 + gain) * float(window @ window) / power
     unknown = of_noise + _smoothed(np.max(np.square(shifts), axis=0))
     weight = np.where(unknown < MOST_PHASE**2, 1 / (KNOWN_PHASE**2 + unknown) / power, 0.0)
+    of_model = np.max([np.square(other - 1) for other in others], axis=0)
+    of_gain = np.where(of_model < MOST_PHASE**2, weight * power, 0.0) * (KNOWN_PHASE**2 + unknown)
+    of_gain /= (KNOWN_GAIN**2 + unknown + of_model) * power
     told = omega**2 * weight
     if source.source >= 0 and np.sum(told * np.abs(by_inputs[0]) ** 2) > BY_INPUTS * np.sum(told * power):
         return None
-    return _Compared(count, omega, measured, expected, weight, shifts) if weight.any() else None
+    taken = gain * float(window @ window)
+    return _Compared(count, omega, measured, expected, weight, shifts, of_gain, taken, others) if weight.any() else None
 
 
 def _smoothed(power: np.ndarray) -> np.ndarray:
     return np.convolve(np.pad(power, SMOOTHED // 2, mode="edge"), np.full(SMOOTHED, 1 / SMOOTHED), mode="valid")
 
 
-def _coarse(parts: Sequence[_Compared], step: float) -> float | None:
-    """The delay (s) at which phases agree best in whole segments; None where that is open or nothing agrees."""
+def _coarse(parts: Sequence[_Compared], step: float) -> tuple[float, float] | None:
+    """The delay (s) at which phases agree best in whole segments, and the sign; None where that is open or nothing
+    agrees."""
     if not parts:
         return None
     length = fft.next_fast_len(4 * max(part.count for part in parts))
@@ -413,6 +515,8 @@ def _coarse(parts: Sequence[_Compared], step: float) -> float | None:
     order = np.argsort(lags)
     order = order[np.abs(lags[order]) <= longest]
     lags, agreement = lags[order], agreement[order]
+    sign = -1.0 if -agreement.min() > SIGN * agreement.max() else 1.0
+    agreement = sign * agreement
     best = int(np.argmax(agreement))
     if agreement[best] < CLEAR or best in (0, len(lags) - 1):
         return None
@@ -420,7 +524,7 @@ def _coarse(parts: Sequence[_Compared], step: float) -> float | None:
     first, last = below[below < best].max(initial=-1), below[below > best].min(initial=len(lags))
     if np.delete(agreement, slice(first + 1, last)).max(initial=0.0) > SECOND_PEAK * agreement[best]:
         return None
-    return float(lags[best])
+    return float(lags[best]), sign
 
 
 def _middle(blocks: Sequence[_Compared]) -> float:
@@ -457,6 +561,37 @@ def _by_model(blocks: Sequence[_Compared]) -> float:
             norm += float(np.sum(told * block.omega**2))
         moved.append(abs(along) / norm if norm else 0.0)
     return max(moved, default=0.0)
+
+
+def _gain(parts: Sequence[_Compared], delay: float) -> tuple[float, float]:
+    """The measured amplitude of whole segments over that expected, in phase, and its standard uncertainty: by the
+    scatter of bands of frequency that tell as much each, and by other quantities of the model; NaN where it is open.
+
+    The expected power is taken without what the noise of the driving channel adds.
+    """
+    weight = np.concatenate([part.weight_of_gain for part in parts])
+    measured, expected, omega, of_noise = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("measured", "expected", "omega", "of_noise")
+    )
+    expected = expected * np.exp(-1j * omega * delay)
+    along = weight * (measured * np.conj(expected)).real
+    power = weight * (np.abs(expected) ** 2 - of_noise)
+    order = np.argsort(omega)
+    total = np.cumsum(power[order])
+    if not total[-1] > 0:
+        return np.nan, np.nan
+    ends = np.searchsorted(total, total[-1] * np.arange(1, BLOCKS) / BLOCKS)
+    bands = [band for band in np.split(order, ends) if power[band].sum() > 0]
+    gains = np.array([along[band].sum() / power[band].sum() for band in bands])
+    gain = float(np.median(gains))
+    if len(bands) < BLOCKS / 2 or gain <= 0:
+        return np.nan, np.nan
+    told, moved = weight * np.abs(expected) ** 2, []
+    for number in range(len(parts[0].others)):
+        other = np.concatenate([part.others[number] for part in parts])
+        moved.append(float(np.sqrt(np.sum(told * (other - 1) ** 2) / told.sum())))
+    return gain, float(np.hypot(max(_spread(gains), LEAST_GAIN * gain), gain * max(moved)))
 
 
 TRIED = np.geomspace(0.05, 20.0, 60)  # time constants that are tried, times the inverse of the middle frequency

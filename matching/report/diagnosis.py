@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFo
 
 from matching.diagnosis.audit import AuditedChannel
 from matching.diagnosis.holdout import HoldoutData
-from matching.diagnosis.result import UNITS, Diagnosis, DiscrepancyCurve, PlotData, SensorErrors
+from matching.diagnosis.result import BEST_SO_FAR, UNITS, Diagnosis, DiscrepancyCurve, PlotData, SensorErrors
 from matching.report.common import (
     BAND,
     EXTENDED,
@@ -620,7 +620,9 @@ def answer(result: Mapping[str, Any]) -> str:
     if not causes:
         worst = _worst(result["errors"])
         size = "" if worst is None else f": the error of {worst[0]} is {number(worst[1], 3)} times the noise"
-        return f"None of the known effects explains what the model misses{size} on held-out data{_doubtful(result)}."
+        ended = any(note.endswith(BEST_SO_FAR) for note in result.get("notes", []))
+        none = "None of the effects that were tried before the end" if ended else "None of the known effects"
+        return f"{none} explains what the model misses{size} on held-out data{_doubtful(result)}."
     clauses = [clause(cause) + _rivals(cause) for cause in causes]
     text = clauses[0] if len(clauses) == 1 else f"{', '.join(clauses[:-1])}, and {clauses[-1]}"
     text = text[:1].upper() + text[1:] if text.startswith(("the ", "each ")) else text
@@ -810,8 +812,8 @@ REASONS = {
 NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
 NOTHING_NAMED = "No cause is named and no effect is added: extended.toml is the base model with its fitted values."
 HOW_CHANNELS = (
-    "Times against most channels, from the phases of pairs: one channel drives the part of the model between them, the "
-    "other is compared (nothing where that is open). Gain against the simulation of the model as given, fitted, from "
+    "Times, signs and gains against most channels, from pairs: one channel drives the part of the model between them, "
+    "the other is compared (nothing where that is open). Measured over simulated, by the model as given, fitted, from "
     "least squares: a wrong model shows there as well."
 )
 HOW_ERRORS = (
@@ -883,7 +885,8 @@ def _channels(channels: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -
         rows.append({
             "channel": row["name"], "readings of": row["exchanged_with"],
             "late": "" if late is None else f"{number(1e3 * late, 3)} ± {number(1e3 * row['delay_uncertainty'], 2)} ms",
-            "measured over simulated": "" if row["gain"] is None else number(row["gain"], 4),
+            "gain": "" if row["gain"] is None else f"{number(row['gain'], 4)} ± {number(row['gain_uncertainty'], 2)}",
+            "measured over simulated": "" if row["over_simulated"] is None else number(row["over_simulated"], 4),
             "rounded to": f"{number(step, 3)} {units.get(row['name'], '')}".rstrip() if step else "",
             "between samples": row["between"], "hum": row["hum"],
         })  # fmt: skip

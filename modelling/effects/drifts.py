@@ -29,6 +29,7 @@ STATE = State("1", "share of the change of {place} that has happened", from_zero
 FIRST_SHARE = 1.0  # time constant of the screening, of the longest recording: nearly a straight line
 NEARBY_SHARES = (0.3,)  # the same of a further guess, which bends
 FASTEST = 0.1  # of a guess: what has changed sooner is a value that is wrong throughout, which has kinds of its own
+MOST_FALL = 0.9  # share of a value that a first guess lets fall: to first order the value at the start stays as it is
 
 
 def factor(p: Symbols, assembly: EquationBuilder, name: str) -> Expr:
@@ -58,7 +59,7 @@ def first_guesses(motion: FittedMotion, at: str, signal: np.ndarray, *, bent: bo
 
 def _changed(time_constant: float) -> Callable[[np.ndarray], dict[str, float] | None]:
     def parameters(a: np.ndarray) -> dict[str, float] | None:
-        return {"change": float(a[0]), "time_constant": time_constant} if a[0] > -1 else None
+        return {"change": max(float(a[0]), -MOST_FALL), "time_constant": time_constant}
 
     return parameters
 

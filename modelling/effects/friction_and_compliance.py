@@ -632,14 +632,11 @@ class WarmingFriction(Kind):
         return (-largest, largest) if key == "torque" else super().recorded_bounds(key, at, recorded)
 
 
-MOST_FALL = 0.9  # share of a friction that a first guess lets fall
-
-
 def _warming(time_constant: float, a: np.ndarray) -> dict[str, float] | None:
     """Parameters for the amplitudes of the friction at the start and of its change; some is left of it."""
     if a[0] <= 0:
         return None
-    change = max(float(a[1] / a[0]), -MOST_FALL)
+    change = max(float(a[1] / a[0]), -drifts.MOST_FALL)
     return {"torque": float(a[0]), "change": change, "time_constant": time_constant}
 
 

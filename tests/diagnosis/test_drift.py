@@ -54,6 +54,40 @@ def test_a_straight_line_is_a_drift_whose_end_was_not_recorded(tmp_path: Path) -
     assert change.standard_uncertainty > 0.3 * change.value
 
 
+def test_a_drag_that_falls_by_more_than_its_mean_is_named_beside_dry_friction(tmp_path: Path) -> None:
+    """Both at one disc; the model is fitted to a mean drag, of which the fall is more than all."""
+    rng = np.random.default_rng(21)
+    J, cold, change, constant, dry = 0.5, 0.4, -0.9, 4.0, 1.5
+    step, fine = 0.01, 20
+    time = np.arange(0, 20, step)
+    torque = np.interp(time, np.arange(0, 20.5, 0.5), rng.uniform(-12, 12, 41))
+    speed, now = np.zeros(len(time)), 0.0
+    for i in range(len(time) - 1):
+        for k in range(fine):  # midpoint rule; hard friction holds what it brings to rest
+            t, drive = time[i] + k * step / fine, torque[i] + (torque[i + 1] - torque[i]) * (k + 0.5) / fine
+            drag = cold * (1 + change * (1 - np.exp(-(t + step / fine / 2) / constant)))
+            way, half = np.sign(now or drive), step / fine / 2 / J
+            middle = now + half * (drive - drag * now - dry * way)
+            after = now + 2 * half * (drive - drag * middle - dry * way)
+            now = 0.0 if abs(drive) < dry and after * way <= 0 else after
+        speed[i + 1] = now
+    measured = speed + 0.02 * rng.standard_normal(len(time))
+    rows = [f"{t:.2f},{u:.9g},{w:.9g}" for t, u, w in zip(time, torque, measured, strict=True)]
+    (tmp_path / "r.csv").write_text("\n".join(["time [s],drive [N*m],speed [rad/s]", *rows]) + "\n")
+    system = from_dict({
+        "inertias": {"disc": {"J": J, "drag": {"value": 0.2, "tolerance": 1.0}}},
+        "inputs": {"drive": {"on": "disc"}},
+        "sensors": {"speed": {"measures": "speed", "of": "disc", "uncertainty": 0.02}},
+    })  # fmt: skip
+    found = diagnose(system, [read_recording(tmp_path / "r.csv", system)])
+    causes = {(cause.kind, cause.at): cause.parameters for cause in found.causes}
+    assert set(causes) == {("parameter_drift", "inertias.disc.drag"), ("coulomb_friction", "inertias.disc")}
+    assert found.verdict == "explained"
+    drift, friction = causes["parameter_drift", "inertias.disc.drag"], causes["coulomb_friction", "inertias.disc"]
+    for estimate, value in ((drift["change"], change), (drift["time_constant"], constant), (friction["torque"], dry)):
+        assert abs(estimate.value - value) < 4 * estimate.standard_uncertainty
+
+
 CHANGE, WARM, DRAG = 0.5, 3.0, 2.0  # relative, s, N·m·s/rad
 
 

@@ -1,4 +1,4 @@
-"""Times of channels from pairs of them, where the model is wrong: made with Runge-Kutta steps of their own."""
+"""Times, signs and gains of channels from pairs of them, where the model is wrong: with own Runge-Kutta steps."""
 
 from dataclasses import dataclass
 from math import sin, tanh
@@ -96,12 +96,29 @@ def suspected(system, recording):
     return time_hypotheses(system, fit, times), times
 
 
-def axis(seed, late):
+def axis(seed, late, gains=None):
     rng = np.random.default_rng(seed)
     plant = TwoMasses((0.01, 0.03), 2500.0, 1.0, 0.02, 0.8, 0.0, 1.2)
     torque = waves(rng, 0.2, 6.0, 1.0)
-    noise = {"first": 0.05, "second": 0.05}
-    return recorded(rng, plant, torque, lambda t: 0.0, 0.0, 250.0, 10.0, late, noise)
+    noise = {"first": 0.05, "second": 0.05} | ({"torque": 0.01} if gains else {})
+    system, recording = recorded(rng, plant, torque, lambda t: 0.0, 0.0, 250.0, 10.0, late, noise)
+    for name, gain in (gains or {}).items():
+        recording.channels[name] *= gain
+    return system, recording
+
+
+@pytest.mark.parametrize(("name", "gain"), [("first", -1.0), ("second", -1.0), ("torque", -1.0), ("second", 1.12)])
+def test_the_sign_and_gain_of_a_channel_are_told_whatever_rubs_and_however_late_it_is(name, gain):
+    """The other speed is of the same stiff joint; a torque tells less, for the inertias are uncertain."""
+    hypotheses, times = suspected(*axis(29 + len(name), {name: 0.01}, {name: gain}))
+    sensors = ["first", "second", "torque"]
+    assert {n for n, sign in zip(sensors, times.sign[1:], strict=True) if sign < 0} == ({name} if gain < 0 else set())
+    pair = next(p for p in times.pairs if (p.first, p.second) == (0, 1))
+    assert pair.gain_uncertainty < 0.05
+    expected = {"first": 1 / gain, "second": gain, "torque": 1.0}[name]
+    assert abs(pair.gain - expected) < 3 * pair.gain_uncertainty
+    if gain < 0:
+        assert [at for kind, at, _ in hypotheses if kind == "sensor_gain"] == [f"sensors.{name}"]
 
 
 @pytest.mark.parametrize("name", ["first", "second"])
@@ -117,7 +134,7 @@ def test_a_late_speed_of_a_stiff_joint_is_found_whatever_rubs(name):
 def test_channels_of_one_time_have_it_though_the_model_is_wrong():
     hypotheses, times = suspected(*axis(5, {}))
     assert not hypotheses
-    assert abs(times.delay[2] - times.delay[1]) < 5 * times.uncertainty[1, 2] < 5e-3
+    assert abs(times.late.value[2] - times.late.value[1]) < 5 * times.late.uncertainty[1, 2] < 5e-3
 
 
 def test_the_clock_of_a_long_line_is_found_though_nobody_knows_its_load():

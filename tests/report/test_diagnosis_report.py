@@ -180,6 +180,15 @@ def errors(before: float, after: float) -> dict:
     return {"torque": {"noise": 0.5, "before_holdout": 0.5 * before, "after_holdout": 0.5 * after}}
 
 
+def test_a_diagnosis_that_was_ended_early_does_not_rule_out_what_it_has_not_tried() -> None:
+    errors = {"speed": {"noise": 0.1, "before": 2.0, "after": 2.0, "before_holdout": 2.0, "after_holdout": 2.0}}
+    result = {"verdict": "unexplained", "causes": [], "errors": errors, "notes": []}
+    assert answer(result).startswith("None of the known effects explains")
+    ended = answer(result | {"notes": ["interrupted: the best answer so far"]})
+    assert "that were tried before the end" in ended
+    assert "known" not in ended
+
+
 def test_several_sensors_have_a_pooled_figure_and_those_that_gain_and_lose_most() -> None:
     shared = {"kind": "lag", "at": ["sensors.a", "sensors.b"], "alternatives": [],
               "parameters": {"time_constant": {"value": 8e-3, "standard_uncertainty": 1e-4, "unit": "s"}}}  # fmt: skip
