@@ -179,13 +179,12 @@ def end_of(rounds: Sequence[Round]) -> str | None:
 
 
 def _could_gain(error: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
-    """Whether an error is larger than what a match with the bed's true values would leave, by more than its uncertainty
-    and that of the next proof together."""
+    """Whether an error is larger than what a match with the bed's true values would leave, beyond its uncertainty; of
+    one that does not show, whether the next proof is planned to show it."""
     if error["error"] is None:
         return not _planned_too_weak(error, now)
     reached = NEAR_ENOUGH_RATIO * max(error["predicted"], NEGLIGIBLE * error["allowed"])
-    uncertain = COVERAGE_FACTOR * math.hypot(error["standard_uncertainty"], _planned(error, now))
-    return bool(error["error"] - uncertain > reached)
+    return bool(error["error"] - COVERAGE_FACTOR * error["standard_uncertainty"] > reached)
 
 
 def _planned(error: Mapping[str, Any], now: Mapping[str, Any]) -> float:
