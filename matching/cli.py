@@ -239,7 +239,7 @@ def _answer(command: Command, arguments: argparse.Namespace) -> str:
             sys.stdout.reconfigure(encoding="utf-8")  # as JSON demands
         return text
     result = command.run(arguments)
-    text = terminal(command.summary(result))
+    text = terminal(command.told(result, arguments))
     page = next((name for name in result.get("files", ()) if name.endswith(".html")), "")
     return f"{text.rstrip()}\nreport: {Path(arguments.out) / page}" if page else text
 

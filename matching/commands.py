@@ -12,7 +12,6 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,13 +87,19 @@ def made_of(arguments: Arguments, copies: Mapping[str, Any] | None = None) -> An
     return with_recordings(made, ((path, (copies or {}).get(path, path)) for path in paths))
 
 
-def told(content: dict[str, Any], file: str = "") -> str:
-    """What a terminal is told of a result, by the view of its file: the one that was written, or its name."""
+def told(content: dict[str, Any], file: str = "", arguments: Arguments | None = None) -> str:
+    """What a terminal is told of a result, by the view of its file: the one that was written, or its name.
+
+    With the command's ``arguments`` the next commands are told as its page has them: with its files and its folder.
+    """
     from matching.report import RESULTS, view_of
     from matching.report.page import in_terminal
 
     file = next((name for name in content.get("files", ()) if name in RESULTS), file)
-    return in_terminal(view_of(file).report(content)) if file else ""
+    if not file:
+        return ""
+    made = () if arguments is None or arguments.out is None else (str(arguments.out), made_of(arguments))
+    return in_terminal(view_of(file).report(content, *made))
 
 
 # --- Begin, and look
@@ -575,8 +580,10 @@ class Command:
         Of :mod:`matching.api`: its parameters are the command's arguments, its docstring is the help.
     run : callable
         Does it and writes files; returns the result object.
-    summary : callable
-        The result for a reader at a terminal.
+    summary : callable, optional
+        The result for a reader at a terminal; by default the view of its file.
+    file : str
+        Name of that file, where none is written.
     out : str, optional
         Whether ``--out`` is ``REQUIRED`` or ``OPTIONAL``; None: there is none, or the function has it.
     required, hidden : tuple of str
@@ -588,11 +595,16 @@ class Command:
     group: str
     function: Callable[..., Any]
     run: Callable[[Arguments], dict[str, Any]] = run_function
-    summary: Callable[[dict[str, Any]], str] = told
+    summary: Callable[[dict[str, Any]], str] | None = None
+    file: str = ""
     out: str | None = REQUIRED
     required: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     further: Callable[[argparse.ArgumentParser], None] | None = None
+
+    def told(self, result: dict[str, Any], arguments: Arguments | None = None) -> str:
+        """The result for a reader at a terminal."""
+        return told(result, self.file, arguments) if self.summary is None else self.summary(result)
 
 
 BEGIN, UNDERSTAND, MATCH, LACKS, TRUST, BED = (
@@ -721,8 +733,8 @@ COMMANDS: dict[str, Command] = {
     "map": Command(MATCH, api.map, required=("x", "y"), hidden=("record",), further=study_arguments),
     "tolerance": Command(MATCH, api.tolerance, hidden=("record",), further=study_arguments),
     "diagnose": Command(LACKS, api.diagnose),
-    "uncertainty": Command(TRUST, api.uncertainty, summary=partial(told, file="uncertainty.json"), **IF_ASKED),
-    "fidelity": Command(TRUST, api.fidelity, summary=partial(told, file="fidelity.json"), **IF_ASKED),
+    "uncertainty": Command(TRUST, api.uncertainty, file="uncertainty.json", **IF_ASKED),
+    "fidelity": Command(TRUST, api.fidelity, file="fidelity.json", **IF_ASKED),
     "export": Command(
         BED, api.export, run_export, summary=export_summary, hidden=("fmu",), further=export_arguments, **NO_OUT
     ),
@@ -742,4 +754,4 @@ def calls(command: str) -> list[str]:
 @display.text.register
 def saved_text(saved: SavedResult) -> str:
     """A result that was read again, as its command prints it."""
-    return COMMANDS[saved.command].summary(saved.content)
+    return COMMANDS[saved.command].told(saved.content)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from matching.match.box import of_system
-from matching.match.case import Case, apply
+from matching.match.case import Case, apply, once_per_case
 from matching.match.case_file import load_case
 from matching.match.in_time import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
 from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque
@@ -436,6 +436,7 @@ LOST_TORQUE = 0.2  # of the torque limit: what has to be on the flange before it
 UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be from what the controller expects
 
 
+@once_per_case
 def exported_controller(case: Case) -> ExportedController:
     """The controller of a tuned case: over its range of speeds where it has one."""
     parts = linear_bed(case)

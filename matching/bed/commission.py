@@ -20,12 +20,7 @@ from matching.bed.excite import (
     plan_excitation,
     steady_speed,
 )
-from matching.bed.identify import (
-    bed_from_recordings,
-    identified_case,
-    recorded_bed_system,
-    vehicle_from_recordings,
-)
+from matching.bed.identify import GAIN, bed_from_recordings, vehicle_from_recordings
 from matching.bed.lost_motion import LostMotion, lost_motion, with_free_play
 from matching.bed.plausible import NotThisBed, check_excitation
 from matching.bed.proof import plan_proof, proof_csv
@@ -47,7 +42,6 @@ from matching.bed.simulated_bed import (
     so_far,
 )
 from matching.bed.verify import COVERAGE_FACTOR, NEGLIGIBLE, BedVerification, judge, read_recordings
-from matching.diagnosis.diagnose import diagnose
 from matching.export import exported_controller, tuned_case
 from matching.match.case import Case
 from matching.match.case_file import case_files, load_case
@@ -59,7 +53,6 @@ from modelling.effects.friction_and_compliance import Backlash
 from modelling.errors import VERSION, InputError
 from modelling.fmu.export import controller_fmu
 from modelling.recordings.read import Channel, read_recording, read_signals
-from modelling.resources import limited
 from modelling.toml import no_pipe
 from modelling.writing import strict_json, write_all
 
@@ -170,15 +163,36 @@ def end_of(rounds: Sequence[Round]) -> str | None:
         return None
     if before is not None and not _gained(before, now):
         return "the last round gained nothing that could be measured"
-    if now["status"] != "as_predicted" or any(_could_gain(error) for error in now["errors"]):
+    if now["status"] == "short" or any(_could_gain(error, now) for error in now["errors"]):
         return None
-    return "the bed answers as well as the match can make it"
+    if now["status"] == "as_predicted":
+        return "the bed answers as well as the match can make it"
+    because = {question["because"] for question in now.get("open", ())}
+    if "vehicle" in because:
+        return "a further round could not gain more than its uncertainty: what is not known of the vehicle is more"
+    if "excitation" in because and all(_planned_too_weak(error, now) for error in now["errors"]):
+        return "a further round could not gain more than its uncertainty: the planned excitation is too weak for it"
+    return None
 
 
-def _could_gain(error: Mapping[str, Any]) -> bool:
-    """Whether an error is larger than what a match with the bed's true values would leave, beyond its uncertainty."""
+def _could_gain(error: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    """Whether an error is larger than what a match with the bed's true values would leave, by more than its uncertainty
+    and that of the next proof together."""
+    if error["error"] is None:
+        return not _planned_too_weak(error, now)
     reached = NEAR_ENOUGH_RATIO * max(error["predicted"], NEGLIGIBLE * error["allowed"])
-    return error["error"] is None or bool(error["error"] - COVERAGE_FACTOR * error["standard_uncertainty"] > reached)
+    uncertain = COVERAGE_FACTOR * math.hypot(error["standard_uncertainty"], _planned(error, now))
+    return bool(error["error"] - uncertain > reached)
+
+
+def _planned(error: Mapping[str, Any], now: Mapping[str, Any]) -> float:
+    """Standard uncertainty that the plan of the proof expects of an error; 0 where nothing was planned."""
+    return float(now.get("planned", {}).get(error["name"], 0.0))
+
+
+def _planned_too_weak(error: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    """Whether the next proof leaves an error as open: what its plan expects is more than the case allows."""
+    return error["status"] != "undetermined" or not COVERAGE_FACTOR * _planned(error, now) <= error["allowed"]
 
 
 def _gained(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
@@ -284,6 +298,9 @@ VEHICLE = "0_vehicle"  # the step before the first round
 DIAGNOSIS_LIMIT = 240.0  # s of processor time: thrice what a hidden effect among 24 uncertain quantities takes
 
 
+EXCITED = 12.0  # s of excitation a round
+
+
 @dataclass(frozen=True)
 class CommissionOrder:
     """What is wanted: rounds at most, the excitation, seed and processes of the matches.
@@ -296,13 +313,28 @@ class CommissionOrder:
     """
 
     rounds: int = 3
-    excitation: ExcitationOrder = field(default_factory=ExcitationOrder)
+    excitation: ExcitationOrder = field(default_factory=lambda: ExcitationOrder(duration=EXCITED))
     seed: int = 0
     workers: int = 1
     follow: float | None = None
     vehicle: tuple[Path, ...] = ()
     diagnosis_limit: float | None = DIAGNOSIS_LIMIT
     skip_channel_check: bool = False
+
+    def options(self) -> list[str]:
+        """As typed, those that are not the defaults: what goes on has to be asked for the same."""
+        usual, asked = CommissionOrder(), list[str]()
+        for path in self.vehicle:
+            asked += ["--vehicle-recording", str(path)]
+        for option, own, default in (
+            ("--rounds", self.rounds, usual.rounds), ("--seed", self.seed, usual.seed),
+            ("--duration", self.excitation.duration, usual.excitation.duration),
+            ("--speed", self.excitation.speed, usual.excitation.speed),
+            ("--diagnosis-limit", self.diagnosis_limit, usual.diagnosis_limit), ("--follow", self.follow, None),
+        ):  # fmt: skip
+            if own != default and own is not None:
+                asked += [option, f"{own:.10g}"]
+        return [*asked, *(["--skip-channel-check"] if self.skip_channel_check else [])]
 
 
 SHARES_OF_TORQUE = (1.0, 0.3, 0.1)  # of the check of the channels, one after another until no trip ends it
@@ -328,6 +360,7 @@ class Circle:
         self._stages = Stages(folder)
         self._by_hand = ByHand(bed, order.follow, tell)
         self._tuned: dict[int, Case] = {}  # the case of each round
+        self._judged: dict[int, BedVerification] = {}  # of each round that was run now
         self._rounds: list[Round] = []
         self._channels: dict[str, Any] | None = None
 
@@ -346,7 +379,10 @@ class Circle:
         """
         plan_speed(_case_at(path), self._order)  # an error now, not after a match
         self._rounds = []
-        again = shlex.join(["rigmatch", "commission", str(path), "--bed", str(self._bed), "--out", str(self._folder)])
+        again = shlex.join([
+            "rigmatch", "commission", str(path), "--bed", str(self._bed), *self._order.options(), "--out",
+            str(self._folder),
+        ])  # fmt: skip
         waiting = end = vehicle = None
         if self._order.vehicle:
             vehicle = self._vehicle_known(path)
@@ -365,6 +401,8 @@ class Circle:
                     break
         except Waiting as reason:
             waiting = reason.what
+        if not waiting:
+            self._why_short()
         self._on_one_scale()
         return Commissioning(
             tuple(self._rounds), end, waiting, vehicle, self._last(), self._channels, again, str(self._folder)
@@ -393,11 +431,33 @@ class Circle:
         had, limit = identification.get("ended_early"), self._order.diagnosis_limit
         return had is None or (limit is not None and had >= limit)
 
+    def _why_short(self) -> None:
+        """Of a last round that falls short, what a diagnosis of its proof says: no further recording tells it."""
+        last = self._rounds[-1]
+        if (last.verification or {}).get("status") != "short":
+            return
+        self._tell(f"round {last.number}: why it falls short")
+        case, path = self._tuned[last.number], kept_recording(self._folder / f"{last.number}_verify")
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            judged = self._last()
+            assert judged is not None
+            reason = why_short(
+                case, judged, [path], None, lambda step: self._tell(f"diagnose: {step}"), self._order.diagnosis_limit,
+                self._order.excitation.duration,
+            )  # fmt: skip
+            return {}, {} if reason is None else reason.to_dict()
+
+        reason = self._stages.run(f"{last.number}_why", self._stages.of_files(path) + _of_case(case), work)
+        self._found(verification={**(last.verification or {}), "diagnosis": reason or None})
+
     def _last(self) -> BedVerification | None:
         """The last recording under emulation, judged once more for its curves."""
         number = max((entry.number for entry in self._rounds if _judged(entry)), default=None)
         if number is None:
             return None
+        if number in self._judged:
+            return self._judged[number]
         case, path = self._tuned[number], kept_recording(self._folder / f"{number}_verify")
         return judge(case, read_recordings([path], case), of_this_controller=False)
 
@@ -422,7 +482,7 @@ class Circle:
     def _round(self, path: Path, number: int) -> Path | None:
         """One round; where the next one begins from. None: a channel is wrong, and nothing may be emulated."""
         if number > 1:
-            self._found(identification=self._identified(path, number))
+            self._found(identification=self._identified(number))
             path = self._folder / f"{number}_diagnose" / "case.toml"
         elif not self._order.skip_channel_check:
             case = _case_at(path)
@@ -554,7 +614,9 @@ class Circle:
             except NotThisBed as fault:
                 files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
                 return files, self._not_judged(fault)
-            result = verification.to_dict()
+            self._judged[number] = verification
+            planned = {one.name: one.largest for one in wanted.expected}
+            result = verification.to_dict() | {"planned": planned}
             if short := what_is_short(verification):
                 result["diagnosis"] = Reason("", tuple(short)).to_dict()
             files = {taken.name: taken.content, "proof.json": strict_json(wanted.to_dict())}
@@ -571,11 +633,11 @@ class Circle:
         if self._channels is None:
             raise fault
         return {"status": "unlike_model", "sentence": f"{fault.wrong}", "errors": [], "functions": [], "modes": [],
-                "fidelity": [], "notes": []}  # fmt: skip
+                "open": [], "fidelity": [], "notes": []}  # fmt: skip
 
-    def _identified(self, matched: Path, number: int) -> dict[str, Any]:
+    def _identified(self, number: int) -> dict[str, Any]:
         """Excite, record, diagnose. With free play the proof is diagnosed, whose mean torque keeps the play closed."""
-        case = tuned_case(matched).tuned
+        case = self._tuned[number - 1]
         proven, closed = self._folder / f"{number - 1}_verify", bool(case.rig.free_plays)
         if closed and (proven / "proof.json").is_file():
             recorded = kept_recording(proven)
@@ -689,10 +751,12 @@ def why_short(
     channels: Mapping[str, Channel] | None = None,
     progress: Callable[[str], None] = lambda _: None,
     seconds: float | None = DIAGNOSIS_LIMIT,
+    last: float | None = None,
 ) -> Reason | None:
     """What of a verification is ``short``, and what a diagnosis of its recordings says; None for any other.
 
-    ``seconds``: of processor time, after which the diagnosis ends with its best answer so far.
+    ``seconds``: of processor time, after which the diagnosis ends with its best answer so far. ``last`` (s): so much of
+    each recording is diagnosed, from its end; None: all of it.
 
     They need the torque commands beside the sensors: between commands and readings the bed is as it is without
     control, whatever the controller does.
@@ -706,26 +770,27 @@ def why_short(
         if missing:
             needed = f"{path} does not hold {', '.join(missing)}: record the torque commands as well, or use commission"
             return Reason("", (*judged, needed))
-    read = [read_recording(path, system, channels) for path in recordings]
-    bed = recorded_bed_system(case, read, closed=bool(case.rig.free_plays))
-    with limited(seconds, of_processor=True):
-        diagnosis = diagnose(bed, read, None, progress)
-    named = [cause for cause in diagnosis.to_dict()["causes"] if cause["in_model"]]
-    causes = [f"{cause['kind']} at {cause['at']}: {cause['evidence']}" for cause in named]
-    new = identified_case(case, diagnosis)
-    gains = [
-        f"{after.name} gives {after.torque_gain:.4g} times what it is asked for, not {before.torque_gain:.4g}"
-        for before, after in zip(case.loop.dynamometers, new.case.loop.dynamometers, strict=True)
-        if abs(after.torque_gain / before.torque_gain - 1)
-        > LEAST_SHIFT * _half_width(case, f"dynamometers.{before.name}")
-    ]
-    moved = [
-        f"{before.name} is {_with(after.value, after.half_width / COVERAGE_FACTOR)} instead of {before.value:.4g}"
-        for before, after in zip(case.uncertainty.uncertain, new.case.uncertainty.uncertain, strict=True)
-        if not before.name.endswith("_gain") and abs(after.value - before.value) > LEAST_SHIFT * before.half_width
-    ]
+    found = bed_from_recordings(
+        case, [Path(path) for path in recordings], progress, seconds, closed=bool(case.rig.free_plays), last=last,
+        channels=channels,
+    )  # fmt: skip
+    diagnosed = found.to_dict()
+    causes = [f"{cause['kind']} at {cause['at']}: {cause['evidence']}" for cause in diagnosed["causes"]]
+    widths = {quantity.name: quantity.half_width for quantity in case.uncertainty.uncertain}
+    gains, moved = [], []
+    for value in found.values:  # one at the end of its range is none that was found
+        gain = value.name.endswith(GAIN)
+        width = widths[value.name] * (value.before if gain else 1.0)
+        if not value.found or abs(value.after - value.before) <= LEAST_SHIFT * width:
+            continue
+        now = _with(value.after, value.half_width / COVERAGE_FACTOR)
+        if gain:
+            dynamometer = value.name.removeprefix("dynamometers.").removesuffix(GAIN)
+            gains.append(f"{dynamometer} gives {now} times what it is asked for, not {value.before:.4g}")
+        else:
+            moved.append(f"{value.name} is {now} instead of {value.before:.4g}")
     nothing = "The diagnosis finds no cause beyond what the case states as uncertain."
-    return Reason(diagnosis.verdict, (*judged, *([*causes, *gains, *moved] or [nothing])))
+    return Reason(found.diagnosis.verdict, (*judged, *([*causes, *gains, *moved] or [nothing])))
 
 
 def what_is_short(verification: BedVerification) -> list[str]:
@@ -753,8 +818,3 @@ def _with(value: float, standard: float) -> str:
         return f"{value:.3g}"
     digits = max(0, 1 - math.floor(math.log10(expanded)))
     return f"{value:.{digits}f} ± {expanded:.{digits}f}"
-
-
-def _half_width(case: Case, dynamometer: str) -> float:
-    widths = {quantity.name: quantity.half_width for quantity in case.uncertainty.uncertain}
-    return widths.get(f"{dynamometer}.torque_gain", 0.0)

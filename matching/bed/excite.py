@@ -556,8 +556,11 @@ class ExcitationPlan(Displayed):
         s: the recording up to here is fitted, which is all of it: a diagnosis judges by blocks, left out in turn.
     expected : tuple of Expected
         What matters most for the match first.
-    error_before, error_after : float
-        Response error from all that is not known together.
+    error_before, error_after, allowed : float
+        Response error from all that is not known together, and what the case allows.
+    longer : float
+        Times as long an excitation that leaves no more than what is allowed; 1 where this one does, infinite where none
+        does.
     used : dict
         Largest share of each limit over the beds that were simulated.
     margin, beds : float, int
@@ -577,6 +580,8 @@ class ExcitationPlan(Displayed):
     expected: tuple[Expected, ...]
     error_before: float
     error_after: float
+    allowed: float
+    longer: float
     used: dict[str, float]
     margin: float
     beds: int
@@ -592,7 +597,8 @@ class ExcitationPlan(Displayed):
             "duration": float(self.time[-1]),
             "parts": [vars(part) for part in self.parts],
             "fitted_until": self.fitted_until,
-            "response_error": {"before": self.error_before, "after": self.error_after},
+            "response_error": {"before": self.error_before, "after": self.error_after, "allowed": self.allowed},
+            "times_as_long": self.longer if np.isfinite(self.longer) else None,
             "expected": [quantity.to_dict() for quantity in self.expected],
             "limits_used": self.used,
             "margin": self.margin,
@@ -738,6 +744,7 @@ REST = 0.5  # s without excitation at the beginning
 SPEED_SHARE = 0.25  # of the largest speed: where the bed turns unless the case or the caller says otherwise
 SHORTEST_PLAN = 6.0  # s
 SHAPING_BEDS = 4  # of those simulated, that each part is made as large as possible on
+LONGEST = 100.0  # times as long as an excitation: nobody records longer to know more
 SECOND_SEED = 1  # of the last multisine: another wave than the first
 
 
@@ -784,13 +791,19 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
     recorded = np.hstack([motion.commands[:, 0], torques[:, motion.commands.shape[2] :]])
     total = information(bed, box, recorded, step, _lowest(case, order))
     names = [dynamometer.name for dynamometer in case.loop.dynamometers]
-    covariance = np.linalg.inv(total + PRIOR * np.eye(len(total)))
+
+    def left(longer: float) -> np.ndarray:
+        return np.asarray(np.linalg.inv(longer * total + PRIOR * np.eye(len(total))))
+
+    covariance, lengths = left(1.0), np.geomspace(1, LONGEST, 24)
+    enough = [longer for longer in lengths if np.sqrt(np.trace(weights @ left(longer))) <= case.tolerance]
     return ExcitationPlan(
         case.title, speed,
         {name: (float(p), float(i)) for name, p, i in zip(names, hold.proportional, hold.integral, strict=True)},
         bed.inputs, np.arange(len(torques)) * step, torques, parts, len(torques) * step,
         _expected(case, weights, covariance), float(np.sqrt(np.trace(weights) / PRIOR)),
-        float(np.sqrt(np.trace(weights @ covariance))), used, order.margin, order.beds + 1, _notes(bed, limits, within),
+        float(np.sqrt(np.trace(weights @ covariance))), case.tolerance,
+        float(min(enough, default=np.inf)), used, order.margin, order.beds + 1, _notes(bed, limits, within),
     )  # fmt: skip
 
 

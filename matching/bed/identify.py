@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from modelling.display import Displayed
 from modelling.effects.effect import place_in_words
 from modelling.errors import InputError
 from modelling.model_file import dumps
-from modelling.recordings.read import contents_of, read_recording, read_signals
+from modelling.recordings.read import Channel, contents_of, read_recording, read_signals
 from modelling.recordings.recording import Recording
 from modelling.resources import TimeLimit, limited
 from modelling.system import Effect, Quantity, System
@@ -308,7 +308,8 @@ def known_vehicle(case: Case, fitted: System, diagnosis: Diagnosis) -> KnownVehi
         start = case.vehicle.parameters[name]
         stated = before.get(full, Uncertain(full, start.value, _half_range(fitted.parameters[name])))
         box[full] = narrowed(stated, estimate, 0.0)
-        rows.append(IdentifiedValue(full, start.value, estimate.value, box[full].half_width))
+        found = not estimate.note
+        rows.append(IdentifiedValue(full, start.value, estimate.value, box[full].half_width, found))
     made = replace(
         case, vehicle=vehicle, rig=rig, residual_vehicle=cut(vehicle, rig), uncertainty=Box(tuple(box.values())),
         moves=tuple(_moved(move, values) for move in case.moves),
@@ -410,14 +411,14 @@ def vehicle_from_recordings(
 
 def bed_from_recordings(
     case: Case, recordings: Sequence[Path], progress: Progress = lambda _: None, seconds: float | None = None,
-    *, closed: bool = False, last: float | None = None,
+    *, closed: bool = False, last: float | None = None, channels: Mapping[str, Channel] | None = None,
 ) -> Identification:  # fmt: skip
     """The case with the bed that recordings show: torque commands and every sensor of the rig.
 
     ``seconds``: of the diagnosis, see :func:`_diagnosed`. ``closed``: a mean torque kept free play closed; ``last`` (s)
     of a recording are taken, None: all of it.
     """
-    read = [read_recording(path, bed_system(case)) for path in recordings]
+    read = [read_recording(path, bed_system(case), channels) for path in recordings]
     if last is not None:
         read = [one.cut(max(float(one.time[-1]) - last, float(one.time[0])), float(one.time[-1])) for one in read]
     system = recorded_bed_system(case, read, closed=closed)
@@ -425,7 +426,7 @@ def bed_from_recordings(
     made = identified_case(case, diagnosis)
     after = {quantity.name: quantity for quantity in made.case.uncertainty.uncertain}
     values = tuple(_identified(quantity, after[quantity.name], case, made.case, diagnosis)
-                   for quantity in case.uncertainty.uncertain)  # fmt: skip
+                   for quantity in case.uncertainty.without("vehicle.").uncertain)  # fmt: skip
     early = _ended_early(limit)
     return Identification(made.case, diagnosis, values, (*early, *made.notes), limit.seconds if early else None)
 

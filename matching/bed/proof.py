@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -30,12 +30,13 @@ from matching.bed.excite import (
 )
 from matching.bed.measured import MeasuredFunction, MeasuredMode, measured_mode
 from matching.bed.verify import (
+    LARGEST_UNKNOWN,
+    SUFFICIENT,
     UNKNOWN_VARIANCE,
-    Lines,
-    between_lines,
+    Figures,
     log_weights,
-    square_variance,
     standard_uncertainty,
+    together_variance,
 )
 from matching.export import exported_controller
 from matching.match.case import Case
@@ -50,8 +51,8 @@ from modelling.errors import InputError, listed
 class ProofSettings:
     """What a proof is planned by; the origin of a number is given where it is not a choice."""
 
-    longest: float = 120.0  # s: what a bed gives to one recording
-    sufficient: float = 1 / 3  # of a tolerance: standard uncertainty that decides
+    longest: float = 180.0  # s: what a bed gives to one recording
+    sufficient: float = SUFFICIENT  # of a tolerance: standard uncertainty that decides
     least_periods: int = 2  # fewer leave no bin between the lines for the noise
     below_band: float = 0.7  # of the band's lower end: modes near it are fitted with what lies below
     above_band: float = 1.2  # of the band's upper end
@@ -468,7 +469,8 @@ class _Told:
         compared = ComparedBed(case)
         answers = compared.at(frequencies)
         drawn = slice(1, None) if len(beds.outputs) > 1 else slice(None)  # the planned bed comes first
-        self._drawn: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}  # of every bed: error (f,), noise (f, n)
+        # of every bed: frequencies (f,), response of the vehicle (f,), error (f,) and noise (f, n) of the bed's
+        self._drawn: dict[str, list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]] = {}
         self._sources: dict[str, str] = {}
         self._functions: dict[str, MeasuredFunction] = {}
         self._kinds: dict[str, list[str]] = {}
@@ -478,11 +480,13 @@ class _Told:
             # a cosine of amplitude A is A·√t/2 in a spectrum over √t of t samples, where noise has its variance
             line = np.abs(spectra[own, e]) * math.sqrt(times.samples) / 2
             name = f"{source} → {sensor}"
-            outputs = beds.outputs[drawn][:, own, y, e]
             self._sources[name] = source
+            inside = own & (frequencies >= case.band[0]) & (frequencies <= case.band[1])
+            line_inside, vehicle = line[inside[own]], answers.vehicle[inside, h]
+            outputs = beds.outputs[drawn][:, inside, y, e]
             self._drawn[name] = [
-                (np.log(output / answers.vehicle[own, h]), noise / (line * output)[:, None])
-                for output, noise in zip(outputs, beds.noise[drawn][:, own, y], strict=True)
+                (frequencies[inside], vehicle, np.log(output / vehicle), noise / line_inside[:, None])
+                for output, noise in zip(outputs, beds.noise[drawn][:, inside, y], strict=True)
             ]
             self._functions[name] = MeasuredFunction(
                 frequencies[own],
@@ -521,6 +525,8 @@ class _Told:
         part, found = self._settings.sufficient, {}
         for one in self.expected(periods):
             found[f"the response error to {one.name} torques"] = one.largest / (part * one.allowed)
+        for name, whole in self._functions.items():
+            found[f"the response {name}"] = self._hidden(whole, periods)
         shown = self.modes(periods)
         for target, _ in self._targets:
             mode = shown[target.mode]
@@ -539,41 +545,44 @@ class _Told:
             errors = tuple(part * allowed[kind] for part in self._settings.errors)
             uncertainties = []
             for error in errors:
-                variance = self._square_variance(names, periods, error) / len(names) ** 2
-                uncertainties.append(standard_uncertainty(error**2, math.sqrt(variance)))
+                spread = math.sqrt(self._square_variance(names, periods, error))
+                uncertainties.append(standard_uncertainty(error**2, spread))
             found.append(ExpectedUncertainty(kind, allowed[kind], errors, tuple(uncertainties)))
         return tuple(found)
 
     def _square_variance(self, names: Sequence[str], periods: int, error: float) -> float:
-        """Of the sum of functions' mean squares, on beds that are off as drawn ones are, more or less: mean over
-        these."""
+        """Of the mean square of functions, on beds that are off as drawn ones are, more or less: mean over these.
+        Functions that would not be judged are left out; infinite where none would be."""
         total = 0.0
-        for source in dict.fromkeys(self._sources[name] for name in names):
-            own = [name for name in names if self._sources[name] == source]
-            beds = zip(*(self._drawn[name] for name in own), strict=True)
-            found = [
-                square_variance([self._lines_of(name, of_bed, periods, error)
-                                 for name, of_bed in zip(own, bed, strict=True)])
-                for bed in beds
-            ]  # fmt: skip
-            total += float(np.mean(found))
-        return total
+        for beds in zip(*(self._drawn[name] for name in names), strict=True):
+            figures = [
+                replace(self._figures(of_bed, periods, error), source=self._sources[name])
+                for name, of_bed in zip(names, beds, strict=True)
+            ]
+            shown = [one for one in figures if one.known]
+            total += together_variance(shown) / len(shown) ** 2 if shown else math.inf
+        return total / len(self._drawn[names[0]])
 
-    def _lines_of(self, name: str, of_bed: tuple[np.ndarray, np.ndarray], periods: int, error: float) -> Lines:
-        """A function of a bed after so many periods, its error scaled to ``error``."""
-        off, noise = of_bed
-        frequencies = self._functions[name].frequencies
-        inside = (frequencies >= self._case.band[0]) & (frequencies <= self._case.band[1])
-        off, noise = off[inside], noise[inside] / math.sqrt(periods)
-        shown = np.sum(np.abs(noise) ** 2, axis=1) < UNKNOWN_VARIANCE
-        share = np.where(shown, log_weights(frequencies[inside], self._case.band), 0.0)
-        share /= max(share.sum(), 1e-300)
-        size = math.sqrt(max(float(share @ np.abs(off) ** 2), 1e-300))
-        scaled = error / size * off
-        if not shown.any():
-            return Lines(share, scaled, noise, np.ones(len(share)), math.inf)
-        between = between_lines(frequencies[inside][shown], np.abs(scaled[shown]) ** 2, self._case.band)
-        return Lines(share, scaled, noise, np.ones(len(share)), between)
+    def _figures(self, of_bed: tuple[np.ndarray, ...], periods: int, error: float) -> Figures:
+        """As a function of a bed would be judged after so many periods, its error scaled to ``error``."""
+        frequencies, vehicle, off, noise = of_bed
+        noise = noise / math.sqrt(periods)
+        share = log_weights(frequencies, self._case.band)
+        scaled = error / math.sqrt(max(float(share @ np.abs(off) ** 2), 1e-300)) * off
+        # what is read has its noise on it
+        relative = np.sum(np.abs(noise) ** 2, axis=1) / np.abs(vehicle * np.exp(scaled)) ** 2
+        directed = np.where(np.abs(off) > 0, off / np.maximum(np.abs(off), 1e-300), 1.0)
+        read = vehicle * np.exp(directed * np.sqrt(np.abs(scaled) ** 2 + np.minimum(relative, 1.0)))
+        function = MeasuredFunction(frequencies, read, noise, np.ones(len(frequencies)))
+        return Figures.of(function, vehicle, vehicle, self._case.band)
+
+    def _hidden(self, whole: MeasuredFunction, periods: int) -> float:
+        """Noise of a function over the noise with which as much of the band shows as a verdict needs."""
+        function = whole.within(*self._case.band)
+        relative = np.sqrt(function.variances / periods / UNKNOWN_VARIANCE) / np.abs(function.values)
+        order = np.argsort(relative)
+        shown = np.cumsum(log_weights(function.frequencies, self._case.band)[order])
+        return float(relative[order][np.searchsorted(shown, 1 - LARGEST_UNKNOWN)])
 
     def visible(self, periods: int) -> dict[str, float]:
         """Share of the band where each compared function shows."""

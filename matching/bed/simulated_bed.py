@@ -563,7 +563,8 @@ def emulated_recording(
     speed : float
         rad/s of the rotors before.
     replayed : SupervisedController, optional
-        The same controller in Python, which says which reading led to a fault where ``controller`` does not.
+        The same controller in Python, at its beginning. After a fault it gets what ``controller`` got, and says which
+        reading led to it.
 
     Raises
     ------
@@ -583,15 +584,18 @@ def emulated_recording(
     bed.begin(speed)
     # the bed holds a motor's torque over a sample; one of the road is only read by the controller, at the sample
     as_linear = np.where([name in drives for name in inputs], held_as_linear(torques), torques)
+    given = []  # what the controller got
     for i, torque in enumerate(torques):
         now, meant = (dict(zip(inputs, values, strict=True)) for values in (torque, as_linear[i]))
         readings[i] = bed.readings()
         known = np.array([meant.get(name, 0.0) for name in law.known])
         mode = SPEED_HOLD if i < before // 2 else EMULATION
-        answer = controller.step(readings[i, at], known, mode, hold, i, trigger=i >= before)
-        if replayed is not None:
-            replayed.step(readings[i, at], known, mode, hold, i, trigger=i >= before)
+        given.append((readings[i, at], known, mode, hold, i))
+        answer = controller.step(*given[-1], trigger=i >= before)
         if answer.fault:
+            if replayed is not None:
+                for n, one in enumerate(given):
+                    replayed.step(*one, trigger=n >= before)
             held = np.hstack([as_linear[: i + 1], held_as_linear(sent[: i + 1])])
             text = run_csv(case, bed, step, held, readings[: i + 1], (*inputs, *commanded))
             reason = getattr(replayed or controller, "reason", "")

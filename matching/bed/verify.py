@@ -7,7 +7,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from matching.bed.measured import (
 )
 from matching.bed.plausible import check_recording
 from matching.match.box import Box, of_system
-from matching.match.case import Case
+from matching.match.case import Case, once_per_case
 from matching.match.loop import bed_set, controller_of, frequency_response, responses, vehicle_response
 from matching.match.responses import ComparedBed, Responses
 from matching.match.targets import target_modes
@@ -165,6 +165,51 @@ class FunctionCurves:
 
 
 @dataclass(frozen=True)
+class OpenQuestion:
+    """What recordings leave undetermined, and what would decide it.
+
+    Attributes
+    ----------
+    name : str
+        ``response error to … torques``, ``frequency`` or ``damping ratio of vehicle mode …``.
+    expanded : float
+        Expanded uncertainty (k = 2) with which it is known, in ``unit``; NaN where it does not show above the noise.
+    allowed : float
+        By the case.
+    unit : str
+        Empty for a ratio.
+    longer : float
+        Times as long a recording under the same torques that would do, as far as its noise decides; infinite where none
+        does. Its square root is the factor on the torques.
+    of_vehicle : bool
+        Whether no recording decides it for what is not known of the vehicle.
+    """
+
+    name: str
+    expanded: float
+    allowed: float
+    unit: str
+    longer: float
+    of_vehicle: bool = False
+
+    @property
+    def because(self) -> str:
+        """``near_limit``, or where even a bed without any error would stay undetermined ``vehicle`` or ``excitation``:
+        that is too weak for the question."""
+        if self.expanded <= self.allowed:
+            return "near_limit"
+        return "vehicle" if self.of_vehicle else "excitation"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``verification.json`` holds it; what is not known is null."""
+        return {
+            "name": self.name, "expanded_uncertainty": self.expanded if math.isfinite(self.expanded) else None,
+            "allowed": self.allowed, "unit": self.unit, "because": self.because,
+            "times_as_long": self.longer if math.isfinite(self.longer) else None,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
 class BedVerification(Displayed):
     """The judgement of recordings of a controlled bed.
 
@@ -182,6 +227,10 @@ class BedVerification(Displayed):
     band : tuple of float
         Hz.
     notes : tuple of str
+    open : tuple of OpenQuestion
+        What the recordings do not decide; what their excitation is too weak for comes first.
+    duration : float
+        Of all recordings together, s.
     """
 
     title: str
@@ -193,12 +242,16 @@ class BedVerification(Displayed):
     fidelity: tuple[RecordedFidelity, ...]
     curves: tuple[FunctionCurves, ...]
     notes: tuple[str, ...]
+    open: tuple[OpenQuestion, ...] = ()
+    duration: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """As ``verification.json`` holds it."""
         return {
             "title": self.title,
             "status": self.status,
+            "open": [question.to_dict() for question in self.open],
+            "duration": self.duration,
             "band": list(self.band),
             "coverage_factor": COVERAGE_FACTOR,
             "errors": [error.to_dict() for error in self.errors],
@@ -216,6 +269,8 @@ LARGEST_UNKNOWN = 0.2  # share of the band that may lie in the noise
 IN_NOISE = 0.3  # of a response over its square: beyond it what was read is judged beside the lines around it
 NEGLIGIBLE = 0.1  # of what the case allows: a smaller error is none that the prediction could be blamed for
 RICHARDSON = 3.0  # 2² − 1: the trapezoidal rule is of second order
+SUFFICIENT = 1 / 3  # of a tolerance: standard uncertainty that decides; a proof is planned by it
+LONGEST = 100.0  # times as long as a recording: nobody records longer to decide a question
 CORRECTED = 0.5  # of what the spectral lines change: half-width of what is left after its correction
 
 
@@ -371,7 +426,7 @@ def square_variance(functions: Sequence[Lines]) -> float:
     return float(of_lines @ functions[0].shared) + sum(one.between**2 for one in functions)
 
 
-def _variance(figures: Sequence[Figures]) -> float:
+def together_variance(figures: Sequence[Figures]) -> float:
     """Of the sum of the functions' mean squares."""
     total = 0.0
     together: dict[str, list[Lines]] = {}
@@ -420,7 +475,7 @@ def judged(name: str, figures: Sequence[Figures], expected: float, allowed: floa
     lines = float(np.mean([figure.resolution for figure in shown]))
     square = float(np.mean([figure.square for figure in shown])) - lines
     rest = CORRECTED * abs(lines) / math.sqrt(3)
-    spread = math.hypot(math.sqrt(_variance(shown)) / len(shown), rest)
+    spread = math.hypot(math.sqrt(together_variance(shown)) / len(shown), rest)
     if shown[0].vehicles.size:  # the same drawn vehicles for all functions
         changes = np.mean([figure.vehicles for figure in shown], axis=0)
         spread = math.hypot(spread, float(np.sqrt(np.mean(changes**2))))
@@ -442,6 +497,7 @@ POINTS = 60  # frequencies over the band
 SHARE = 0.95  # of the beds that have no larger error
 
 
+@once_per_case
 def drawn_squares(case: Case) -> np.ndarray:
     """Mean squares (b, h) of |log(H_bed/H_vehicle)| of drawn beds against the vehicle as the case has it."""
     box = case.uncertainty
@@ -736,26 +792,55 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
     units = {part.name: part.unit for part in case.rig.sensors}
     allowed = {"measured": case.tolerance, "unmeasured": case.unmeasured_tolerance}
     drawn = drawn_squares(case)
-    errors = []
+    errors, questions = [], list[OpenQuestion]()
     for kind in dict.fromkeys(function.kind for function in shown.functions):
         alike = [function for function in shown.functions if function.kind == kind]
-        counted = [function for function in alike if function.figures.known] or alike
-        expected = largest_expected(drawn[:, [function.number for function in counted]])
-        errors.append(judged(kind, [function.figures for function in alike], expected, allowed[kind]))
+
+        def of_kind(
+            longer: float, known_vehicle: bool = False, kind: str = kind, alike: list[_Function] = alike
+        ) -> ErrorJudgement:
+            """As a recording so many times as long would be judged, and with all known of the vehicle."""
+            figures = [one.figures_of(longer, known_vehicle) if longer > 1 else one.figures for one in alike]
+            counted = [one.number for one, known in zip(alike, figures, strict=True) if known.known]
+            expected = largest_expected(drawn[:, counted or [one.number for one in alike]])
+            return judged(kind, figures, expected, allowed[kind])
+
+        errors.append(of_kind(1.0))
+        if errors[-1].status == "undetermined":
+            questions.append(_open_error(errors[-1], of_kind))
     each = [
         judged(
             function.name, [function.figures], largest_expected(drawn[:, [function.number]]), allowed[function.kind]
         )
         for function in shown.functions
     ]  # fmt: skip
-    mode_checks = _modes(case, shown)
+    mode_checks, of_modes = _modes(case, shown)
+    questions = sorted([*questions, *of_modes], key=lambda question: question.because)
+    duration = sum(float(np.ptp(recording.time)) for recording in recorded.recordings)
     fidelity = tuple(recorded_fidelity(case, recorded, recording) for recording in recorded.recordings)
     states = [*(checked.status for checked in errors), *(checked.status for checked in mode_checks)]
     curves = tuple(function.curves(units[function.sensor]) for function in shown.functions)
     return BedVerification(
         case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(mode_checks), fidelity, curves,
-        (*recorded.notes, *_hidden(shown.functions)),
+        (*recorded.notes, *_hidden(shown.functions)), tuple(questions), duration,
     )  # fmt: skip
+
+
+def _open_error(now: ErrorJudgement, of_kind: Callable[..., ErrorJudgement]) -> OpenQuestion:
+    """What would decide an undetermined response error: the shortest recording, by steps of a half in noise power."""
+    name, expanded = f"response error to {now.name} torques", COVERAGE_FACTOR * now.uncertainty
+
+    def decides(then: ErrorJudgement) -> bool:
+        """Also of a bed without error, whatever is read of it."""
+        reach = math.sqrt(max(then.interval[1] ** 2 - then.value**2, 0.0))
+        enough = reach <= COVERAGE_FACTOR * SUFFICIENT * now.allowed
+        return enough and (not expanded <= now.allowed or then.status != "undetermined")
+
+    longer = 1.0
+    while (longer := 1.5 * longer) < LONGEST:
+        if decides(of_kind(longer)):
+            return OpenQuestion(name, expanded, now.allowed, "", longer)
+    return OpenQuestion(name, expanded, now.allowed, "", math.inf, decides(of_kind(LONGEST, True)))
 
 
 @dataclass(frozen=True)
@@ -763,7 +848,8 @@ class _Function:
     """A compared function with number ``number`` of the case: what was measured of it, also near modes, and figures.
 
     ``kind`` says whether its torque is ``measured`` or ``unmeasured``; ``vehicle`` and ``matched`` (f,) are the
-    responses of vehicle and prediction at the same frequencies.
+    responses of vehicle and prediction at the same frequencies, ``drawn`` (b, f) those of drawn vehicles;
+    ``resolution`` as in :class:`Figures`.
     """
 
     kind: str
@@ -774,11 +860,42 @@ class _Function:
     around: Callable[[np.ndarray], MeasuredFunction]
     vehicle: np.ndarray
     matched: np.ndarray
-    figures: Figures
+    drawn: np.ndarray
+    band: tuple[float, float]
+    resolution: float = 0.0
 
     @property
     def name(self) -> str:
         return f"{self.input} → {self.sensor}"
+
+    @cached_property
+    def figures(self) -> Figures:
+        return self.figures_of(1.0)
+
+    def figures_of(self, longer: float, known_vehicle: bool = False) -> Figures:
+        """As if the noise were that of a recording so many times as long, with less of it on what was read.
+
+        Where noise hides the response, it is taken as predicted.
+        """
+        measured = self.measured
+        if longer != 1:
+            relative, share = (
+                measured.variances / np.abs(self.matched) ** 2,
+                log_weights(measured.frequencies, self.band),
+            )
+            with np.errstate(invalid="ignore", divide="ignore"):
+                error = np.log(measured.values / self.vehicle)
+                shown = np.isfinite(error) & (relative < UNKNOWN_VARIANCE)
+                squares = np.where(shown, np.abs(error) ** 2, 0.0)
+                # noise is taken off the sum of squares: single ones are off by as much as it
+                rest = max(1 - float(share @ np.where(shown, relative, 0.0)) / max(float(share @ squares), 1e-300), 0.0)
+                own = np.where(shown, rest * squares, np.abs(np.log(self.matched / self.vehicle)) ** 2)
+                less = np.sqrt((own + relative / longer) / np.abs(error) ** 2)
+            values = np.where(np.isfinite(less), self.vehicle * np.exp(less * error), self.matched)
+            measured = replace(measured, values=values, noise=measured.noise / math.sqrt(longer))
+        drawn = None if known_vehicle else self.drawn
+        figures = Figures.of(measured, self.vehicle, self.matched, self.band, drawn)
+        return replace(figures, source=self.input, resolution=self.resolution)
 
     def curves(self, unit: str) -> FunctionCurves:
         """What a figure of it draws."""
@@ -825,15 +942,15 @@ def _shown(case: Case, recorded: BedRecordings) -> _Shown:
         if not len(grid) or not np.array_equal(grid, function.frequencies):  # a torque's functions share theirs
             grid = function.frequencies
             answers, vehicles = bed.at(grid), drawn_vehicles(case, grid)
-        vehicle, matched = answers.vehicle[:, h], answers.matched[:, h]
-        figures = replace(Figures.of(function, vehicle, matched, case.band, vehicles[:, :, h]), source=source)
+        vehicle, matched, resolution = answers.vehicle[:, h], answers.matched[:, h], 0.0
         if periodic is None:
             repeated = Figures.of(
                 replace(again.function(y, u), noise=np.zeros((len(every), 1))), vehicle, matched, case.band
             )
-            figures = replace(figures, resolution=repeated.square - repeated.predicted)
+            resolution = repeated.square - repeated.predicted
         kind = "measured" if is_measured else "unmeasured"
-        found.append(_Function(kind, h, source, sensor, function, around, vehicle, matched, figures))
+        found.append(_Function(kind, h, source, sensor, function, around, vehicle, matched, vehicles[:, :, h],
+                               case.band, resolution))  # fmt: skip
     return _Shown(tuple(found), bed)
 
 
@@ -918,9 +1035,9 @@ def _predicted_again(
     return estimated_response(predicted, grid)
 
 
-def _modes(case: Case, shown: _Shown) -> list[ModeJudgement]:
+def _modes(case: Case, shown: _Shown) -> tuple[list[ModeJudgement], list[OpenQuestion]]:
     """Target modes by one estimator for vehicle, prediction and bed: the same frequencies, weights and shape."""
-    out = []
+    out, questions = [], list[OpenQuestion]()
     for target, (_, mode) in zip(case.targets, target_modes(case), strict=True):
         if not case.band[0] <= mode.frequency <= case.band[1]:
             continue
@@ -940,39 +1057,66 @@ def _modes(case: Case, shown: _Shown) -> list[ModeJudgement]:
             continue
         start = predicted or vehicle
         fitted = measured_mode(bed, start.frequency, start.damping_ratio)
-        status = _mode_status(fitted, vehicle, predicted, target.frequency_tolerance, target.damping_tolerance)
+        rows = _of_mode(fitted, vehicle, predicted, target.frequency_tolerance, target.damping_tolerance)
+        questions += [own.question(target.mode) for own in rows if own.status == "undetermined"]
         out.append(
             ModeJudgement(
                 target.mode, (vehicle.frequency, vehicle.damping_ratio),
-                None if predicted is None else (predicted.frequency, predicted.damping_ratio), fitted, status,
+                None if predicted is None else (predicted.frequency, predicted.damping_ratio), fitted,
+                _together([own.status for own in rows]),
             )
         )  # fmt: skip
-    return out
+    return out, questions
 
 
-def _mode_status(
+@dataclass(frozen=True)
+class _OfMode:
+    """A mode's frequency (Hz) or damping ratio: how far it is off, its expanded uncertainty, and what is allowed."""
+
+    name: str
+    off: float
+    expanded: float
+    limit: float
+    unit: str
+
+    @property
+    def status(self) -> str:
+        """Short where it is further off than allowed, and than predicted, beyond its uncertainty."""
+        if self.off - self.expanded > self.limit:
+            return "short"
+        return "as_predicted" if self.off <= self.limit and self.expanded <= self.limit else "undetermined"
+
+    def question(self, number: int) -> OpenQuestion:
+        """What would decide it, where it is undetermined."""
+        longer = math.inf
+        if math.isfinite(self.expanded):
+            enough = COVERAGE_FACTOR * SUFFICIENT * self.limit
+            if self.expanded <= self.limit:
+                enough = min(enough, self.off - self.limit)
+            longer = (self.expanded / enough) ** 2 if enough > 0 else math.inf
+        longer = longer if longer < LONGEST else math.inf
+        return OpenQuestion(f"{self.name} of vehicle mode {number}", self.expanded, self.limit, self.unit, longer)
+
+
+def _of_mode(
     measured: MeasuredMode | None,
     vehicle: MeasuredMode,
     predicted: MeasuredMode | None,
     relative: float,
     damping: float,
-) -> str:
-    """Short where a deviation is larger than allowed, and than predicted, beyond its uncertainty."""
-    if measured is None:
-        return "undetermined"
+) -> list[_OfMode]:
+    """Frequency and damping ratio of a mode next to the vehicle's; one row without uncertainty where it does not
+    show."""
     promised = vehicle if predicted is None else predicted
-    states = []
-    for value, u, right, expected, tolerance in (
-        (
-            measured.frequency, measured.frequency_uncertainty, vehicle.frequency, promised.frequency,
-            relative * vehicle.frequency,
-        ),
-        (measured.damping_ratio, measured.damping_uncertainty, vehicle.damping_ratio, promised.damping_ratio, damping),
+    tolerances = (relative * vehicle.frequency, damping)
+    rows = []
+    for what, name, unit, tolerance in zip(
+        ("frequency", "damping_ratio"), ("frequency", "damping ratio"), ("Hz", ""), tolerances, strict=True
     ):  # fmt: skip
-        limit = max(tolerance, abs(expected - right))
-        off, expanded = abs(value - right), COVERAGE_FACTOR * u
-        if off - expanded > limit:
-            states.append("short")
-        else:
-            states.append("as_predicted" if off <= limit and expanded <= limit else "undetermined")
-    return _together(states)
+        right, uncertainty = getattr(vehicle, what), f"{what.removesuffix('_ratio')}_uncertainty"
+        limit = max(tolerance, abs(getattr(promised, what) - right))
+        if measured is None:
+            return [_OfMode(name, math.nan, math.nan, limit, unit)]
+        expanded = COVERAGE_FACTOR * getattr(measured, uncertainty)
+        rows.append(_OfMode(name, abs(getattr(measured, what) - right), expanded, limit, unit))
+    return rows

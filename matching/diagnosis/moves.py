@@ -128,7 +128,8 @@ class Search:
         model = ExtendedModel(system, (), dict(base_fit.problem.bounds), base_fit.values, recorded=recorded)
         base = Hypothesis(model, base_fit)
         draws = screening.draws = NoiseDraws(screening.mask.ravel(), screening.free)
-        candidates = best_by_candidate(screening.candidates())
+        # of a model that leaves noise alone no candidate is ever asked for
+        candidates = [] if scatters_only(base) else best_by_candidate(screening.candidates())
         screening.draws = None
         self.known: dict[tuple[Cause, ...], tuple[Screening, list[ScreenedCandidate]]] = {(): (screening, candidates)}
         self.state = Selection(base, base, screening, candidates, draws.threshold())

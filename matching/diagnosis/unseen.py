@@ -98,11 +98,13 @@ def unseen_errors(fit: Fit, blocks: Blocks) -> list[np.ndarray]:
         return errors
     left_out = _LeftOut(fit, number, blocks.count)
     v, costs, gradients = np.repeat(fit.v[None], blocks.count, axis=0), *left_out.at_fit()
+    worth = np.zeros(blocks.count, bool)  # blocks without which the fit would be another
     for number_of_step in range(STEPS):
         steps, promised = left_out.steps(v, gradients)
-        enough = not (promised > np.maximum(ENOUGH, ENOUGH_SHARE * costs)).any() or time_is_over()
-        if number_of_step and enough:
+        more = promised > np.maximum(ENOUGH, ENOUGH_SHARE * costs)
+        if number_of_step and (not more.any() or time_is_over()):
             break
+        worth |= more
         moved = np.clip(v + steps, fit.problem.lower, fit.problem.upper)
         new, costs_there, gradients_there = left_out.errors(moved)
         taken = costs_there < costs + ENOUGH
@@ -111,7 +113,7 @@ def unseen_errors(fit: Fit, blocks: Blocks) -> list[np.ndarray]:
         v[taken], costs[taken], gradients[:, taken] = moved[taken], costs_there[taken], gradients_there[:, taken]
         if not taken.any():
             break
-    for block in np.flatnonzero((v == fit.v).all(axis=1)):  # no step leads to the fit without the block
+    for block in np.flatnonzero((v == fit.v).all(axis=1) & worth):  # no step leads to the fit without the block
         new, _, _ = left_out.errors(np.repeat(_refitted(fit, number, int(block))[None], blocks.count, axis=0))
         for own, part, there in zip(number, errors, new, strict=True):
             part[own == block] = there[own == block]

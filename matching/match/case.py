@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import weakref
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -190,6 +192,24 @@ class Case:
 # --- Limits that one dynamometer has for itself.
 
 LIMITS_OF_ALL = {"torque": "dynamometer_torque", "command_noise": "command_noise"}  # by what a dynamometer's own limits
+
+
+Made = TypeVar("Made")
+
+
+def once_per_case(function: Callable[[Case], Made]) -> Callable[[Case], Made]:
+    """A function of a case alone, whose answer is kept as long as that very case: a case does not change."""
+    answers: dict[int, Made] = {}
+
+    @wraps(function)
+    def kept(case: Case) -> Made:
+        key = id(case)
+        if key not in answers:
+            answers[key] = function(case)
+            weakref.finalize(case, answers.pop, key, None)
+        return answers[key]
+
+    return kept
 
 
 def limit_of_all(key: str) -> str:

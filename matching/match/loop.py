@@ -14,15 +14,15 @@ from matching.match.box import of_system
 from matching.match.case import Case
 from matching.match.damping import asked_damping
 from matching.match.requirements import Requirements
-from modelling.bed.bed import ControlLaw, DelayedBed, Dynamometer, Loop, delayed_bed
+from modelling.bed.bed import ControlLaw, DelayedBed, Dynamometer, Loop, delayed_beds
 from modelling.bed.vehicle import FeedForward, Interface, cut
 from modelling.controller.law import law_of_feed_forward, law_of_feedback
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
 from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
-from modelling.linear.resolvent import Resolvent, resolvent, transfer
-from modelling.linear.state_space import StateSpace, state_space
+from modelling.linear.resolvent import Resolvent, resolvent, resolvents, transfer
+from modelling.linear.state_space import StateSpace, state_spaces
 from modelling.modal.modes import images
 from modelling.resources import threads
 from modelling.system import Sensor, System
@@ -281,51 +281,80 @@ def compared_sensors(case: Case) -> list[str]:
 
 def bed_of(case: Case, values: Mapping[str, float]) -> Bed:
     """The bed with some values (:class:`matching.match.box.Uncertain`) other than the case's, SI."""
-    of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
-    return assembled_bed(case, state_space(case.rig, of_rig), values)
+    return beds_of(case, [values])[0]
+
+
+def beds_of(case: Case, values: Sequence[Mapping[str, float]]) -> list[Bed]:
+    """:func:`bed_of` for many sets of values, worked out together."""
+    of_rig = [
+        {name.removeprefix("rig."): value for name, value in one.items() if name.startswith("rig.")} for one in values
+    ]
+    return assembled_beds(case, state_spaces(case.rig, of_rig), values) if of_rig else []
 
 
 def assembled_bed(case: Case, rig: StateSpace, values: Mapping[str, float]) -> Bed:
     """The bed of a linear rig, lags, dead time and gains from ``values`` or the case."""
-    loop, n = case.loop, len(rig.A)
-    A, commands, readings = with_hardware(loop, rig.A, rig.input, rig.output, values)
-    delay = loop.command_delays(values.get("loop.dead_time"))
-    torques = np.zeros((len(A), len(disturbing(case))))
-    rows = [rig.outputs.index(name) for name in compared_sensors(case)]
-    columns = [rig.inputs.index(name) for name in disturbing(case)]
-    torques[:n] = rig.B[:, columns]
-    compared = np.hstack([rig.C[rows], np.zeros((len(rows), loop.lag_states))])
-    own = np.linalg.eigvals(rig.A)
-    own = own[own.imag > 0]
-    open_loop = least_damping(own, 2 * np.pi * case.limits["rolled_off_from"])
-    sampled = delayed_bed(A, commands, torques, delay, loop["sample_time"])
-    return Bed(A, commands, torques, readings, compared, rig.D[np.ix_(rows, columns)], delay, sampled, own, open_loop)
+    return assembled_beds(case, [rig], [values])[0]
+
+
+def assembled_beds(case: Case, rigs: Sequence[StateSpace], values: Sequence[Mapping[str, float]]) -> list[Bed]:
+    """:func:`assembled_bed` of linear rigs (b) that differ in their values alone."""
+    loop, space = case.loop, rigs[0]
+    A, B, C, D = (np.stack([getattr(rig, name) for rig in rigs]) for name in "ABCD")
+    n = A.shape[1]
+    own_modes = np.linalg.eigvals(A).astype(complex)
+    A, commands, readings = with_hardware(
+        loop, A, lambda name: B[:, :, space.inputs.index(name)], lambda name: C[:, space.outputs.index(name)], values
+    )  # fmt: skip
+    delays = np.stack([loop.command_delays(one.get("loop.dead_time")) for one in values])
+    torques = np.zeros((*A.shape[:2], len(disturbing(case))))
+    rows = [space.outputs.index(name) for name in compared_sensors(case)]
+    columns = [space.inputs.index(name) for name in disturbing(case)]
+    torques[:, :n] = B[:, :, columns]
+    compared = np.concatenate([C[:, rows], np.zeros((len(rigs), len(rows), loop.lag_states))], axis=2)
+    at_once = D[:, rows][:, :, columns]
+    beds = []
+    sampled = delayed_beds(A, commands, torques, delays, loop["sample_time"])
+    for i, modes in enumerate(own_modes):
+        own = modes[modes.imag > 0]
+        fast = least_damping(own, 2 * np.pi * case.limits["rolled_off_from"])
+        beds.append(
+            Bed(A[i], commands[i], torques[i], readings[i], compared[i], at_once[i], delays[i], sampled[i], own, fast)
+        )
+    return beds
 
 
 def with_hardware(
     loop: Loop, A: np.ndarray, column: Callable[[str], np.ndarray], row: Callable[[str], np.ndarray],
-    values: Mapping[str, float],
+    values: Sequence[Mapping[str, float]],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """A mechanical system (n states) with inverters and flanges: A, commands, readings of :class:`Bed`.
+    """Mechanical systems A (b, n, n) with inverters and flanges: A, commands, readings of :class:`Bed`, each with b.
 
-    ``column`` and ``row`` give what an input does and what a sensor reads, (n,) by name. The states of inverters (k)
+    ``column`` and ``row`` give what an input does and what a sensor reads, (b, n) by name. The states of inverters (k)
     and of flanges (f) follow the system's.
     """
-    lag, sensor_lag = (loop.lags(name, values.get(f"loop.{name}")) for name in ("inverter_lag", "torque_sensor_lag"))
-    n, k = len(A), len(loop.dynamometers)
-    whole = block_diag(A, -np.diag(1 / lag), -np.diag(1 / sensor_lag[loop.with_flange]))
-    commands, readings = np.zeros((len(whole), k)), np.zeros((len(loop.controller_sensors), len(whole)))
+    lag, sensor_lag = (
+        np.stack([loop.lags(name, one.get(f"loop.{name}")) for one in values])
+        for name in ("inverter_lag", "torque_sensor_lag")
+    )  # (b, k)
+    count, n, k = len(A), A.shape[1], len(loop.dynamometers)
+    size = n + k + len(loop.with_flange)
+    whole, commands = np.zeros((count, size, size)), np.zeros((count, size, k))
+    readings = np.zeros((count, len(loop.controller_sensors), size))
+    whole[:, :n, :n] = A
     for i, name in enumerate(loop.controller_sensors):
-        readings[i, :n] = row(name)
+        readings[:, i, :n] = row(name)
     for i, j in enumerate(loop.with_flange):
-        whole[n + k + i, :n] = readings[i, :n] / sensor_lag[j]
-        readings[i] = np.eye(1, len(whole), n + k + i)
+        whole[:, n + k + i, :n] = readings[:, i, :n] / sensor_lag[:, j, None]
+        whole[:, n + k + i, n + k + i] = -1 / sensor_lag[:, j]
+        readings[:, i] = np.eye(1, size, n + k + i)
     for j, dynamometer in enumerate(loop.dynamometers):
-        gain = values.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0)
-        whole[:n, n + j] = gain * column(dynamometer.torque_input)
-        commands[n + j, j] = 1 / lag[j]
-    readings *= np.array([[values.get(f"sensors.{name}.gain", 1.0)] for name in loop.controller_sensors])
-    return whole, commands, readings
+        gain = np.array([one.get(f"dynamometers.{dynamometer.name}.torque_gain", 1.0) for one in values])
+        whole[:, :n, n + j] = gain[:, None] * column(dynamometer.torque_input)
+        whole[:, n + j, n + j] = -1 / lag[:, j]
+        commands[:, n + j, j] = 1 / lag[:, j]
+    gains = [[one.get(f"sensors.{name}.gain", 1.0) for name in loop.controller_sensors] for one in values]
+    return whole, commands, readings * np.array(gains)[:, :, None]
 
 
 def least_damping(modes: np.ndarray, from_rad_s: float) -> float:
@@ -336,10 +365,19 @@ def least_damping(modes: np.ndarray, from_rad_s: float) -> float:
 
 def vehicle_response(case: Case, values: Mapping[str, float], frequencies: np.ndarray) -> np.ndarray:
     """Compared functions (f, h) of the vehicle whose shared components have the bed's values."""
-    space = state_space(case.vehicle, of_system(values, case.vehicle))
-    H = transfer(space.A, space.B, space.C, space.D, 2j * np.pi * frequencies)
-    rows = [space.outputs.index(pair.sensor) for pair in case.compared]
-    return H[:, rows, [space.inputs.index(pair.input) for pair in case.compared]]
+    return vehicle_responses(case, [values], frequencies)[0]
+
+
+def vehicle_responses(case: Case, values: Sequence[Mapping[str, float]], frequencies: np.ndarray) -> np.ndarray:
+    """Compared functions (b, f, h) of the vehicle whose shared components have the values of beds (b)."""
+    spaces = state_spaces(case.vehicle, [of_system(one, case.vehicle) for one in values])
+    A, B, C, D = (np.stack([getattr(space, name) for space in spaces]) for name in "ABCD")
+    rows = [spaces[0].outputs.index(pair.sensor) for pair in case.compared]
+    columns = [spaces[0].inputs.index(pair.input) for pair in case.compared]
+    read, driven = sorted(set(rows)), sorted(set(columns))
+    states = resolvents(A).columns(2j * np.pi * frequencies, B[:, :, driven])
+    H = C[:, None, read] @ states + D[:, None, read][..., driven]
+    return H[:, :, [read.index(row) for row in rows], [driven.index(column) for column in columns]]
 
 
 # --- Eigenvalues of many matrices, on all cores.
@@ -439,7 +477,7 @@ class BedSet:
 
 def sampled_beds(case: Case, values: Sequence[Mapping[str, float]]) -> SampledBeds:
     """Beds with these values (SI, by name; :func:`bed_of`)."""
-    return side_by_side([bed_of(case, of_bed) for of_bed in values])
+    return side_by_side(beds_of(case, values))
 
 
 def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
@@ -458,7 +496,7 @@ def side_by_side(beds: Sequence[Bed]) -> SampledBeds:
 
 def bed_set(case: Case, values: Sequence[Mapping[str, float]], frequencies: np.ndarray) -> BedSet:
     """Beds with these values (SI, by name; :func:`bed_of`) and their responses at frequencies (f,) in Hz."""
-    return responses_of(case, [bed_of(case, of_bed) for of_bed in values], values, frequencies)
+    return responses_of(case, beds_of(case, values), values, frequencies)
 
 
 def responses_of(
@@ -470,20 +508,25 @@ def responses_of(
     s = 2j * np.pi * frequencies
     hold = (1 - np.exp(-s * step)) / (s * step)
     z = np.exp(s * step)
-    held = np.stack(
-        [c @ resolvent(a).columns(z, b) for a, b, c in zip(sampled.A, sampled.B, sampled.C, strict=True)]
-    )  # fmt: skip
-    read, answered, commanded = [], [], []
-    for bed in beds:
-        d = bed.torques.shape[1]
-        states = resolvent(bed.A).columns(s, np.hstack([bed.torques, bed.commands]))
-        read.append(bed.readings @ states[:, :, :d])
-        answered.append(bed.compared @ states[:, :, :d] + bed.compared_torques)
-        late = hold[:, None] * np.exp(-s[:, None] * bed.delay)
-        commanded.append(bed.compared @ states[:, :, d:] * late[:, None, :])
+    own, x, k = [bed.sampled for bed in beds], sampled.states, sampled.B.shape[2]
+    # commands on their way are powers of 1/z: no states are needed for them
+    pushed = np.stack([np.pad(np.hstack([one.new, one.old]), ((0, x - len(one.new)), (0, 0))) for one in own])
+    states = resolvents(sampled.A[:, :x, :x]).columns(z, pushed)
+    waited = z[:, None, None] ** -np.array([one.delay for one in own], float)[:, None, None, None]
+    held = sampled.C[:, None, :, :x] @ (waited * (states[..., :k] + states[..., k:] / z[:, None, None]))
+    A, commands, torques, readings, compared, at_once, delay = (
+        np.stack([getattr(bed, name) for bed in beds])
+        for name in ("A", "commands", "torques", "readings", "compared", "compared_torques", "delay")
+    )
+    d = torques.shape[2]
+    states = resolvents(A).columns(s, np.concatenate([torques, commands], axis=2))
+    late = hold[:, None] * np.exp(-s[:, None] * delay[:, None])  # (b, f, k)
+    read = readings[:, None] @ states[..., :d]
+    answered = compared[:, None] @ states[..., :d] + at_once[:, None]
+    commanded = compared[:, None] @ states[..., d:] * late[:, :, None]
     if vehicle is None:
-        vehicle = np.stack([vehicle_response(case, of_bed, frequencies) for of_bed in values])
-    return BedSet(case, sampled, frequencies, held, np.stack(read), np.stack(answered), np.stack(commanded), vehicle)
+        vehicle = vehicle_responses(case, values, frequencies)
+    return BedSet(case, sampled, frequencies, held, read, answered, commanded, vehicle)
 
 
 def _shifting(bed: Bed, longest: int, states: int) -> tuple[np.ndarray, ...]:

@@ -62,6 +62,7 @@ SHORT = SearchSettings(
     opened=False,
     scenarios=0,
     blind=16,
+    followed=1,
     fresh=40,
     emulated=0.0,
 )
@@ -234,9 +235,11 @@ def judged(
         simulated_in_time=None if in_time is None else in_time.result(),
         seconds=time.perf_counter() - found.begun,
     )
-    # where adapters are ordered as well, a whole match more takes too long for a sentence
+    # where adapters are ordered as well, a whole match more takes too long for a sentence; where something else is
+    # missed too, robustness has come before the errors already, and larger tolerances do not help
     of_rig = any(move.name.startswith(RIG) for move in problem.moves)
-    if ordering and settings.remedies and not short and not of_rig and any(too_large(case, error)):
+    alone = solution.keeps_all and not missed and checked.stable and not run.sentences()
+    if ordering and settings.remedies and not short and not of_rig and alone and any(too_large(case, error)):
         given = replace(settings, remedies=False, decides=True)
         limited = replace(case, limits={**case.limits, **relaxed.limits})
         said = _with_larger_tolerances(limited, result, lambda one: match(one, seed, beds=count, settings=given))

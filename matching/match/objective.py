@@ -30,7 +30,7 @@ from matching.match.loop import (
     FrequencyResponse,
     SampledBeds,
     SampledController,
-    bed_of,
+    beds_of,
     can_be_unmeasured,
     closed_matrices,
     closed_poles,
@@ -227,7 +227,7 @@ class Search:
             noise = sensor_noise(case, case.loop.controller_sensors)
             drawn = [case.uncertainty.at(position) for position in self.positions[1 : self.settings.drawn + 1]]
             frequencies = np.geomspace(*case.band, BED_POINTS)
-            beds = responses_of(case, [bed_of(case, of_bed) for of_bed in drawn], drawn, frequencies, self._vehicle)
+            beds = responses_of(case, beds_of(case, drawn), drawn, frequencies, self._vehicle)
             if not any(name.removeprefix(RIG) in case.vehicle.parameters for name in values):
                 self._vehicle = beds.vehicle  # adapters are no part of the vehicle
             return Hardware(case, planned(case, noise), beds)

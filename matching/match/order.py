@@ -22,6 +22,7 @@ from matching.match.search import Found
 from matching.match.variables import CONTROLLER, RIG, Variable
 from matching.match.verify import FRESH
 from modelling.errors import NoDesign
+from modelling.units import printed
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,14 @@ class OrderSettings:
         Standard deviations of the mean difference over the same fresh beds, by which it has to be better: 95 %.
     rounds, steps, steps_of_curve : int
         Of the search with a quantity held, and of every value of a curve. Chosen by trial.
-    halvings : int
-        Of the way to a bound, in looking for the end of the range in which no value is worse.
+    resolution : float
+        Share of a quantity's range to which an end of the range in which no value is worse is looked for: 3 % of a
+        range of 16 to 1 are 9 % of a stiffness, which is as exactly as adapters are made.
+    most_tries : int
+        Values that are tried for an end at most.
     again : int
-        Times that a better value on the curve of a quantity is ordered in place of what the search found.
+        Times at most that a better value on the curve of a quantity is ordered in place of what the search found, or
+        that an order is given up since it gains too little beside another one. More than two are rare.
     parts : int
         Number of parts of a catalogue up to which every one is tried; of a longer one those next to the value found.
     lost : float
@@ -53,14 +58,16 @@ class OrderSettings:
     rounds: int = 2
     steps: int = 24
     steps_of_curve: int = 6
-    halvings: int = 3
-    again: int = 1
+    resolution: float = 0.03
+    most_tries: int = 5
+    again: int = 4
     parts: int = 8
     lost: float = 0.02
     digits: int = 2
 
 
 ORDER = OrderSettings()
+SMALLEST_ERROR = 1e-12  # over its scale: errors of 0 gain nothing
 
 
 @dataclass(frozen=True)
@@ -90,9 +97,9 @@ class Delivered:
 
     @property
     def error(self) -> float:
-        """The median over the beds that are damped; infinite where none is."""
+        """The mean over the beds that are damped, by which orders are judged; infinite where none is."""
         damped = self.errors[np.isfinite(self.errors)]
-        return float(np.median(damped)) if len(damped) else np.inf
+        return float(damped.mean()) if len(damped) else np.inf
 
 
 @dataclass(frozen=True)
@@ -114,26 +121,33 @@ class Fresh:
         return Delivered(end, errors, not misses(search, end), found)  # within the reserve the judge sees it kept
 
 
-def is_better(one: Delivered, other: Delivered) -> bool:
-    """Whether one setting is better by more than the gain asked for, and by more than the difference scatters.
+def lead(one: Delivered, other: Delivered) -> float:
+    """How much better one setting is, over what an order needs: above 1 it is better, below it is no better.
 
-    It is as well where it keeps every requirement and the other does not, or where it damps more beds, and more than
-    the draw decides; it is not where it misses a requirement that the other keeps, or a bed that the other damps.
+    An order needs the gain that is asked for, and more than the difference scatters over the same fresh beds. The lead
+    is infinite where one setting keeps every requirement and the other does not, or where it damps more beds, and more
+    than the draw decides; it is −infinite where it misses a requirement that the other keeps, or a bed that the other
+    damps.
     """
     if one.keeps_all != other.keeps_all:
-        return one.keeps_all
+        return np.inf if one.keeps_all else -np.inf
     kept = [float(np.isfinite(each.errors).mean()) for each in (one, other)]
     scatter = ORDER.deviations * np.sqrt(sum(share * (1 - share) for share in kept) / len(one.errors))
     gained_beds = kept[0] - kept[1]
     both = np.isfinite(one.errors) & np.isfinite(other.errors)
     if gained_beds < 0:
-        return False
+        return -np.inf
     if gained_beds > max(ORDER.lost, scatter) or not both.any():
-        return gained_beds > 0
+        return np.inf if gained_beds > 0 else 0.0
     gained = other.errors[both] - one.errors[both]
     scatter = float(gained.std() / np.sqrt(len(gained)))
     mean = float(other.errors[both].mean())
-    return bool(gained.mean() > max(ORDER.gain * mean, ORDER.deviations * scatter))
+    return float(gained.mean() / max(ORDER.gain * mean, ORDER.deviations * scatter, SMALLEST_ERROR))
+
+
+def is_better(one: Delivered, other: Delivered) -> bool:
+    """Whether one setting is better by what an order needs, see :func:`lead`."""
+    return lead(one, other) > 1
 
 
 def ordered(search: Search, found: Found, fresh: Fresh) -> Ordered:
@@ -162,21 +176,38 @@ def ordered(search: Search, found: Found, fresh: Fresh) -> Ordered:
         settled = _bought(search, fresh, settled, held, [i for i in adapters if i not in held])
         if not is_better(settled, everything):
             settled = everything
-    trades = [_trade(search, fresh, settled, i, planned, everything) for i in adapters]
-    for _ in range(ORDER.again):  # the cost of the search is not the error that judges: a curve may show a better value
-        better = [(i, one) for i, (_, one) in zip(adapters, trades, strict=True) if is_better(one, settled)]
-        if not better:
+    # the cost of the search is not the error that judges: a curve may show a better value, first tried at few places
+    left, tries, curves = ORDER.again, 1, [{float(settled.end.x[i]): settled} for i in adapters]
+    while True:
+        trades = [
+            _trade(search, fresh, curve, i, planned, everything, tries)
+            for i, curve in zip(adapters, curves, strict=True)
+        ]
+        shown = [(i, min(curve.values(), key=_rank)) for i, curve in zip(adapters, curves, strict=True)]
+        better = [(i, one) for i, one in shown if is_better(one, settled)] if left else []
+        if better:
+            i, one = min(better, key=lambda pair: _rank(pair[1]))
+            others = {j: float(settled.end.x[j]) for j in adapters if j != i}
+            bought = _bought(search, fresh, one, others, [i])
+            if is_better(bought, settled):
+                settled, left, tries = bought, left - 1, 1
+                curves = [{float(settled.end.x[i]): settled} for i in adapters]
+                continue
+        # what gained before another quantity was ordered may gain too little now
+        moved = [
+            (curve, planned[i]) for i, curve in zip(adapters, curves, strict=True) if planned[i] != next(iter(curve))
+        ]
+        back = [curve[place] for curve, place in moved if place in curve and not is_better(settled, curve[place])]
+        if back and left:
+            settled, left, tries = min(back, key=_rank), left - 1, 1
+            curves = [{float(settled.end.x[i]): settled} for i in adapters]
+            continue
+        if tries == ORDER.most_tries:
             break
-        i, one = min(better, key=lambda pair: _rank(pair[1]))
-        others = {j: float(settled.end.x[j]) for j in adapters if j != i}
-        bought = _bought(search, fresh, one, others, [i])
-        if not is_better(bought, settled):
-            break
-        settled = bought
-        trades = [_trade(search, fresh, settled, i, planned, everything) for i in adapters]
+        tries = ORDER.most_tries
     search.free = np.ones(len(search.variables), bool)
     made = contributions(search, found, fresh, {"adapters as planned": everything, "all": settled})
-    return Ordered(settled.end.x, settled.keeps_all, tuple(trade for trade, _ in trades), made)
+    return Ordered(settled.end.x, settled.keeps_all, tuple(trades), made)
 
 
 def planned_unless_better(search: Search, found: Found, fresh: Fresh) -> Ordered:
@@ -280,16 +311,17 @@ def _held(
 
 
 def _trade(
-    search: Search, fresh: Fresh, settled: Delivered, number: int, planned: dict[int, float], everything: Delivered
-) -> tuple[AdapterTrade, Delivered]:  # fmt: skip
+    search: Search, fresh: Fresh, curve: dict[float, Delivered], number: int, planned: dict[int, float],
+    everything: Delivered, tries: int,
+) -> AdapterTrade:  # fmt: skip
     """What an adapter quantity gains, the others as they are ordered, everything else tuned for it.
 
-    The second answer is the best setting that was tried.
+    ``curve`` holds what was tried, by coordinate, the setting as ordered first; what is tried here is added. ``tries``
+    is how many values are tried for an end of the range in which none is worse, at most.
     """
     variable = search.variables[number]
+    here, settled = next(iter(curve.items()))
     others = {i: float(settled.end.x[i]) for i in planned if i != number}
-    here = float(settled.end.x[number])
-    curve = {here: settled}
 
     def tried(place: float, near: Delivered) -> Delivered | None:
         """The setting with the quantity at a coordinate, begun at a neighbour; None where there is no design."""
@@ -302,14 +334,14 @@ def _trade(
         return curve[place]
 
     tried(planned[number], settled)
-    ends = [_end_of_no_worse(tried, settled, here, bound) for bound in (0.0, variable.span)]
+    ends = [_end_of_no_worse(tried, settled, here, bound, variable.span, tries) for bound in (0.0, variable.span)]
     as_planned, move = curve.get(planned[number]), variable.move
     for value in move.catalogue if len(move.catalogue) <= ORDER.parts else ():
         tried(variable.at(value), settled)
     if as_planned is not None and not is_better(settled, as_planned):
         ends = [min(ends[0], planned[number]), max(ends[1], planned[number])]
     torque = _rated_torque(search.case, move.name)
-    trade = AdapterTrade(
+    return AdapterTrade(
         name=move.name, unit=move.unit, planned=move.planned, ordered=variable.value(here),
         acceptable=(variable.value(ends[0]), variable.value(ends[1])),
         error_as_planned=None if as_planned is None else as_planned.error,
@@ -320,29 +352,80 @@ def _trade(
         ),
         rated_torque=torque,
         twist=None if torque is None else torque / variable.value(here),
+        reason=_reason(variable, curve, here, planned[number]),
     )  # fmt: skip
-    return trade, min(curve.values(), key=_rank)
+
+
+def _reason(variable: Variable, curve: Mapping[float, Delivered], here: float, planned: float) -> str:
+    """Why a quantity is ordered, or why it stays as planned, by the settings that were tried, by coordinate."""
+    ordered = curve[here]
+    if abs(here - planned) > SAME_PLACE:
+        plan = curve.get(planned)
+        if plan is None or plan.keeps_all != ordered.keeps_all:
+            return "as planned a requirement is missed" if ordered.keeps_all else "nearer to the requirements"
+        more = int(np.isfinite(ordered.errors).sum() - np.isfinite(plan.errors).sum())
+        if np.isinf(lead(ordered, plan)):
+            return f"{more} of {len(ordered.errors)} beds more are damped"
+        return f"{_gain(ordered, plan):.1%} less error than as planned"
+    others = [(place, one) for place, one in curve.items() if place != here and one.keeps_all == ordered.keeps_all]
+    place, best = min(others, key=lambda pair: _rank(pair[1]), default=(here, ordered))
+    gain = _gain(best, ordered)
+    if gain <= 0:
+        return "no value that was tried has less error"
+    at = f"{variable.value(place):.3g} {printed(variable.move.unit)}"
+    if lead(best, ordered) > 1:
+        return f"no part near {at}, which would have {gain:.1%} less error"
+    if lead(best, ordered) < 0:
+        return f"{at} has {gain:.1%} less error and does not damp every bed that is damped as planned"
+    asked = f"an order needs {ORDER.gain:.0%}" if gain < ORDER.gain else "the difference is within its scatter"
+    return f"{at} has {gain:.1%} less error: {asked}"
+
+
+SAME_PLACE = 1e-9  # between coordinates
+
+
+def _gain(one: Delivered, other: Delivered) -> float:
+    """Share of the mean error that one setting has less than another, on the beds that both damp."""
+    both = np.isfinite(one.errors) & np.isfinite(other.errors)
+    return float(1 - one.errors[both].mean() / max(other.errors[both].mean(), SMALLEST_ERROR)) if both.any() else 0.0
 
 
 def _end_of_no_worse(
-    tried: Callable[[float, Delivered], Delivered | None], settled: Delivered, here: float, bound: float
+    tried: Callable[[float, Delivered], Delivered | None],
+    settled: Delivered,
+    here: float,
+    bound: float,
+    span: float,
+    tries: int,
 ) -> float:
-    """The coordinate towards a bound up to which no value is worse, by halving the way."""
-    good, near, bad = here, settled, bound
+    """The coordinate towards a bound up to which no value is worse: a search for where the lead of the order is 1.
+
+    Regula falsi with the weights of the Illinois rule (Dowell and Jarratt 1971), bisection where a lead is infinite.
+    The answer is the last value that was tried and is no worse.
+    """
     if bound == here:
         return here
     at_bound = tried(bound, settled)
-    if at_bound is not None and not is_better(settled, at_bound):
+    ahead = np.inf if at_bound is None else lead(settled, at_bound)
+    if ahead <= 1:
         tried((here + bound) / 2, settled)  # two ends that are alike may have a better value between them
         return bound
-    for _ in range(ORDER.halvings):
-        middle = (good + bad) / 2
-        found = tried(middle, near)
-        if found is not None and not is_better(settled, found):
-            good, near = middle, found
+    good, bad, near, of_good, of_bad, kept = here, bound, settled, -1.0, ahead - 1, 0
+    for _ in range(tries):
+        if abs(bad - good) <= ORDER.resolution * span:
+            break
+        share = of_good / (of_good - of_bad) if np.isfinite(of_bad) and np.isfinite(of_good) else 0.5
+        place = good + float(np.clip(share, INWARD, 1 - INWARD)) * (bad - good)
+        found = tried(place, near)
+        ahead = np.inf if found is None else lead(settled, found)
+        if found is not None and ahead <= 1:
+            good, near, of_good, of_bad, kept = place, found, ahead - 1, of_bad / (2 if kept > 0 else 1), 1
         else:
-            bad = middle
+            bad, of_bad, of_good, kept = place, ahead - 1, of_good / (2 if kept < 0 else 1), -1
     return good
+
+
+INWARD = 0.15  # of a bracket, by which the next value lies at least within it
 
 
 def _rated_torque(case: Case, name: str) -> float | None:

@@ -141,7 +141,9 @@ def _beyond(case: Case) -> tuple[Bed, np.ndarray, np.ndarray]:
         """What an input does (n,)."""
         return placed(name, "inputs", "input")
 
-    A, commands, readings = with_hardware(loop, block_diag(*(space.A for space in spaces)), column, row, {})
+    A, commands, readings = (
+        part[0] for part in with_hardware(loop, block_diag(*(space.A for space in spaces))[None], column, row, [{}])
+    )
     at_cut, speeds = np.zeros((len(A), k)), np.zeros((k, len(A)))
     for j, interface in enumerate(cuts):
         at_cut[:n, j], speeds[j, :n] = column(interface.torque), row(interface.speed)

@@ -84,7 +84,7 @@ class ParameterResult:
 
 @dataclass(frozen=True)
 class AdapterTrade:
-    """One adapter quantity, SI; errors are medians over fresh beds of delivered controllers.
+    """One adapter quantity, SI; errors are means over fresh beds of delivered controllers, by which orders are judged.
 
     The error is the root of the mean square of the errors to measured and to unmeasured torques, each over its
     tolerance.
@@ -104,6 +104,8 @@ class AdapterTrade:
         Of the bed with every adapter as planned, tuned for it; None where that keeps not every requirement.
     rated_torque, twist : float or None
         N·m that a shaft of this stiffness has to carry, and what it twists by then as ordered, rad; None of others.
+    reason : str
+        Why it is ordered, or why it stays as planned.
     """
 
     name: str
@@ -117,6 +119,7 @@ class AdapterTrade:
     error_all_as_planned: float | None
     rated_torque: float | None = None
     twist: float | None = None
+    reason: str = ""
 
     @property
     def changes(self) -> bool:

@@ -25,7 +25,7 @@ from matching.match.case_file import case_files, movable
 from matching.match.damping import damping_ratios, is_stable_loop, rates, stable_loops, without_resting
 from matching.match.loop import (
     SampledController,
-    bed_of,
+    beds_of,
     can_be_unmeasured,
     closed_poles,
     controller_of,
@@ -43,7 +43,7 @@ from matching.match.verify import candidates_of, target_modes_of
 from matching.studies import run
 from modelling.display import Displayed
 from modelling.errors import VERSION, InputError, unknown
-from modelling.linear.state_space import state_space
+from modelling.linear.state_space import state_spaces
 
 # --- How a result spreads over draws, and which inputs drive it.
 
@@ -233,7 +233,7 @@ class Prepared:
     def _of_beds(
         self, case: Case, controller: SampledController, values: Sequence[Mapping[str, float]]
     ) -> dict[str, np.ndarray]:  # fmt: skip
-        beds = [bed_of(case, of_bed) for of_bed in values]
+        beds = beds_of(case, values)
         grids = np.concatenate([self._grid, self.nodes.frequencies])  # one Schur form of a bed serves both
         responding = responses_of(case, beds, values, grids)
         sampled, count = responding.sampled, len(self._grid)
@@ -253,7 +253,8 @@ class Prepared:
         ):  # fmt: skip
             squares = log_squares(responses(of_band, acting, known), of_band.vehicle)[:, :, pairs].mean(axis=2)
             figures[name] = np.sqrt(squares @ self.nodes.weights)
-        own = [np.linalg.eigvals(state_space(case.vehicle, of_system(of_bed, case.vehicle)).A) for of_bed in values]
+        vehicles = state_spaces(case.vehicle, [of_system(of_bed, case.vehicle) for of_bed in values])
+        own = list(np.linalg.eigvals(np.stack([space.A for space in vehicles])))
         for name, mode in self.modes.items():
             s = np.full(len(beds), mode.eigenvalue)  # no bed moves what known torques alone excite
             if mode.belongs_to == "feedback":

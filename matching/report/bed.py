@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -112,7 +113,7 @@ VERDICT_MEANING = {
     "as_predicted": "The bed answers as the match predicted, within what was measured and what the case states as "
     "uncertain, and no worse than the case allows.",
     "short": "The bed falls short of the prediction by more than the uncertainty of the measurement.",
-    "undetermined": "The recordings do not decide it: record longer, or excite the bed more.",
+    "undetermined": "The recordings do not decide whether the bed answers as predicted.",
 }
 HOW_ERRORS = (
     "Root mean square of |log(H bed/H vehicle)| over the band, with expanded uncertainty (k = 2); noise taken off. "
@@ -139,7 +140,7 @@ def verification_report(
         good=content["status"] == "as_predicted",
         lists={
             "Why it falls short": [Step(spaced(sentence)) for sentence in why(content)],
-            "What to do now": verification_steps(content, made.case if made else "CASE", folder),
+            "What to do now": verification_steps(content, _case_of(made), folder),
         },
         table=Table([_error(f"all {error['name']} torques", error) for error in content["errors"]]),
         folds=[
@@ -152,15 +153,54 @@ def verification_report(
     )  # fmt: skip
 
 
+def _case_of(made: Provenance | None) -> str:
+    """What a command names the case by."""
+    return quote(made.case) if made else "case.toml"
+
+
 def answer(result: Mapping[str, Any]) -> str:
     """The answer in one sentence, with what is short or open."""
-    parts = [VERDICT_MEANING[result["status"]]]
-    for status, words in (("short", "Short"), ("undetermined", "Open")):
-        names = [f"{error['name']} torques" for error in result["errors"] if error["status"] == status]
-        names += [f"vehicle mode {mode['vehicle_mode']}" for mode in result["modes"] if mode["status"] == status]
-        if names:
-            parts.append(f"{words}: {', '.join(names)}.")
-    return " ".join(parts)
+    close = [open_words(one) for one in result["open"] if one["because"] == "near_limit"]
+    parts = [too_weak(result), VERDICT_MEANING[result["status"]]]
+    names = [f"{error['name']} torques" for error in result["errors"] if error["status"] == "short"]
+    names += [f"vehicle mode {mode['vehicle_mode']}" for mode in result["modes"] if mode["status"] == "short"]
+    parts += [f"Short: {', '.join(names)}."] if names else []
+    parts += [f"Near what is allowed: {'; '.join(close)}."] if close else []
+    return " ".join(filter(None, parts))
+
+
+def too_weak(result: Mapping[str, Any]) -> str:
+    """A sentence on what the excitation, or what is known of the vehicle, is not enough for, and what would do."""
+    weak, vehicle = (
+        [one for one in result.get("open", ()) if one["because"] == because] for because in ("excitation", "vehicle")
+    )
+    said = []
+    if vehicle:
+        said.append(
+            f"Too little is known of the vehicle for an answer: {'; '.join(map(open_words, vehicle))}. A longer "
+            "recording of the bed does not change that, but a recording of the vehicle does, or less uncertainty of it "
+            "under [uncertainty]."
+        )
+    if weak:
+        said.append(f"The excitation is too weak for its own question: {'; '.join(map(open_words, weak))}.")
+        times = [one["times_as_long"] for one in weak]
+        if None in times:
+            said.append("No recording up to 100 times as long decides it.")
+        else:
+            said.append(
+                f"{number(max(times), 2)} times as long ({number(max(times) * result['duration'], 2)} s), or torques "
+                f"{number(max(times) ** 0.5, 2)} times as large, would do."
+            )
+    return " ".join(said)
+
+
+def open_words(question: Mapping[str, Any]) -> str:
+    """What is open, how well it is known, and what is allowed."""
+    per = f" {question['unit']}" if question["unit"] else ""
+    allowed = f"{number(question['allowed'], 2)}{per} is allowed"
+    if question["expanded_uncertainty"] is None:
+        return f"the {question['name']} does not show above the noise ({allowed})"
+    return f"the {question['name']} is known to ± {number(question['expanded_uncertainty'], 2)}{per}, {allowed}"
 
 
 def with_uncertainty(value: float | None, standard: float | None, digits: int = 3) -> str:
@@ -218,34 +258,32 @@ def verification_steps(result: Mapping[str, Any], case: str, folder: str, *, com
     if result["status"] == "as_predicted":
         return [
             Step("Drive the manoeuvres: the bed answers like the vehicle as far as the match promised"),
-            Step("Repeat the proof after every change of specimen, adapter or loop",
-                        command=f"rigmatch verify {case} RECORDING --out {folder}"),
+            Step("Repeat the proof after every change of specimen, adapter or loop, and record it as again.csv",
+                 command=f"rigmatch verify {case} again.csv --out {folder}"),
         ]  # fmt: skip
     if result["status"] == "short":
         return [
             Step("Find what differs from the model, and match again with it",
                         "it records the bed without emulation, diagnoses it and matches with what it found",
-                        command=f"rigmatch commission {case} --bed FOLDER --out commission"),
+                        command=f"rigmatch commission {case} --bed recordings --out commission"),
         ] if not commissioned else []  # fmt: skip
     if result["status"] == "unlike_model":
         return [
             Step("Allow a further round: it records the bed without emulation and diagnoses it", result["sentence"]),
         ] if not commissioned else []  # fmt: skip
-    longer = []
-    for error in result["errors"]:
-        if error["status"] == "undetermined" and error["interval"]:
-            limit = max(error["allowed"], error["predicted"])
-            far = max(abs(error["error"] - limit), 0.1 * limit)
-            times = (2 * error["standard_uncertainty"] / far) ** 2
-            longer.append(
-                f"{error['name']} torques: {number(max(times, 1.5), 2)} times as long decides it, as far as noise does"
-            )
-    hidden = [f"vehicle mode {mode['vehicle_mode']}" for mode in result["modes"] if mode["status"] == "undetermined"]
-    why = "; ".join([*longer, *(f"{name} is open" for name in hidden)])
+    vehicle = [Step("Record the vehicle on the road as road.csv, and begin again with what it tells",
+                    command=f"rigmatch identify {case} --vehicle road.csv --out identify")]  # fmt: skip
+    if all(one["because"] == "vehicle" for one in result["open"]) and result["open"]:
+        return vehicle
+    recordings = " ".join(quote(row["recording"]) for row in result["fidelity"]) or "recording.csv"
+    why = "; ".join(f"{one['name']}: {number(one['times_as_long'], 2)} times as long decides it, as far as noise does"
+                    for one in result["open"] if one["times_as_long"])  # fmt: skip
     return [
-        Step("Record again, longer or with larger torques: the proof plans them for this case", why,
-                    command=f"rigmatch excite {case} --proof --out proof"),
-        Step("Judge it together with what there is", command=f"rigmatch verify {case} OLD NEW --out {folder}"),
+        *(vehicle if any(one["because"] == "vehicle" for one in result["open"]) else ()),
+        Step("Record again as again.csv, longer or with larger torques; the proof plans torques for this case", why,
+             command=f"rigmatch excite {case} --proof --out proof"),
+        Step("Judge it together with what there is",
+             command=f"rigmatch verify {case} {recordings} again.csv --out {folder}"),
     ]  # fmt: skip
 
 
@@ -291,13 +329,14 @@ def commissioning_report(
     wrong = content["status"] == "wrong_channel"
     last = content["rounds"][-1].get("verification", {}) if content["rounds"] else {}
     meaning = _sentence(checked["sentence"]) if checked and wrong else END_MEANING[content["status"]]
+    weak = too_weak(last) if content["status"] == "undetermined" else ""
     return Report(
         title="Commissioning",
         status=spaced(content["status"]),
-        answer=" ".join(filter(None, [meaning, ending(content), gain(content)])),
+        answer=" ".join(filter(None, [weak, meaning, ending(content), gain(content)])),
         good=content["status"] == "as_predicted",
         lists={"Why it falls short": [Step(spaced(sentence)) for sentence in why(last)],
-               "What to do now": next_steps(content, made.case if made else "CASE", folder)},
+               "What to do now": next_steps(content, _case_of(made), folder)},
         table=channel_table(checked) if checked and wrong else Table(()),
         folds=[
             *(Fold(name, [lines, *([Table([_value(own) for own in values])] if values else [])], told=True)
@@ -340,8 +379,10 @@ def _with(value: float | None, uncertainty: float | None, factor: float = 1.0) -
 
 
 def _value(own: Mapping[str, Any]) -> dict[str, str]:
-    return {"quantity": component(own["name"]), "before": number(own["before"]), "as recorded": number(own["after"]),
-            "±": number(own["half_width"], 2), "": "" if own.get("found", True) else "not told"}  # fmt: skip
+    found = own.get("found", True)
+    return {"quantity": component(own["name"]), "before": number(own["before"]),
+            "as recorded": plus_minus(own["after"], own["half_width"]) if found else "not told",
+            "": "" if found else "at the end of its range, or not narrowed"}  # fmt: skip
 
 
 def ending(result: Mapping[str, Any]) -> str:
@@ -362,21 +403,25 @@ def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[Step]:
     if result["waiting_for"]:
         return [Step(f"Record: {result['waiting_for']}"), Step("Go on", command=again)]
     if result["status"] == "wrong_channel":
-        return wrong_channel_steps(result["channels"], again)
+        return wrong_channel_steps(result["channels"], again, f"{again} --skip-channel-check")
     best = result["best_round"]
     judged = {entry["round"]: entry.get("verification") for entry in result["rounds"]}
     points = [Step(f"Use the controller of round {best}", f"it has the least error on the bed: "
                           f"{best}_export/controller.fmu")] if best else []  # fmt: skip
     last = next((proof for _, proof in sorted(judged.items(), reverse=True) if proof), None)
     if last:
-        points += verification_steps(last, f"{folder}/{max(judged)}_match", folder, commissioned=True)
+        points += verification_steps(last, f"{folder}/{max(judged)}_match", "verify", commissioned=True)
     if result["end"] is None:
         points.append(Step("Allow a further round: it may gain", command=f"{again} --rounds {len(judged) + 1}"))
     return points
 
 
-def wrong_channel_steps(checked: Mapping[str, Any], again: str) -> list[Step]:
-    """What to mend on the bed, and how to read what was recorded before."""
+def wrong_channel_steps(checked: Mapping[str, Any], again: str, skipped: str = "", smaller: str = "") -> list[Step]:
+    """What to mend on the bed, and how to read what was recorded before.
+
+    ``again``, ``skipped``, ``smaller``: the commands that check again, that go on without a check, and that plan a
+    check with smaller torques.
+    """
     points = [
         Step(f"{spaced(wrong['channel'])} {wrong['words']}: mend it on the bed, for the controller reads it there",
              f"of recordings made before: a channel file with the line {wrong['line']}" if wrong["line"] else "")
@@ -384,12 +429,13 @@ def wrong_channel_steps(checked: Mapping[str, Any], again: str) -> list[Step]:
     ]  # fmt: skip
     if not points and checked["tripped"]:
         points = [Step(f"The check ended early: {checked['tripped']}",
-                       "repeat it with smaller torques (excite --channel-check --torque-share 0.3), and look at the "
-                       "recording: is a rotor loose, or a command larger than it says?")]  # fmt: skip
+                       "look at the recording: is a rotor loose, or a command larger than it says? Then repeat the "
+                       "check with smaller torques", command=smaller)]  # fmt: skip
     elif not points:
         names = ", ".join(spaced(name) for name in checked["needed"])
         points = [Step(f"Not judged: {names}", "no torque of the check moves it beyond its noise: turn the rotors by "
-                       "hand or with more torque and look at it; then --skip-channel-check")]  # fmt: skip
+                       "hand or with more torque and look at it; where it reads right, go on without the check",
+                       command=skipped)]  # fmt: skip
     if checked["unjudged"] and checked["wrong"]:
         points.append(Step(f"Not judged yet: {', '.join(spaced(name) for name in checked['unjudged'])}"))
     return [*points, Step("Check again, and go on", command=again)]
@@ -427,7 +473,9 @@ def round_lines(entry: Mapping[str, Any]) -> list[str]:
         if proof["status"] == "unlike_model":
             lines.append(f"unlike its model: {proof['sentence']}")
         for error in proof["errors"]:
-            lines.append(f"{spaced(proof['status'])}: response error to {error['name']} torques {error_words(error)}")
+            lines.append(f"{spaced(error['status'])}: response error to {error['name']} torques {error_words(error)}")
+        lines += [f"short: {sentence}" for sentence in why(proof) if sentence.startswith("vehicle mode")]
+        lines += [f"undetermined: {open_words(one)}" for one in proof.get("open", ()) if "vehicle mode" in one["name"]]
         lines += [f"not judged: {note}" for note in proof["notes"] if "left out" in note]
         lines += _fidelity(proof, "")
     if "against_last_vehicle" in entry:
@@ -545,7 +593,7 @@ def excitation(plan: ExcitationPlan) -> Figure:
             values = np.maximum([getattr(quantity, share) for quantity in expected], SMALLEST_SHARE)
             ax.plot(values, rows, mark, color=colour, label=label, fillstyle="full" if mark == "o" else "none")
         ax.set_xscale("log")
-        ax.set_yticks(rows, [spaced(quantity.name) for quantity in expected])
+        ax.set_yticks(rows, [component(quantity.name) for quantity in expected])
         ax.invert_yaxis()
         ax.set_xlabel("part of the response error")
         fig.legend(loc="outside lower center", ncols=2)
@@ -573,21 +621,53 @@ def torques_figure(inputs: Sequence[str], torques: np.ndarray, step: float) -> F
 # --- The reports of an identification, of a planned excitation, a planned proof and a planned check of the channels.
 
 EXCITATION = "Torques over time; below, the part of each quantity in the response error, now and after the recording."
+IDENTIFIED = "What the recordings change of each quantity that they tell, with the half-width that stays (k = 2)."
 PROOF = "The last period of the torques."
 PULSES = "Torques of the check of the channels: every one alone, then all at once."
 
 NAMED = 8  # quantities of a plan that are told
+HALF_WIDTHS = "± is the half-width that the next match counts with (k = 2)."
 FROM_NOISE = "± is a standard uncertainty (k = 1) from sensor noise alone: a model that lacks something adds to it"
 
 
-def identification_report(content: Mapping[str, Any], *_: Any) -> Report:
+def identification_report(content: Mapping[str, Any], folder: str = "OUT", *_: Any) -> Report:
     """What the recordings say."""
     parts = {name: content[name] for name in ("bed", "vehicle") if content[name] is not None}
     folds = [Fold(name, [identification_lines(part)], told=True) for name, part in parts.items()]
-    return Report("Identification", "identified", f"Values of {' and '.join(parts)} from recordings.", folds=folds)
+    rows = [{**_value(own), "recording of": name} for name, part in parts.items() for own in part["values"]]
+    count = sum(own.get("found", True) for part in parts.values() for own in part["values"])
+    return Report(
+        "Identification", "identified",
+        f"{count} of {len(rows)} quantities of {' and '.join(parts)} are told by the recordings.",
+        lists={"What to do now": [
+            Step("Match with what was found", command=f"rigmatch match {quote(folder)}/case.toml --out match"),
+        ]},
+        table=Table(rows, HALF_WIDTHS),
+        folds=folds,
+    )  # fmt: skip
 
 
-def excitation_report(content: Mapping[str, Any], *_: Any) -> Report:
+def identified_figure(content: Mapping[str, Any]) -> Figure:
+    """What recordings change of each quantity that they tell, in per cent, with what stays uncertain of it."""
+    told = [own for part in ("bed", "vehicle") if content[part] for own in content[part]["values"]
+            if own.get("found", True) and own["before"]]  # fmt: skip
+    fig = figure(7.4, 0.24 * len(told) + 0.9)
+    with styled():
+        ax, rows = fig.subplots(), np.arange(len(told))
+        before = np.array([own["before"] for own in told])
+        changed = 100 * (np.array([own["after"] for own in told]) / before - 1)
+        spread = 100 * np.array([own["half_width"] for own in told]) / np.abs(before)
+        ax.axvline(0, color=INK, linewidth=0.8)
+        ax.errorbar(changed, rows, xerr=spread, fmt="o", color=MATCHED, markersize=4, capsize=3)
+        ax.set_yticks(rows, [component(own["name"]) for own in told])
+        ax.invert_yaxis()
+        ax.set_xlabel("change by the recordings in %")
+    return fig
+
+
+def excitation_report(
+    content: Mapping[str, Any], folder: str = "OUT", made: Provenance | None = None, *_: Any
+) -> Report:
     """What the recording is expected to tell, and what of the limits it uses."""
     error = content["response_error"]
     hold = ", ".join(
@@ -600,16 +680,28 @@ def excitation_report(content: Mapping[str, Any], *_: Any) -> Report:
          "then to": f"± {number(own['standard_uncertainty_after'], 2)}"}
         for own in content["expected"][:NAMED]
     ]  # fmt: skip
-    most = max(content["limits_used"], key=content["limits_used"].get)
+    most, weak, longer = max(content["limits_used"], key=content["limits_used"].get), "", content["times_as_long"]
+    if longer != 1:
+        enough = "No excitation up to 100 times as long is enough. " if longer is None else (
+            f"{number(longer, 2)} times as long ({number(longer * content['duration'], 2)} s), or torques "
+            f"{number(longer**0.5, 2)} times as large, would do. "
+        )  # fmt: skip
+        weak = (
+            f"The excitation is too weak: after the recording the bed is known to a response error of "
+            f"{number(error['after'], 2)}, {number(error['allowed'], 2)} is allowed. {enough}"
+        )
     return Report(
         title="Excitation",
-        status="planned",
-        answer=f"{number(content['duration'], 3)} s about a rotor speed of {number(content['speed'], 3)} rad/s. "
+        status="too weak" if weak else "planned",
+        answer=f"{weak}{number(content['duration'], 3)} s about a rotor speed of {number(content['speed'], 3)} rad/s. "
         f"The uncertain quantities cause a response error "
         f"of {number(error['before'], 2)} now, and {number(error['after'], 2)} is expected after the recording.",
         lists={"What to do now": [
-            Step("Run excitation.csv on the bed without emulation, and record the sensors of the rig"),
-            Step(f"Hold the speed slowly beside it: {hold}"),
+            Step(f"Hold the speed slowly: {hold}"),
+            Step("Add the torques of excitation.csv, emulation off; record the torque commands and every sensor of the "
+                 "rig as recording.csv"),
+            Step("Identify the bed from it",
+                 command=f"rigmatch identify {_case_of(made)} --bed recording.csv --out identify"),
         ]},
         table=Table(rows, FROM_NOISE),
         notes=[
@@ -621,10 +713,14 @@ def excitation_report(content: Mapping[str, Any], *_: Any) -> Report:
     )  # fmt: skip
 
 
-def proof_report(content: Mapping[str, Any], *_: Any) -> Report:
-    """How long the proof lasts, and what it will tell."""
-    told = []
+def proof_report(content: Mapping[str, Any], folder: str = "OUT", made: Provenance | None = None, *_: Any) -> Report:
+    """How long the proof lasts, and what it will tell; first of all whether it is too weak for that."""
+    told, weak = [], []
     for error in content["expected"]:
+        largest = COVERAGE_FACTOR * max(error["standard_uncertainties"])
+        if not largest <= error["allowed"]:
+            weak.append(f"the response error to {error['name']} torques will be known to ± {number(largest, 2)} only, "
+                        f"{number(error['allowed'], 2)} is allowed")  # fmt: skip
         at = list(zip(error["errors"], error["standard_uncertainties"], strict=True))
         near = min(at, key=lambda pair: abs(pair[0] - error["allowed"]))
         told.append(
@@ -638,13 +734,26 @@ def proof_report(content: Mapping[str, Any], *_: Any) -> Report:
             f"± {number(COVERAGE_FACTOR * known[0], 2)} Hz, damping ratio ± {number(COVERAGE_FACTOR * known[1], 2)}"
         )  # fmt: skip
         told.append(f"vehicle mode {mode['vehicle_mode']}: {words}")
-    most = max(content["limits_used"], key=content["limits_used"].get)
+    most, case = max(content["limits_used"], key=content["limits_used"].get), _case_of(made)
+    first = f"The excitation that the limits allow is too weak: {'; '.join(weak)}. " if weak else ""
+    if weak:
+        first += " ".join(f"{note}." for note in content["notes"] if "would do" in note) + " "
     return Report(
         title="Proof",
-        status="planned",
-        answer=f"{number(content['duration'], 3)} s: {content['periods']} periods of "
+        status="too weak" if weak else "planned",
+        answer=f"{first}{number(content['duration'], 3)} s: {content['periods']} periods of "
         f"{number(content['period'], 3)} s with the emulation on; torques "
         f"{', '.join(map(spaced, content['inputs']))}.",
+        lists={
+            "What to do now": [
+                Step("Export the controller", command=f"rigmatch export {case} --controller controller.fmu"),
+                Step(
+                    "Emulation on, add the torques of excitation.csv; record these, the torque commands and every "
+                    "sensor of the rig as recording.csv"
+                ),
+                Step("Judge the recording", command=f"rigmatch verify {case} recording.csv --out verify"),
+            ]
+        },
         folds=[Fold("What it will tell", [told], told=True)],
         notes=[
             f"at most {100 * content['limits_used'][most]:.0f} % of one limit is used ({component(most)})",
@@ -656,6 +765,7 @@ def proof_report(content: Mapping[str, Any], *_: Any) -> Report:
 
 register(FromRecordings, View(
     "identification.json", identification_report,
+    lambda known: {"identified": Picture(lambda: identified_figure(known.to_dict()), IDENTIFIED)},
     others=lambda known: {name: text for name, text in known.files().items() if name != "identification.json"},
 ))  # fmt: skip
 register(ExcitationPlan, View(
@@ -668,7 +778,9 @@ register(Proof, View(
 ))  # fmt: skip
 
 
-def channel_plan_report(content: Mapping[str, Any], *_: Any) -> Report:
+def channel_plan_report(
+    content: Mapping[str, Any], folder: str = "OUT", made: Provenance | None = None, *_: Any
+) -> Report:
     """What moves the bed while its channels are checked."""
     rows = [{"torque": spaced(name), "largest": f"{number(size, 3)} N·m"}
             for name, size in content["largest_torques"].items()]  # fmt: skip
@@ -679,16 +791,23 @@ def channel_plan_report(content: Mapping[str, Any], *_: Any) -> Report:
         f"{number(content['largest_speed'], 2)} rad/s.",
         lists={"What to do now": [
             Step("At rest, run the controller in mode 3 with the torques of channels.csv as added torques and demands"),
-            Step("Record the torque commands and every sensor of the rig, then judge the recording",
-                 command="rigmatch verify CASE RECORDING --channel-check --out channels"),
+            Step("Record the torque commands and every sensor of the rig as recording.csv, then judge it",
+                 command=f"rigmatch verify {_case_of(made)} recording.csv --channel-check --out channels"),
         ]},
         table=Table(rows, ""),
     )  # fmt: skip
 
 
-def channel_check_report(content: Mapping[str, Any], folder: str = "OUT", *_: Any) -> Report:
+def channel_check_report(
+    content: Mapping[str, Any], folder: str = "OUT", made: Provenance | None = None, *_: Any
+) -> Report:
     """Every channel with what is wrong of it."""
-    steps = wrong_channel_steps(content, f"rigmatch verify CASE RECORDING --channel-check --out {folder}")
+    case = _case_of(made)
+    steps = wrong_channel_steps(
+        content, f"rigmatch verify {case} again.csv --channel-check --out {quote(folder)}",
+        f"rigmatch commission {case} --bed recordings --skip-channel-check --out commission",
+        f"rigmatch excite {case} --channel-check --torque-share 0.3 --out channels",
+    )  # fmt: skip
     return Report(
         title="Channels",
         status="right" if content["right"] else "wrong channel" if content["wrong"] else "ended early",

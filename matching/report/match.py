@@ -700,7 +700,7 @@ def trade_figure(trades: Sequence[AdapterTrade]) -> Figure:
                 axes.set_xscale("log")
             axes.set_xlabel(f"{component(trade.name)} [{unit(trade.unit)}]")
             axes.set_title(f"ordered {number(trade.ordered)}, planned {number(trade.planned)}", fontsize=9)
-        panels[0].set_ylabel("Response error over fresh beds\n(median, over its tolerance)")
+        panels[0].set_ylabel("Response error over fresh beds\n(mean, over its tolerance)")
         handles, labels = panels[0].get_legend_handles_labels()
         fig.legend(handles, labels, loc="outside upper center", ncols=5)
     return fig
@@ -865,7 +865,7 @@ HOW_ERROR = (
     "0.1 is about 10 % in amplitude or 6° in phase."
 )
 HOW_TRADES = (
-    "Errors to measured and unmeasured torques as one, each over its tolerance: medians over fresh beds, everything "
+    "Errors to measured and unmeasured torques as one, each over its tolerance: means over fresh beds, everything "
     "else tuned for the value. A mirror image has the same value."
 )
 HOW_CONTRIBUTIONS = (
@@ -986,6 +986,7 @@ def _trade(trade: AdapterTrade) -> dict[str, str]:
         "adapter quantity": component(trade.name), "planned": number(trade.planned),
         "to order": amount(trade.ordered, trade.unit), "error as planned": number(trade.error_as_planned, 2),
         "error as ordered": number(trade.error_as_ordered, 2), "as good within 2 %": f"{low} … {high}",
+        "why": trade.reason,
     }  # fmt: skip
 
 
@@ -1056,7 +1057,8 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
         low, high = (amount(value, trade.unit, 3) for value in trade.acceptable)
         points.append(
             Step(f"Order {component(trade.name)} {amount(trade.ordered, trade.unit)} instead of "
-                        f"{amount(trade.planned, trade.unit)}", f"{low} to {high} serves as well{_twist(trade)}")
+                        f"{amount(trade.planned, trade.unit)}",
+                 f"{trade.reason}; {low} to {high} serves as well{_twist(trade)}")
         )  # fmt: skip
     if not orders:
         reason = "no change of them gains 2 %" if result.adapters else "none of them may change under [move]"

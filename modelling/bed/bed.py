@@ -519,20 +519,34 @@ def delayed_bed(
 
     A (x, x), commands (x, k), torques (x, w); ``dead_time`` of all commands, or of each (k,).
     """
-    k, x = commands.shape[1], len(A)
-    times = np.broadcast_to(np.asarray(dead_time, float), (k,))
+    times = np.broadcast_to(np.asarray(dead_time, float), (commands.shape[1],))
+    return delayed_beds(A[None], commands[None], torques[None], times[None], step)[0]
+
+
+def delayed_beds(
+    A: np.ndarray, commands: np.ndarray, torques: np.ndarray, dead_times: np.ndarray, step: float
+) -> list[DelayedBed]:
+    """:func:`delayed_bed` of many beds: A (b, x, x), commands (b, x, k), torques (b, x, w), dead times (b, k) in s."""
     whole, of_torques = held(A, torques, step)
-    delays = np.floor(times / step + WHOLE_SAMPLE).astype(int)
-    delay = int(delays.min(initial=0)) if not k else int(delays.min())
-    new, old = np.zeros((x, k)), np.zeros((x, k))
-    for value in np.unique(times):
-        which = times == value
-        # s at the begin of each sample, in which the command before still acts
-        late = max(float(value) - int(delays[which][0]) * step, 0.0)
-        _, early = held(A, commands[:, which], late)
-        after, new[:, which] = held(A, commands[:, which], step - late)
-        old[:, which] = after @ early
-    waiting = [j for j in range(k) if delays[j] > delay]
+    delays = np.floor(dead_times / step + WHOLE_SAMPLE).astype(int)
+    # s at the begin of each sample, in which the command before still acts
+    late = np.maximum(dead_times - delays * step, 0.0)
+    new, old = np.zeros(commands.shape), np.zeros(commands.shape)
+    different, group = np.unique(late, axis=1, return_inverse=True)
+    for i, rest in enumerate(different.T):
+        which = group == i
+        _, early = held(A, commands[:, :, which], rest)
+        after, new[:, :, which] = held(A, commands[:, :, which], step - rest)
+        old[:, :, which] = after @ early
+    return [_waiting(*parts) for parts in zip(whole, new, old, of_torques, delays, strict=True)]
+
+
+def _waiting(
+    whole: np.ndarray, new: np.ndarray, old: np.ndarray, of_torques: np.ndarray, delays: np.ndarray
+) -> DelayedBed:  # fmt: skip
+    """A bed whose commands are ``delays`` (k,) samples late: those that wait longer than others get registers."""
+    x, delay = len(whole), int(delays.min()) if len(delays) else 0
+    waiting = [j for j in range(len(delays)) if delays[j] > delay]
     if not waiting:
         return DelayedBed(whole, new, old, of_torques, delay)
     # a command that has to wait m samples longer: m + 1 registers, of which the last two act
@@ -553,11 +567,16 @@ def delayed_bed(
     return made
 
 
-def held(A: np.ndarray, B: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Exact discretisation (x, x), (x, u) over a step (s) with inputs held."""
-    n, m = len(A), B.shape[1]
-    block = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * step)
-    return block[:n, :n], block[:n, n:]
+def held(A: np.ndarray, B: np.ndarray, step: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Exact discretisation (b, x, x), (b, x, u) of A (b, x, x), B (b, x, u) over steps (s), one or (b,), inputs held.
+
+    Or of one bed, without b.
+    """
+    n = A.shape[-1]
+    block = np.zeros((*A.shape[:-2], *(n + B.shape[-1],) * 2))
+    block[..., :n, :n], block[..., :n, n:] = A, B
+    block = expm(block * np.asarray(step)[..., None, None])
+    return block[..., :n, :n], block[..., :n, n:]
 
 
 def of_model(model: BedModel, dead_time: float | np.ndarray, step: float) -> DelayedBed:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 
 from modelling.equations.casadi_code import Model, compiled
@@ -85,16 +86,39 @@ def linear_at(model: Model, p: np.ndarray, x: np.ndarray, u: np.ndarray) -> Line
     InputError
         If an element of A, B, C or D is not finite.
     """
+    A, B, C, D, of_inputs, of_sensors = (part[0] for part in linear_sets(model, p[None], x[None], u[None]))
+    return Linear(A, B, C, D, x, u, p, of_inputs, of_sensors, model)
+
+
+def linear_sets(model: Model, p: np.ndarray, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
+    """A (b, x, x), B (b, x, u), C (b, y, x), D (b, y, u), and delays of inputs (b, u) and sensors (b, y), s.
+
+    At parameter sets p (b, p), about states x (b, x) and inputs u (b, u).
+
+    Raises
+    ------
+    InputError
+        If an element of A, B, C or D is not finite.
+    """
     check_size(model)
-    A, B, C, D = (part.full() for part in model.jacobians(x, u, p, 0.0))
-    for name, part in (("A", A), ("B", B), ("C", C), ("D", D)):
+    count = len(p)
+    columns = x.T, u.T, p.T
+    found = [_side_by_side(part, count) for part in model.jacobians.map(count)(*columns, np.zeros((1, count)))]
+    for name, part in zip("ABCD", found, strict=True):
         if not np.isfinite(part).all():
-            row = np.argwhere(~np.isfinite(part))[0][0]
+            _, row, _ = np.argwhere(~np.isfinite(part))[0]
             of = f"the derivative of {model.states[row]}" if name in "AB" else f"what {model.sensors[row]} reads"
             right = "check the quantities it depends on for values that are far too large or too small"
             raise InputError(model.system.title or "the model", f"{of} is not finite about this state", right)
-    delays = [delay.full().ravel() for delay in model.delays(p)]
-    return Linear(A, B, C, D, x, u, p, delays[0], delays[1], model)
+    delays = [delay.full().T for delay in model.delays.map(count)(p.T)]
+    return *found, *delays
+
+
+def _side_by_side(stacked: ca.DM, count: int) -> np.ndarray:
+    """Matrices (b, i, j) that a mapped function puts one after another, (i, b·j)."""
+    whole = stacked.full()
+    rows = len(whole)
+    return np.ascontiguousarray(whole.reshape(rows, count, whole.shape[1] // count).swapaxes(0, 1))
 
 
 @dataclass(frozen=True)
@@ -103,7 +127,7 @@ class Deflated:
 
     Attributes
     ----------
-    A : ndarray (l, l)
+    A : ndarray (l, l) or (b, l, l)
         Of the states that remain.
     lift : ndarray (x, l)
         Takes those to all states, free angles 0; its columns are orthonormal, so liftᵀ takes B along.
@@ -128,20 +152,39 @@ def deflated(linear: Linear, parts: Elements) -> Deflated:
     parts : Elements
         Of the same model at one parameter set and state.
     """
-    A, n = linear.A, linear.model.n
-    free, basis = _bases(parts.deflection_jacobian[:, :n].tobytes(), n)
-    if float(np.linalg.norm(A[:, :n] @ free)) > 1e-9 * float(np.linalg.norm(A[:, :n])):
+    one = deflated_states(linear.A, parts.deflection_jacobian, linear.model.n)
+    assert one is not None, "one matrix has one set of free angles"
+    return one
+
+
+def deflated_states(A: np.ndarray, deflections: np.ndarray, n: int) -> Deflated | None:
+    """:func:`deflated` of state matrices A (x, x) or (b, x, x) with n angles.
+
+    None if something else than springs holds a free angle to ground in some of the matrices and not in others.
+
+    Parameters
+    ----------
+    deflections : ndarray (s, x)
+        Deflection of every spring for unit states, the same of all.
+    """
+    free, basis = _bases(deflections[:, :n].tobytes(), n)
+    of_angles = A[..., :n]
+    held = np.linalg.norm(of_angles @ free, axis=(-2, -1)) > 1e-9 * np.linalg.norm(of_angles, axis=(-2, -1))
+    if np.any(held):
+        if not np.all(held):
+            return None
         free, basis = np.zeros((n, 0)), np.eye(n)  # something else holds an angle to ground
     r = free.shape[1]
-    lift = np.zeros((len(A), len(A) - r))
+    x = A.shape[-1]
+    lift = np.zeros((x, x - r))
     lift[:n, : n - r] = basis
     lift[n : 2 * n, n - r : n], lift[n : 2 * n, n : 2 * n - r] = free, basis
-    lift[2 * n :, 2 * n - r :] = np.eye(len(A) - 2 * n)
+    lift[2 * n :, 2 * n - r :] = np.eye(x - 2 * n)
     inner = lift.T @ A @ lift
-    inner[: n - r] = 0.0
-    inner[: n - r, n : 2 * n - r] = np.eye(n - r)  # the rate of a twist is a difference of speeds, exactly
-    speeds = inner[:, n - r : n]  # of the free angles: only drag slows them, what is smaller is rounding
-    speeds[np.abs(speeds) < 1e-13 * np.linalg.norm(inner, axis=1)[:, None]] = 0.0
+    inner[..., : n - r, :] = 0.0
+    inner[..., : n - r, n : 2 * n - r] = np.eye(n - r)  # the rate of a twist is a difference of speeds, exactly
+    speeds = inner[..., n - r : n]  # of the free angles: only drag slows them, what is smaller is rounding
+    speeds[np.abs(speeds) < 1e-13 * np.linalg.norm(inner, axis=-1)[..., None]] = 0.0
     return Deflated(inner, lift, free)
 
 

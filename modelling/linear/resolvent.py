@@ -55,3 +55,29 @@ def resolvent(A: np.ndarray) -> Resolvent:
 def transfer(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, s: np.ndarray) -> np.ndarray:
     """C·(sI − A)⁻¹·B + D at complex s (f,): (f, y, u)."""
     return C @ resolvent(A).columns(np.asarray(s), B) + D
+
+
+@dataclass(frozen=True)
+class Resolvents:
+    """:class:`Resolvent` of many matrices (b, x, x), side by side."""
+
+    T: np.ndarray
+    V: np.ndarray
+    inverse: np.ndarray
+
+    def columns(self, z: np.ndarray, B: np.ndarray) -> np.ndarray:
+        """(z·I − A)⁻¹·B, (b, f, x, u), for z (f,) and B (b, x, u)."""
+        (b, x, u), f = B.shape, len(z)
+        turned, found = self.inverse @ B, np.empty((b, x, f, u), complex)
+        for i in range(x - 1, -1, -1):
+            after = found[:, i + 1 :].reshape(b, -1, f * u)
+            known = (self.T[:, i, None, i + 1 :] @ after).reshape(b, f, u)
+            found[:, i] = (turned[:, i, None] + known) / (z[:, None] - self.T[:, i, i, None, None])
+        columns = (self.V @ found.reshape(b, x, f * u)).reshape(b, x, f, u)
+        return np.moveaxis(columns, 1, 2)
+
+
+def resolvents(A: np.ndarray) -> Resolvents:
+    """The Schur forms of matrices (b, x, x)."""
+    forms = [resolvent(one) for one in A]
+    return Resolvents(*(np.stack([getattr(form, name) for form in forms]) for name in ("T", "V", "inverse")))

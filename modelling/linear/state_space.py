@@ -10,9 +10,11 @@ import numpy as np
 from scipy.linalg import expm
 
 from modelling.display import Displayed, labelled, series_frame
+from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError, unknown
 from modelling.linear.elements import elements
-from modelling.linear.linearise import Linear, deflated, linearise
+from modelling.linear.linearise import Linear, deflated, deflated_states, linear_sets, linearise
+from modelling.linear.steady_motion import reference_motions, without_ripple
 from modelling.system import System
 
 # --- A linear system from sample to sample, exactly: inputs that are held, and inputs that grow evenly.
@@ -295,21 +297,34 @@ def state_space(system: System, values: Mapping[str, float] | None = None) -> St
         If a name is unknown, rigid gears lock the system, a sensor reads an angle that is left out, or an input or
         sensor is delayed.
     """
-    linear = linearise(system, values)
-    if linear.input_delays.any() or linear.sensor_delays.any():
+    return state_spaces(system, [values or {}])[0]
+
+
+def state_spaces(system: System, values: Sequence[Mapping[str, float]]) -> list[StateSpace]:
+    """:func:`state_space` of many sets of parameters, linearised together."""
+    model = compiled(system)
+    p = np.stack([model.vector(one) for one in values])
+    if system.operating_point is not None:
+        p = np.stack([without_ripple(model, row) for row in p])
+    x, u = reference_motions(model, p)
+    A, B, C, D, *delays = linear_sets(model, p, x, u)
+    if any(delay.any() for delay in delays):
         raise InputError(
             "effects", "a dead time inside the model is not expected here", "state it in the loop of the case"
         )
-    rest = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
-    lift = rest.lift
-    model = linear.model
-    angles = linear.C[:, : model.n]
-    free_part = np.abs(angles @ rest.free_angles).max(axis=1, initial=0.0)
-    blind = free_part > ROUNDING * np.abs(angles).max(axis=1, initial=0.0)  # relative: a stiff shaft has large entries
+    parts = elements(model, p, x)
+    rest = deflated_states(A, parts.deflection_jacobian, model.n) if parts.spring_transformation.ndim == 2 else None
+    if rest is None:  # ratios differ, or what is free to turn: one by one
+        return [space for one in values for space in state_spaces(system, [one])]
+    angles = C[:, :, : model.n]
+    free_part = np.abs(angles @ rest.free_angles).max(axis=2, initial=0.0)
+    blind = free_part > ROUNDING * np.abs(angles).max(axis=2, initial=0.0)  # relative: a stiff shaft has large entries
     if blind.any():
-        name = model.sensors[int(np.argmax(blind))]
+        name = model.sensors[int(np.argmax(blind.any(axis=0)))]
         raise InputError(f"sensors.{name}", "reads an angle that turns freely", "use a speed or a torque here")
-    return StateSpace(rest.A, lift.T @ linear.B, linear.C @ lift, linear.D, tuple(model.inputs), tuple(model.sensors))
+    inputs, sensors = tuple(model.inputs), tuple(model.sensors)
+    rows = zip(rest.A, rest.lift.T @ B, C @ rest.lift, D, strict=True)
+    return [StateSpace(*matrices, inputs, sensors) for matrices in rows]
 
 
 def _index(name: str, names: tuple[str, ...]) -> int:

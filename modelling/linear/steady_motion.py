@@ -253,6 +253,15 @@ def reference_motion(model: Model, p: np.ndarray) -> ReferenceMotion:
     return ReferenceMotion(with_lash_closed(model, p, motion.state), motion.inputs)
 
 
+def reference_motions(model: Model, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States (b, x) and inputs (b, u) of :func:`reference_motion` at parameter sets (b, p)."""
+    if model.system.operating_point is None or is_linear(model.system):
+        x = np.broadcast_to(rest_state(model, p), (len(p), len(model.states)))
+        return x, np.zeros((len(p), len(model.inputs)))
+    motions = [reference_motion(model, row) for row in p]
+    return np.stack([one.state for one in motions]), np.stack([one.inputs for one in motions])
+
+
 def reference_states(model: Model, p: np.ndarray) -> np.ndarray:
     """States of :func:`reference_motion` at parameter sets (b, p): (x,) where all are one, else (b, x).
 

@@ -92,9 +92,10 @@ def test_a_bed_that_falls_short_is_diagnosed_from_its_own_recording(case, tmp_pa
     order = CommissionOrder(diagnosis_limit=7.0)
     monkeypatch.setattr(module, "tuned_case", lambda path: SimpleNamespace(tuned=case))
     circle = Circle(tmp_path / "out", tmp_path / "bed", order)
+    circle._tuned[1] = case
     monkeypatch.setattr(circle, "_recorded", lambda case, plan, number: circle._stages.run(
         f"{number}_record", "", lambda: ({"recording.csv": "recorded"}, {})))  # fmt: skip
-    assert circle._identified(tmp_path, 2) == {"named": 1}
+    assert circle._identified(2) == {"named": 1}
     assert module.plan_excitation.call_args.args == (case, order.excitation)
     (given, paths, _, limit), path = found.call_args.args, tmp_path / "out" / "2_record" / "recording.csv"
     assert (given, paths, limit) == (case, [path], 7.0)

@@ -8,6 +8,7 @@ import pytest
 from small_bed import write
 
 from matching.bed import commission as module
+from matching.bed import identify
 from matching.bed.simulated_bed import bed_system, names_in_system
 from matching.diagnosis.statistics import Estimate
 from matching.match.case_file import load_case
@@ -55,18 +56,20 @@ def test_a_recording_without_commands_says_what_is_missing(case, tmp_path):
 
 
 @pytest.mark.parametrize(("gain", "inertia", "said"), [
-    (1.09, 0.5, "dyno gives 1.09 times what it is asked for, not 1"),
-    (1.0, 0.56, "instead of 0.5"),
+    (1.09, 0.5, "dyno gives 1.0900 ± 0.0022 times what it is asked for, not 1"),
+    (1.0, 0.56, "rig.inertias.motor.J is 0.5600 ± 0.0011 instead of 0.5"),
     (1.01, 0.51, "finds no cause"),
 ])  # fmt: skip
-def test_what_is_further_off_than_the_case_states_is_named(gain, inertia, said, case, tmp_path, monkeypatch):
-    names = names_in_system(case)
+@pytest.mark.parametrize("note", ["", "at the end of its range"])
+def test_what_is_further_off_than_the_case_states_is_named(gain, inertia, said, note, case, tmp_path, monkeypatch):
+    """A value at the end of its range is none that was found."""
+    names, said = names_in_system(case), "finds no cause" if note else said
     values = {"dynamometers.dyno.torque_gain": gain, "rig.inertias.motor.J": inertia}
     diagnosis = SimpleNamespace(
-        parameters={names[name]: Estimate(value, 1e-4) for name, value in values.items()}, extended=bed_system(case),
-        verdict="adequate", to_dict=lambda: {"causes": []},
+        parameters={names[name]: Estimate(value, 1e-4, note) for name, value in values.items()},
+        extended=bed_system(case), verdict="adequate", to_dict=lambda: {"causes": []},
     )  # fmt: skip
-    monkeypatch.setattr(module, "diagnose", lambda *_: diagnosis)
+    monkeypatch.setattr(identify, "diagnose", lambda *_: diagnosis)
     found = module.why_short(case, SHORT, [recording(tmp_path, COMMANDED)])
     assert len(found.sentences) == 3
     assert said in found.sentences[2]
@@ -79,7 +82,7 @@ def test_a_cause_is_told_with_its_evidence(case, tmp_path, monkeypatch):
     diagnosis = SimpleNamespace(
         parameters={}, extended=bed_system(case), verdict="explained", to_dict=lambda: {"causes": [cause]}
     )
-    monkeypatch.setattr(module, "diagnose", lambda *_: diagnosis)
+    monkeypatch.setattr(identify, "diagnose", lambda *_: diagnosis)
     found = module.why_short(replace(case), SHORT, [recording(tmp_path, COMMANDED)])
     assert found.sentences[2:] == ("backlash at shafts.side: the torque stays at zero over 0.02 rad",)
     assert found.verdict == "explained"

@@ -11,6 +11,7 @@ from scipy.linalg import expm
 
 from matching.bed.excite import (
     PRIOR,
+    ExcitationOrder,
     ExcitedBeds,
     SpeedHold,
     chirp,
@@ -18,6 +19,7 @@ from matching.bed.excite import (
     information,
     multisine,
     optimal_powers,
+    plan_excitation,
     recorded_bed,
     steps,
 )
@@ -221,3 +223,16 @@ def test_wishes_that_cannot_be_met(more, wrong, limited_path, tmp_path, capsys):
     assert main(["excite", str(limited_path), *more, "--out", str(tmp_path / "out")]) == 2
     assert wrong in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_an_excitation_too_weak_for_what_is_allowed_says_so_first_with_a_length_that_does(limited_case):
+    """Sensors of 5 rad/s or 5 N·m of noise; a plan so many times as long leaves what is allowed."""
+    sensors = tuple(replace(sensor, uncertainty=5.0) for sensor in limited_case.rig.sensors)
+    noisy = replace(limited_case, rig=replace(limited_case.rig, sensors=sensors), tolerance=0.05)
+    order = ExcitationOrder(duration=8.0, beds=1)
+    plan = plan_excitation(noisy, order)
+    assert plan.error_after > plan.allowed == 0.05
+    assert 1 < plan.longer < 100
+    assert str(plan).splitlines()[1].startswith("The excitation is too weak")
+    longer = plan_excitation(noisy, replace(order, duration=plan.longer * order.duration))
+    assert longer.error_after < 1.2 * 0.05

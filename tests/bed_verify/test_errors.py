@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from matching.bed.commission import Commissioning, Round, best_round, end_of
 from matching.bed.measured import MeasuredFunction
-from matching.bed.verify import Figures, interval_of, judged
+from matching.bed.verify import Figures, _Function, _open_error, interval_of, judged
 
 
 def figures(error, spread=0.0, predicted=0.005, unknown=0.0, resolution=0.0):
@@ -99,7 +100,76 @@ def test_a_circle_goes_on_as_long_as_a_round_would_gain():
     same = Round(2, verification=verification(0.0595, "short"))
     assert "gained nothing" in end_of([first, same])
     assert end_of([Round(1, verification=verification(0.01, "short"))]) is None
-    assert end_of([Round(1, verification=verification(None))]) is None
+
+
+def test_a_round_that_cannot_gain_more_than_its_uncertainty_is_not_asked_for():
+    weak = {"open": [{"name": "response error to measured torques", "because": "excitation"}]}
+    open_ = verification(0.05, "undetermined", uncertainty=0.09)
+    assert "planned excitation is too weak" in end_of(
+        [Round(1, verification=open_ | weak | {"planned": {"measured": 0.06}})]
+    )
+    # the next proof is planned to decide it: what made this one worse can be diagnosed
+    assert end_of([Round(1, verification=open_ | weak | {"planned": {"measured": 0.01}})]) is None
+    vehicle = {"open": [{"name": "response error to measured torques", "because": "vehicle"}]}
+    assert "not known of the vehicle" in end_of([Round(1, verification=open_ | vehicle)])
+    hidden = verification(None, "undetermined", uncertainty=None) | weak
+    assert "planned excitation is too weak" in end_of(
+        [Round(1, verification=hidden | {"planned": {"measured": math.inf}})]
+    )
+    assert end_of([Round(1, verification=hidden | {"planned": {"measured": 0.01}})]) is None
+    # 0.02 over what can be reached, and two proofs of ± 0.012 each cannot show it
+    assert end_of([Round(1, verification=verification(0.035, uncertainty=0.006))]) is None
+    told = verification(0.035, uncertainty=0.006) | {"planned": {"measured": 0.009}}
+    assert "as well as the match can make it" in end_of([Round(1, verification=told)])
+
+
+def recorded(rng, sigma, case):
+    """A function of 120 lines that is off by 0.02, read with noise of ``sigma`` over the response."""
+    f = np.geomspace(*case.band, 120)
+    noise = sigma * (rng.normal(size=120) + 1j * rng.normal(size=120)) / np.sqrt(2)
+    off = 0.02 * np.exp(2j * np.pi * rng.random(120))
+    ones, few = np.ones(120, complex), np.zeros((0, 120))
+    measured = MeasuredFunction(f, np.exp(off) + noise, np.full((120, 1), sigma + 0j), np.ones(120))
+    return _Function("measured", 0, "torque", "sensor", measured, None, ones, ones, few, case.band)
+
+
+def test_a_length_that_would_do_does():
+    """An excitation that is too weak for its question says so with a length; recordings of that length decide it."""
+    rng, case = np.random.default_rng(8), SimpleNamespace(band=(1.0, 30.0))
+
+    def question(function):
+        def of_kind(longer, known_vehicle=False):
+            return judged("measured", [function.figures_of(longer, known_vehicle)], 0.01, 0.1)
+
+        now = of_kind(1.0)
+        return now, _open_error(now, of_kind) if now.status == "undetermined" else None
+
+    enough, weak = [], []
+    for _ in range(60):
+        sigma = 10 ** rng.uniform(-0.7, 0.0)
+        now, asked = question(recorded(rng, sigma, case))
+        if asked is None:
+            continue
+        assert (asked.because == "excitation") == (not 2 * now.uncertainty <= 0.1)
+        weak.append(asked.because == "excitation")
+        then, _ = question(recorded(rng, sigma / math.sqrt(asked.longer), case))
+        enough.append(then.uncertainty <= 1.2 * 0.1 / 3)
+    assert len(weak) > 30
+    assert 0 < sum(weak) < len(weak)
+    assert np.mean(enough) > 0.9
+
+
+def test_what_is_not_known_of_the_vehicle_is_not_blamed_on_the_excitation():
+    """Vehicles drawn 0.3 to either side: no recording decides, a known vehicle does."""
+    case = SimpleNamespace(band=(1.0, 30.0))
+    function = recorded(np.random.default_rng(2), 0.01, case)
+    far = replace(function, drawn=np.exp(np.outer([0.3, -0.3], np.ones(120))))
+
+    def of_kind(longer, known_vehicle=False):
+        return judged("measured", [far.figures_of(longer, known_vehicle)], 0.01, 0.1)
+
+    asked = _open_error(of_kind(1.0), of_kind)
+    assert (asked.because, asked.longer) == ("vehicle", math.inf)
 
 
 def test_the_best_round_is_the_one_nearest_to_the_same_vehicle():

@@ -242,9 +242,15 @@ KINDS = (
 
 def write(number, folder: Path, seed=50, **loop) -> Path:
     """Draw a bed and write its files, with other values of the loop; the case file."""
-    random = np.random.default_rng([seed, number])
     vehicle, rig, case, *own = KINDS[number]()
     case["loop"] |= loop
+    for one in own:
+        (folder / "own.toml").write_text(tomli_w.dumps(one))
+    return write_models(vehicle, rig, case, folder, np.random.default_rng([seed, number]))
+
+
+def write_models(vehicle, rig, case, folder: Path, random) -> Path:
+    """Draw every quantity of two models and write them with their case; the case file."""
     factors: dict = {}
     for model in (vehicle, rig):
         for table, keys in (("inertias", ("J", "drag")), ("shafts", ("stiffness", "damping"))):
@@ -257,6 +263,6 @@ def write(number, folder: Path, seed=50, **loop) -> Path:
                         factors[place] = random.uniform(1 - SPREAD, 1 + SPREAD)
                     made[name][key] = float(f"{part[key] * factors[place]:.5g}")
             model[table] = made
-    for name, content in (("vehicle", vehicle), ("rig", rig), ("case", case), *(("own", one) for one in own)):
+    for name, content in (("vehicle", vehicle), ("rig", rig), ("case", case)):
         (folder / f"{name}.toml").write_text(tomli_w.dumps(content))
     return folder / "case.toml"
