@@ -426,7 +426,7 @@ def bed_from_recordings(
     made = identified_case(case, diagnosis)
     after = {quantity.name: quantity for quantity in made.case.uncertainty.uncertain}
     values = tuple(_identified(quantity, after[quantity.name], case, made.case, diagnosis)
-                   for quantity in case.uncertainty.uncertain)  # fmt: skip
+                   for quantity in case.uncertainty.without("vehicle.").uncertain)  # fmt: skip
     early = _ended_early(limit)
     return Identification(made.case, diagnosis, values, (*early, *made.notes), limit.seconds if early else None)
 

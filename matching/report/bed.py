@@ -410,7 +410,7 @@ def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[Step]:
                           f"{best}_export/controller.fmu")] if best else []  # fmt: skip
     last = next((proof for _, proof in sorted(judged.items(), reverse=True) if proof), None)
     if last:
-        points += verification_steps(last, f"{folder}/{max(judged)}_match", folder, commissioned=True)
+        points += verification_steps(last, f"{folder}/{max(judged)}_match", "verify", commissioned=True)
     if result["end"] is None:
         points.append(Step("Allow a further round: it may gain", command=f"{again} --rounds {len(judged) + 1}"))
     return points
@@ -593,7 +593,7 @@ def excitation(plan: ExcitationPlan) -> Figure:
             values = np.maximum([getattr(quantity, share) for quantity in expected], SMALLEST_SHARE)
             ax.plot(values, rows, mark, color=colour, label=label, fillstyle="full" if mark == "o" else "none")
         ax.set_xscale("log")
-        ax.set_yticks(rows, [spaced(quantity.name) for quantity in expected])
+        ax.set_yticks(rows, [component(quantity.name) for quantity in expected])
         ax.invert_yaxis()
         ax.set_xlabel("part of the response error")
         fig.legend(loc="outside lower center", ncols=2)
@@ -621,6 +621,7 @@ def torques_figure(inputs: Sequence[str], torques: np.ndarray, step: float) -> F
 # --- The reports of an identification, of a planned excitation, a planned proof and a planned check of the channels.
 
 EXCITATION = "Torques over time; below, the part of each quantity in the response error, now and after the recording."
+IDENTIFIED = "What the recordings change of each quantity that they tell, with the half-width that stays (k = 2)."
 PROOF = "The last period of the torques."
 PULSES = "Torques of the check of the channels: every one alone, then all at once."
 
@@ -632,21 +633,36 @@ FROM_NOISE = "± is a standard uncertainty (k = 1) from sensor noise alone: a mo
 def identification_report(content: Mapping[str, Any], folder: str = "OUT", *_: Any) -> Report:
     """What the recordings say."""
     parts = {name: content[name] for name in ("bed", "vehicle") if content[name] is not None}
-    folds = [
-        Fold(name, [identification_lines(part), *([Table([_value(own) for own in part["values"]], HALF_WIDTHS)]
-                                                  if part["values"] else [])], told=True)
-        for name, part in parts.items()
-    ]  # fmt: skip
-    told = [own for part in parts.values() for own in part["values"]]
-    count = sum(own.get("found", True) for own in told)
+    folds = [Fold(name, [identification_lines(part)], told=True) for name, part in parts.items()]
+    rows = [{**_value(own), "recording of": name} for name, part in parts.items() for own in part["values"]]
+    count = sum(own.get("found", True) for part in parts.values() for own in part["values"])
     return Report(
         "Identification", "identified",
-        f"{count} of {len(told)} quantities of {' and '.join(parts)} are told by the recordings.",
+        f"{count} of {len(rows)} quantities of {' and '.join(parts)} are told by the recordings.",
         lists={"What to do now": [
             Step("Match with what was found", command=f"rigmatch match {quote(folder)}/case.toml --out match"),
         ]},
+        table=Table(rows, HALF_WIDTHS),
         folds=folds,
     )  # fmt: skip
+
+
+def identified_figure(content: Mapping[str, Any]) -> Figure:
+    """What recordings change of each quantity that they tell, in per cent, with what stays uncertain of it."""
+    told = [own for part in ("bed", "vehicle") if content[part] for own in content[part]["values"]
+            if own.get("found", True) and own["before"]]  # fmt: skip
+    fig = figure(7.4, 0.24 * len(told) + 0.9)
+    with styled():
+        ax, rows = fig.subplots(), np.arange(len(told))
+        before = np.array([own["before"] for own in told])
+        changed = 100 * (np.array([own["after"] for own in told]) / before - 1)
+        spread = 100 * np.array([own["half_width"] for own in told]) / np.abs(before)
+        ax.axvline(0, color=INK, linewidth=0.8)
+        ax.errorbar(changed, rows, xerr=spread, fmt="o", color=MATCHED, markersize=4, capsize=3)
+        ax.set_yticks(rows, [component(own["name"]) for own in told])
+        ax.invert_yaxis()
+        ax.set_xlabel("change by the recordings in %")
+    return fig
 
 
 def excitation_report(
@@ -749,6 +765,7 @@ def proof_report(content: Mapping[str, Any], folder: str = "OUT", made: Provenan
 
 register(FromRecordings, View(
     "identification.json", identification_report,
+    lambda known: {"identified": Picture(lambda: identified_figure(known.to_dict()), IDENTIFIED)},
     others=lambda known: {name: text for name, text in known.files().items() if name != "identification.json"},
 ))  # fmt: skip
 register(ExcitationPlan, View(
