@@ -16,6 +16,7 @@ from markupsafe import Markup, escape
 from matplotlib.collections import QuadMesh
 from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
+from matplotlib.patches import StepPatch
 
 from matching.report.common import image, without_head
 
@@ -31,6 +32,9 @@ def acting(fig: Figure) -> tuple[bytes, Markup]:
         for line in axes.lines:
             if np.size(line.get_xdata()) > 1 and line.get_transform() == axes.transData:
                 line.set_gid(f"curve: {_label(line)}")
+        for steps in axes.patches:  # of a distribution
+            if isinstance(steps, StepPatch):
+                steps.set_gid(f"curve: {_label(steps)}")
         for bar, words in _bars(axes):
             bar.set_gid(f"bar: {words}")
     svg = image(fig)
