@@ -92,7 +92,7 @@ OPERATING = {
     "road_load": "`constant` (N), `linear` (N·s/m), `quadratic` (N·s²/m²); added to the vehicle's drag",
 }
 RANGE = {
-    "vehicle_speed": "lowest and highest speed; backwards is the mirror image",
+    "vehicle_speed": "lowest and highest speed; below 0 backwards",
     "rolling_radius": "of the wheels, m",
     "road_load": "as under `[operating_point]`",
 }
@@ -100,7 +100,7 @@ DRIVE = {
     "title": "a line for reports",
     "vehicle_speed": "from which it begins; that of the profile, or 0, unless stated",
     "profile": "file with `time`, `vehicle_speed` and, where the road climbs, `grade`; a driver follows it",
-    "driver": "`input` that it acts on, `proportional`, `integral`, `largest` torque",
+    "driver": "`input` that it acts on, `brakes` (inputs) that it pulls, `proportional`, `integral`, `largest` torque",
 }
 CHANNEL = {
     "channel": "its name in the recording; of a matrix in a `.mat` the column: `data[:,2]` or `data(:,3)` is the third",

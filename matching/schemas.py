@@ -172,7 +172,8 @@ def _case() -> Schema:
             ("vehicle_speed", "rolling_radius")),
         "drives": {"type": "array", "items": {"type": "object", "properties": described(
             {"title": TEXT, "vehicle_speed": value("m/s"), "profile": TEXT,
-             "driver": table({"input": TEXT} | {key: value(unit) for key, unit in DRIVER_UNITS.items()})},
+             "driver": table(
+                 {"input": TEXT, "brakes": NAMES} | {key: value(unit) for key, unit in DRIVER_UNITS.items()})},
             meanings.DRIVE)}},
         "uncertainty": {"type": "object"},
     }  # fmt: skip

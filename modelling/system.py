@@ -276,6 +276,12 @@ class Components:
         return {name: imposing[place] for name, place in places.items() if place in imposing}
 
     @property
+    def brakes(self) -> tuple[str, ...]:
+        """Inputs that are the torque of a brake."""
+        braked = {place for effect in self.effects if effect.law.brakes for place in effect.places}
+        return tuple(part.name for part in self.inputs if f"inputs.{part.name}" in braked)
+
+    @property
     def input_quantities(self) -> dict[str, str]:
         """By input: ``torque``, or the ``speed`` or ``angle`` that it imposes."""
         return {

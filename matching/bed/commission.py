@@ -11,16 +11,19 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from matching.bed.channels import channel_recording, judge_channels, plan_channels
 from matching.bed.excite import (
     ExcitationOrder,
     ExcitationPlan,
     bed_inputs,
+    error_weights,
     excitation_csv,
     plan_excitation,
     steady_speed,
 )
-from matching.bed.identify import GAIN, bed_from_recordings, vehicle_from_recordings
+from matching.bed.identify import GAIN, IdentifiedValue, bed_from_recordings, vehicle_from_recordings
 from matching.bed.lost_motion import LostMotion, lost_motion, with_free_play
 from matching.bed.plausible import NotThisBed, check_excitation
 from matching.bed.proof import plan_proof, proof_csv
@@ -176,13 +179,12 @@ def end_of(rounds: Sequence[Round]) -> str | None:
 
 
 def _could_gain(error: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
-    """Whether an error is larger than what a match with the bed's true values would leave, by more than its uncertainty
-    and that of the next proof together."""
+    """Whether an error is larger than what a match with the bed's true values would leave, beyond its uncertainty; of
+    one that does not show, whether the next proof is planned to show it."""
     if error["error"] is None:
         return not _planned_too_weak(error, now)
     reached = NEAR_ENOUGH_RATIO * max(error["predicted"], NEGLIGIBLE * error["allowed"])
-    uncertain = COVERAGE_FACTOR * math.hypot(error["standard_uncertainty"], _planned(error, now))
-    return bool(error["error"] - uncertain > reached)
+    return bool(error["error"] - COVERAGE_FACTOR * error["standard_uncertainty"] > reached)
 
 
 def _planned(error: Mapping[str, Any], now: Mapping[str, Any]) -> float:
@@ -721,7 +723,8 @@ def _of_case(case: Case) -> str:
 
 # --- Why short
 
-LEAST_SHIFT = 1.0  # in half-widths of the case: a quantity that is further from its stated value is named
+MOST_TOLD = 6  # quantities that are off
+LEAST_PART = 0.1  # of the response error of the one that makes most of it: what makes less is not told
 
 
 @dataclass(frozen=True)
@@ -733,7 +736,7 @@ class Reason:
     verdict : str
         Of the diagnosis; empty where there was none.
     sentences : tuple of str
-        Causes with their evidence, quantities that are further off than the case states, or why nothing was diagnosed.
+        Causes with their evidence, quantities that are off and the error that they make, or why nothing was diagnosed.
     """
 
     verdict: str
@@ -776,21 +779,33 @@ def why_short(
     )  # fmt: skip
     diagnosed = found.to_dict()
     causes = [f"{cause['kind']} at {cause['at']}: {cause['evidence']}" for cause in diagnosed["causes"]]
-    widths = {quantity.name: quantity.half_width for quantity in case.uncertainty.uncertain}
-    gains, moved = [], []
-    for value in found.values:  # one at the end of its range is none that was found
+    nothing = "The diagnosis finds nothing that is off beyond its uncertainty."
+    return Reason(found.diagnosis.verdict, (*judged, *([*causes, *_what_is_off(case, found.values)] or [nothing])))
+
+
+def _what_is_off(case: Case, values: Sequence[IdentifiedValue]) -> list[str]:
+    """Quantities of the bed that are off beyond their uncertainty, with the response error that each makes alone; those
+    that make most of it. A value at the end of its range is none that was found."""
+    known = replace(case, uncertainty=case.uncertainty.without("vehicle."))
+    weights = np.sqrt(np.maximum(np.diag(error_weights(known)), 0.0))
+    rows = []
+    for quantity, value, weight in zip(known.uncertainty.uncertain, values, weights, strict=True):
         gain = value.name.endswith(GAIN)
-        width = widths[value.name] * (value.before if gain else 1.0)
-        if not value.found or abs(value.after - value.before) <= LEAST_SHIFT * width:
-            continue
+        off = abs(value.after - value.before)
+        if value.found and off > value.half_width:
+            rows.append((float(weight * off / (quantity.half_width * (value.before if gain else 1.0))), value, gain))
+    rows.sort(key=lambda row: -row[0])
+    said = []
+    for alone, value, gain in rows[:MOST_TOLD]:
+        if alone < LEAST_PART * rows[0][0]:
+            break
         now = _with(value.after, value.half_width / COVERAGE_FACTOR)
+        what = f"{value.name} is {now} instead of {value.before:.6g}"
         if gain:
             dynamometer = value.name.removeprefix("dynamometers.").removesuffix(GAIN)
-            gains.append(f"{dynamometer} gives {now} times what it is asked for, not {value.before:.4g}")
-        else:
-            moved.append(f"{value.name} is {now} instead of {value.before:.4g}")
-    nothing = "The diagnosis finds no cause beyond what the case states as uncertain."
-    return Reason(found.diagnosis.verdict, (*judged, *([*causes, *gains, *moved] or [nothing])))
+            what = f"{dynamometer} gives {now} times what it is asked for, not {value.before:.6g}"
+        said.append(f"{what}: alone a response error of {alone:.2g}")
+    return said
 
 
 def what_is_short(verification: BedVerification) -> list[str]:

@@ -104,7 +104,9 @@ export function render({ model }) {
     if (held && parts[held]) parts[held].focus({ preventScroll: true })
   }
   let count = 0
+  let dragged = false  // since the button went down: the click that follows picks nothing
   const pick = (event) => {
+    if (dragged) return
     const part = event.target.closest('[data-part]')
     if (!part) return
     event.preventDefault()
@@ -113,6 +115,47 @@ export function render({ model }) {
   }
   box.addEventListener('click', pick)
   box.addEventListener('keydown', (event) => { if (event.key === 'Enter' || event.key === ' ') pick(event) })
+  // A shaft is drawn by dragging from a disc: to another disc, or into the open, where a new inertia begins.
+  const disc = (x, y) => {
+    const under = box.getRootNode().elementsFromPoint(x, y).map(each => each.closest('[data-part^="inertias."]'))
+    return under.find(each => each) || null
+  }
+  box.addEventListener('pointerdown', (event) => {
+    dragged = false
+    const from = disc(event.clientX, event.clientY)
+    if (!model.reacts || !from || event.pointerType !== 'mouse' || event.button !== 0) return
+    const svg = from.ownerSVGElement
+    const place = (at) => new DOMPoint(at.clientX, at.clientY).matrixTransform(svg.getScreenCTM().inverse())
+    const start = place(event)
+    let line = null
+    const follow = (now) => {
+      if (!line && Math.hypot(now.clientX - event.clientX, now.clientY - event.clientY) < 8) return
+      const { x, y } = place(now)
+      if (!line) {
+        dragged = true
+        line = made('line', { x1: start.x, y1: start.y, stroke: '#0072B2', 'stroke-width': 2, 'stroke-dasharray': '6 4',
+          'pointer-events': 'none' }, svg)
+      }
+      set(line, { x2: x, y2: y })
+    }
+    const end = (now) => {
+      document.removeEventListener('pointermove', follow)
+      document.removeEventListener('pointerup', end)
+      document.removeEventListener('pointercancel', end)
+      if (line) line.remove()
+      if (!line || now.type !== 'pointerup') return
+      const to = disc(now.clientX, now.clientY)
+      const inside = box.getBoundingClientRect()
+      const open = !to && now.clientX > inside.left && now.clientX < inside.right
+        && now.clientY > inside.top && now.clientY < inside.bottom
+      if (to === from || !(to || open)) return
+      count += 1
+      model.drawn = `${from.dataset.part} ${to ? to.dataset.part : '-'} ${count}`
+    }
+    document.addEventListener('pointermove', follow)
+    document.addEventListener('pointerup', end)
+    document.addEventListener('pointercancel', end)
+  })
   const takeBack = (event) => {  // of several drawings on a page, the first one answers
     if (!whole.isConnected) return document.removeEventListener('keydown', takeBack)
     const typing = /^(INPUT|TEXTAREA|SELECT)$/.test(event.composedPath()[0].tagName)

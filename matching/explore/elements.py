@@ -60,7 +60,8 @@ class DrivetrainView(JSComponent):
     """A drawing whose parts can be picked by mouse and keys: as wide as the page, larger on request.
 
     ``svg`` and ``marks`` are those of :mod:`matching.report.drivetrain`; ``picked`` is the last part, with a count that
-    makes it new; without ``reacts`` no part is a button. ``undone`` counts Ctrl-Z outside a field.
+    makes it new; without ``reacts`` no part is a button. ``drawn`` is the last shaft that was drawn by dragging, with a
+    count: two inertias, or one and ``-`` for a new one. ``undone`` counts Ctrl-Z outside a field.
     """
 
     label = param.String(default="the drivetrain")
@@ -68,6 +69,7 @@ class DrivetrainView(JSComponent):
     marks = param.Dict(default={})
     reacts = param.Boolean(default=False)
     picked = param.String(default="")
+    drawn = param.String(default="")
     undone = param.Integer(default=0)
     _esm = beside_this("drivetrain.js")
     _stylesheets = [beside_this("drivetrain.css")]

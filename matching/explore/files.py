@@ -530,6 +530,7 @@ def _named_files(content: Mapping[str, Any]) -> dict[Keys, str]:
 
 # --- The values of a file as fields of a form: which there are, and setting one with the file checked as a whole.
 
+ENDS = ("from", "to")  # of a pair of quantities, a range
 HIDDEN_TEXTS = ("vehicle", "rig", "formula")  # changed in the file, where more than one value belongs together
 
 
@@ -553,10 +554,17 @@ def fields(document: Document, tables: Mapping[str, Any] | None = None, above: K
         elif isinstance(value, list) and value and all(isinstance(each, Mapping) for each in value):
             for number, each in enumerate(value):
                 form += fields(document, each, (*keys, number))
+        elif isinstance(value, list) and len(value) == len(ENDS) and all(_is_quantity(str(each)) for each in value):
+            table = _in_words(above)
+            form += [Field(table, f"{key}, {end}", (*keys, n), str(value[n])) for n, end in enumerate(ENDS)]
         elif isinstance(value, int | float | str) and not isinstance(value, bool) and key not in HIDDEN_TEXTS:
-            table = " ".join(str(part + 1) if isinstance(part, int) else part for part in above)
-            form.append(Field(table, key, keys, f"{value:.10g}" if isinstance(value, float) else str(value)))
+            written = f"{value:.10g}" if isinstance(value, float) else str(value)
+            form.append(Field(_in_words(above), key, keys, written))
     return form
+
+
+def _in_words(keys: Keys) -> str:
+    return " ".join(str(part + 1) if isinstance(part, int) else part for part in keys)
 
 
 def set_field(document: Document, keys: Keys, text: str, check: Callable[[dict[str, Any]], Any]) -> Any:

@@ -30,7 +30,16 @@ from matching.explore.elements import (
 from matching.explore.fields import Editing, Entry, lay_out
 from matching.explore.files import Document, Workspace, part_of, write_case, write_model
 from matching.explore.live import WhatIf, largest_shares
-from matching.explore.parts import ADDABLE, add_effect, add_part, effects_for, remove_effect, remove_part, rename_part
+from matching.explore.parts import (
+    ADDABLE,
+    add_effect,
+    add_part,
+    effects_for,
+    free_name,
+    remove_effect,
+    remove_part,
+    rename_part,
+)
 from matching.explore.signals import MeasuredCurves, measured_curves, read_as_suggested
 from matching.report.common import amount, hertz, number, spaced, unit
 from matching.report.drivetrain import LEGEND, Sketch, case_drawings, drawing, marks, sketch
@@ -81,6 +90,7 @@ class DrivetrainTab:
         self.changes = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
         for role, view in self.views.items():
             view.param.watch(partial(self._picked, role), "picked")
+            view.param.watch(partial(self._drawn, role), "drawn")
             view.param.watch(lambda _: self.editing.undo_last(), "undone")
         self.chooser.param.watch(lambda event: self.select(*event.new), "value")
         self.same = EquivalentBox(self._equivalent())
@@ -106,7 +116,9 @@ class DrivetrainTab:
         drawings = [part for role, view in self.views.items() for part in (self.titles[role], view)]
         how = paragraph(f"{LEGEND[0].upper()}{LEGEND[1:]}.")
         head = opening(
-            "Drivetrain", "What turns, and what connects it. Click a part to change its values; save them to its file.",
+            "Drivetrain",
+            "What turns, and what connects it. Click a part to change its values; save them to its file. Drag from a "
+            "disc to another one for a shaft between them, or into the open for a new inertia.",
             self.editing.undo, self.editing.save,
         )  # fmt: skip
         fields = [
@@ -261,6 +273,20 @@ class DrivetrainTab:
         self.select(role, part)
         if not any(part_of(name) == part for name in self.workspace.models[role].system.parameters):
             self.editing.message.say(f"{spaced(part)} has no values")
+
+    def _drawn(self, role: str, event: Any) -> None:
+        first, second, _ = event.new.split(" ")
+        self.editing.do(partial(self._draw, role, first.partition(".")[2], second.partition(".")[2]))
+
+    def _draw(self, role: str, first: str, second: str) -> str:
+        """Add what was drawn: a shaft between two inertias, or a new inertia on a shaft at the first."""
+        document = self.workspace.models[role]
+        kind = "shaft between inertias" if second else "inertia on a shaft"
+        name = free_name(document.system, "shaft" if second else "inertia")
+        add_part(document, kind, name, first, second)
+        self._role, self._part = role, f"{ADDABLE[kind]}.{name}"
+        values = "the values of the first shaft" if second else f"the values of {spaced(first)} and of the first shaft"
+        return f"{spaced(name)} was added to {role} with {values}; not saved yet"
 
     def _undo(self) -> bool:
         changed = [role for role, document in self.workspace.models.items() if document.changed]

@@ -77,6 +77,7 @@ from matching.uncertainty.evaluate import evaluate
 from modelling import escape
 from modelling.bed.controllers import STRUCTURES
 from modelling.bed.manoeuvres import UNITS as MANOEUVRE_UNITS
+from modelling.bed.profile import UNITS as DRIVER_UNITS
 from modelling.display import counted, files
 from modelling.errors import InputError
 from modelling.escape import html
@@ -223,9 +224,11 @@ STARTS = 4
 TITLES = {
     "move": "What may move (bounds)", "loop": "Loop", "limits": "Limits", "response": "Compared responses",
     "targets": "Target modes", "manoeuvre": "Manoeuvre", "operating_point": "Operating point",
-    "operating_range": "Range of speeds", "drives": "Drives that judge it",
+    "operating_range": "Range of speeds", "drives": "Drive that judges it",
     "uncertainty": "What is not known exactly",
 }  # fmt: skip
+DRIVE = "drives "  # and its number from 0: the name of its card
+RANGE_UNITS = {"vehicle_speed": "m/s", "rolling_radius": "m"}
 PAIRS = {"max-width": "690px"}  # two fields: lower and upper bound beside each other
 CHOICES: dict[Keys, tuple[str, ...]] = {("loop", "structure"): tuple(STRUCTURES)}
 OPEN = ("move", "loop")  # tables that are shown unfolded
@@ -298,7 +301,7 @@ class MatchTab:
         """Show the form as the case is; fields and tables that are there stay."""
         by_table = self.form.fields
         by_table["move"] = sorted(by_table.get("move", ()), key=_adapters_first)
-        shown = [(table, field) for table in TITLES for field in by_table.get(table, ())]
+        shown = [(_card_of(field), field) for table in TITLES for field in by_table.get(table, ())]
         members: dict[str, list[Any]] = {}
         widgets = self.editing.entries.show(self._entry(field) for _, field in shown)
         for (table, _), widget in zip(shown, widgets, strict=True):
@@ -306,13 +309,15 @@ class MatchTab:
         for table in members.keys() - self._cards.keys():
             self._cards[table] = pn.Card(
                 pn.FlexBox(styles=PAIRS if table == "move" else {}),
-                header=strong(TITLES[table]),
+                header=strong(self._title(table)),
                 collapsed=table not in OPEN,
                 sizing_mode=WIDE,
                 margin=(4, 5),
             )
         for table, inside in members.items():
             lay_out(self._cards[table][0], inside)
+            if table.startswith(DRIVE):  # its title may have been changed
+                self._cards[table].header = strong(self._title(table))
         lay_out(self.tables, [self._cards[table] for table in members])
         for chooser, names in ((self.added, self.form.addable), (self.held, [m.name for m in self.form.case.moves])):
             offer(chooser, {component(name) + f" ({name.partition('.')[0]})": name for name in names})
@@ -358,8 +363,16 @@ class MatchTab:
     def _changed_words(self) -> str:
         return "Changed; not saved yet" if self.form.document.changed else "As in the file"
 
+    def _title(self, card: str) -> str:
+        if not card.startswith(DRIVE):
+            return TITLES[card]
+        number = int(card.removeprefix(DRIVE))
+        drive = self.form.document.content["drives"][number]
+        return f"{TITLES['drives']}: {drive.get('title', f'drive {number + 1}')}"
+
     def _entry(self, field: Field) -> Entry:
-        label = " ".join((*field.table.split()[1:], field.key)).replace("_", " ")
+        above = field.table.split()[1 + (field.keys[0] == "drives") :]  # a drive's number is the title of its card
+        label = " ".join((*above, field.key)).replace("_", " ")
         if field.keys[0] == "move":
             name = str(field.keys[1])
             label = f"{component(name)}, {field.key} [{unit(quantities(self.form.case)[name][1]) or '1'}]"
@@ -372,9 +385,13 @@ class MatchTab:
         known = {
             "loop": {name: knob.unit for name, knob in self.form.case.loop.quantities.items()},
             "manoeuvre": MANOEUVRE_UNITS,
+            "drives": {**MANOEUVRE_UNITS, **DRIVER_UNITS, **RANGE_UNITS},
+            "operating_range": RANGE_UNITS,
+            "response": {"band": "Hz"},
             "limits": PEAK_UNITS,
         }.get(str(field.keys[0]), {})
-        key = re.split(r"[._](?=[a-z]+$)", field.key)[-1] if field.keys[0] == "limits" else field.key
+        key = field.key.partition(",")[0]
+        key = re.split(r"[._](?=[a-z]+$)", key)[-1] if field.keys[0] == "limits" else key
         written = field.text.strip().partition(" ")[2]  # such as "1 deg"
         return "" if written or known.get(key) == "1" else known.get(key, "")
 
@@ -423,6 +440,11 @@ class MatchTab:
         if not values:
             return str(write_case(self.workspace))
         return str(write_case_at(self.form.case, values, self.workspace.out / "what_if" / "case"))
+
+
+def _card_of(field: Field) -> str:
+    """The card of a field: that of its table, or that of its drive."""
+    return f"{DRIVE}{field.keys[1]}" if field.keys[0] == "drives" else str(field.keys[0])
 
 
 def _adapters_first(field: Field) -> int:

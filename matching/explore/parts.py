@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -53,6 +54,12 @@ def add_part(document: ModelDocument, kind: str, name: str, at: str, other: str 
             raise InputError(place, "exists", "give another name")
         text.setdefault(table, tomlkit.table(is_super_table=True))[own] = content
     document.take(tomlkit.dumps(text))
+
+
+def free_name(system: System, word: str) -> str:
+    """A name that no part has, and with ``_shaft`` behind it none either: the word and a number."""
+    taken = {place.partition(".")[2] for place in system.places()}
+    return next(name for n in itertools.count(1) if not {name := f"{word}_{n}", f"{word}_{n}_shaft"} & taken)
 
 
 def _name(name: str) -> str:

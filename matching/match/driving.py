@@ -218,7 +218,7 @@ class _Exported:
         own[[number for number in self.controller.torque_readings if number >= 0]] = flanges
         mode = SPEED_HOLD if sample < self.before else EMULATION
         hold = self.about[list(self.controller.speed_readings)]
-        read = self.sensors.read(own, 0.0) + self.about
+        read = self.sensors.read(own + self.about, 0.0)  # at standstill an encoder's gain does nothing
         sent, _, fault = self.batch.step(read, self.known[sample], mode, hold, sample)
         if sample >= self.before:
             self.faults = np.where(self.faults == 0, fault, self.faults)
@@ -258,7 +258,12 @@ def _play(
     }  # fmt: skip
     at = [beds.model.sensors.index(name) for name in names]
     poor = sensors_on(
-        case, names, [row.values for row in rows], MinuteSettings(offset=0.0), step, np.random.default_rng(seed)
+        case,
+        names,
+        [row.values for row in rows],
+        MinuteSettings(offset=0.0, encoder_gain=0.0),
+        step,
+        np.random.default_rng(seed),
     )
     held = np.array([trim[one.torque_input] for one in loop.dynamometers])[:, None]
     known = stacked([told] * size, controller.law.known) if told else np.zeros((len(drives), 0, size))

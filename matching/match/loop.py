@@ -622,11 +622,13 @@ def without_limits(law: ControlLaw) -> SampledController:
     B = np.hstack([sending @ law.L + law.By + law.Bs @ law.Dy, law.Bw + law.Bs @ law.Dw])
     D = np.hstack([law.K @ law.L + law.Dy, law.Dw])
     reached = _reached(A, B[:, :y])
-    order = np.argsort(~reached, kind="stable")
-    assert law.delayed_commands is None or np.all(np.diff(order) > 0), "an observer's states stand in order"
+    order, delayed = np.argsort(~reached, kind="stable"), law.delayed_commands
+    if delayed is not None:  # what nothing reaches before them, as a brake that is not pulled, stands behind now
+        ahead = int((~reached[: delayed.start]).sum())
+        delayed = slice(delayed.start - ahead, delayed.stop - ahead)
     return SampledController(
         A[np.ix_(order, order)], B[order], C[:, order], D, int(reached.sum()), law.sensors, law.known,
-        law.dynamometers, law.sample_time, law.delayed_commands,
+        law.dynamometers, law.sample_time, delayed,
         expected=law.E[:, order] if law.L.any() else None,
     )  # fmt: skip
 

@@ -30,8 +30,8 @@ class RangeSettings:
     Attributes
     ----------
     slowest : float
-        m/s: the lowest speed of the grid. Below it the design of that speed holds, and the vehicle in the law is as it
-        is: about standstill dry friction sticks, and no linear model holds.
+        m/s: the lowest speed of the grid either way. Below it the design of that speed holds, or lies between those of
+        both ways, and the vehicle in the law is as it is: about standstill dry friction sticks, no linear model holds.
     largest_ratio : float
         Of one speed of the grid to the next at most. What a tyre does goes with 1/v: matrices that lie straight between
         such neighbours reproduce it to a per cent, and the vehicle itself is exact.
@@ -70,7 +70,8 @@ def with_point_in_range(data: Mapping[str, Any], where: str) -> Mapping[str, Any
             )  # fmt: skip
         return data
     low, high = _speeds(table, f"{where}: operating_range")
-    speed = {"vehicle_speed": float(np.sqrt(max(low, RANGE.slowest) * high)), "rolling_radius": table["rolling_radius"]}
+    middle = float(np.sqrt(max(low, RANGE.slowest) * high))
+    speed = {"vehicle_speed": middle, "rolling_radius": table["rolling_radius"]}
     load = {"road_load": table["road_load"]} if "road_load" in table else {}
     return {**data, "operating_point": speed | load}
 
@@ -118,8 +119,12 @@ def _speeds(table: Mapping[str, Any], place: str) -> tuple[float, float]:
     if not isinstance(entry, list) or len(entry) != 2:
         raise InputError(f"{place}.vehicle_speed", "is no pair of speeds", EXAMPLE)
     low, high = (to_si(edge, "m/s", f"{place}.vehicle_speed") for edge in entry)
-    if not 0 <= low < high or high <= RANGE.slowest:
-        right = f"0 ≤ lowest < highest is needed, highest above {RANGE.slowest:g} m/s; backwards is its mirror image"
+    backwards = -low > RANGE.slowest
+    if not (low >= 0 or backwards) or not low < high or high <= RANGE.slowest:
+        right = (
+            f"lowest < highest is needed, highest above {RANGE.slowest:g} m/s, "
+            f"lowest 0 or more, or backwards below −{RANGE.slowest:g} m/s"
+        )
         raise InputError(f"{place}.vehicle_speed", f"{low:g} … {high:g} m/s is no range", right)
     if not to_si(table["rolling_radius"], "m", f"{place}.rolling_radius") > 0:
         raise InputError(f"{place}.rolling_radius", "is not above 0", "give the tyres' radius in m")
@@ -134,24 +139,29 @@ def _drive(
     for key in entry:
         if key not in (*own, *known):
             raise unknown(str(key), [*own, *known], place)
-    speed = to_si(entry.get("vehicle_speed", 0.0), "m/s", f"{place}.vehicle_speed")
-    if not 0 <= speed <= about.highest:
+    speed, low = to_si(entry.get("vehicle_speed", 0.0), "m/s", f"{place}.vehicle_speed"), min(about.lowest, 0.0)
+    if not low <= speed <= about.highest:
         raise InputError(
-            f"{place}.vehicle_speed", f"{speed:g} m/s is not in the range", f"0 … {about.highest:g} m/s is needed"
+            f"{place}.vehicle_speed", f"{speed:g} m/s is not in the range", f"{low:g} … {about.highest:g} m/s is needed"
         )
-    folder = Path(where).parent
+    folder, brakes = Path(where).parent, vehicle.brakes
     torques: dict[str, Manoeuvre] = {}
     if "profile" in entry:
         profile = read_speed_profile(entry["profile"], folder, place)
         speed = to_si(entry.get("vehicle_speed", float(profile.speed[0])), "m/s", f"{place}.vehicle_speed")
-        begin, driver = at_vehicle_speed(vehicle, rig, about, speed), read_driver(entry.get("driver"), known, place)
-        torques |= driven_along(profile, driver, begin, loop, about.bodies, about.rolling_radius)
+        begin = at_vehicle_speed(vehicle, rig, about, speed)
+        driver = read_driver(entry.get("driver"), [name for name in known if name not in brakes], brakes, place)
+        turning = speeds_of(at_vehicle_speed(vehicle, rig, about, about.highest))
+        torques |= driven_along(profile, driver, begin, loop, about.bodies, about.rolling_radius, turning)
     for name in known:
         if name in entry:
             torques[name] = read_manoeuvre(entry[name], name, f"{place}.{name}", folder)
     if not torques:
         right = 'write motor_torque = { kind = "drive_away", amplitude = 100 }, or profile = "speed.csv"'
         raise InputError(place, "names no torque", right)
+    for name in brakes:
+        if name in torques and (least := torques[name].smallest) < 0:
+            raise InputError(f"{place}.{name}", f"reaches {least:g} N·m", "a brake's torque is 0 or more")
     return Drive(str(entry.get("title", f"drive {number}")), speed, torques)
 
 
@@ -184,16 +194,21 @@ def trace_file(number: int, name: str) -> str:
 
 def grid(about: OperatingRange, further: int = 0) -> np.ndarray:
     """Speeds (g,), m/s, at which the controller is designed, with so many ``further`` ones between two of them."""
-    low = max(about.lowest, RANGE.slowest)
-    pieces = max(int(np.ceil(np.log(about.highest / low) / np.log(RANGE.largest_ratio))), 1)
-    return np.geomspace(low, about.highest, pieces * (further + 1) + 1)
+    forwards = _one_way(max(about.lowest, RANGE.slowest), about.highest, further)
+    return forwards if about.lowest >= 0 else np.r_[-_one_way(RANGE.slowest, -about.lowest, further)[::-1], forwards]
+
+
+def _one_way(low: float, high: float, further: int) -> np.ndarray:
+    pieces = max(int(np.ceil(np.log(high / low) / np.log(RANGE.largest_ratio))), 1)
+    return np.geomspace(low, high, pieces * (further + 1) + 1)
 
 
 def ends_of(case: Case) -> list[float]:
-    """Lowest and highest speed of the grid, m/s: what goes with 1/v lies between what it is there."""
+    """Slowest and fastest speed of the grid each way, m/s: what goes with 1/v lies between what it is there."""
     about = case.operating_range
     assert about is not None
-    return grid(about)[[0, -1]].tolist()
+    speeds = grid(about)
+    return [float(each[at]) for each in (speeds[speeds < 0], speeds[speeds > 0]) if len(each) for at in (0, -1)]
 
 
 def at_speed(case: Case, speed: float) -> Case:
@@ -247,10 +262,11 @@ def in_steady_motion(
         If there is no such steady motion.
     """
     on_rig = {part.name for part in rig.inputs}
-    drives = [part.name for part in vehicle.inputs if part.name in on_rig and part.name not in torques]
-    loads = [part.name for part in vehicle.inputs if part.name not in on_rig and part.name not in torques]
+    open_ones = [part.name for part in vehicle.inputs if part.name not in torques]
+    drives = [name for name in open_ones if name in on_rig]
+    loads = [name for name in open_ones if name not in on_rig and name not in vehicle.brakes]
     free = (drives or loads) if speeds else []
-    stated = {**torques, **{name: 0.0 for name in (*drives, *loads) if name not in free}}
+    stated = {**torques, **{name: 0.0 for name in open_ones if name not in free}}
     vehicle = replace(vehicle, operating_point=OperatingPoint(tuple(speeds.items()), tuple(stated.items())))
     operating_motion(vehicle)
     return vehicle

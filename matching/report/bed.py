@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from shlex import quote
 from typing import Any
@@ -412,7 +413,8 @@ def next_steps(result: Mapping[str, Any], case: str, folder: str) -> list[Step]:
     if last:
         points += verification_steps(last, f"{folder}/{max(judged)}_match", "verify", commissioned=True)
     if result["end"] is None:
-        points.append(Step("Allow a further round: it may gain", command=f"{again} --rounds {len(judged) + 1}"))
+        before = re.sub(r" --rounds \d+", "", again)
+        points.append(Step("Allow a further round: it may gain", command=f"{before} --rounds {len(judged) + 1}"))
     return points
 
 

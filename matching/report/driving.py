@@ -59,7 +59,11 @@ def over_speed_figure(driving: Driving, case: Case) -> Figure:
             axes.plot(speed[designed], planned[designed], "o", color=colour, markersize=4)
             axes.plot(speed, high, "--", color=colour, label="95 % of drawn beds")
         axes.axhline(case.tolerance, color=LIMIT, linestyle=":", label="allowed, measured")
-        axes.set(xscale="log", yscale="log", xlabel="Vehicle speed in km/h", ylabel="Response error")
+        if speed.min() < 0:  # both ways, about the slowest of the grid
+            axes.set_xscale("symlog", linthresh=float(np.abs(speed).min()))
+        else:
+            axes.set_xscale("log")
+        axes.set(yscale="log", xlabel="Vehicle speed in km/h", ylabel="Response error")
         legend_above(fig, axes)
     return fig
 
@@ -157,7 +161,8 @@ def _worst(driving: Mapping[str, Any]) -> Mapping[str, Any]:
 def _why(driving: Mapping[str, Any]) -> str:
     """The worst speed, and why it is: between two designs, or what dead time and sampling leave there."""
     worst, known = _worst(driving), {round(speed, 9) for speed in driving["designed_at"]}
-    designed = [row for row in driving["speeds"] if round(row["vehicle_speed"], 9) in known]
+    same_way = [row for row in driving["speeds"] if row["vehicle_speed"] * worst["vehicle_speed"] > 0]
+    designed = [row for row in same_way if round(row["vehicle_speed"], 9) in known]
     near = min(designed, key=lambda row: abs(np.log(row["vehicle_speed"] / worst["vehicle_speed"])))
     speed, error = number(KMH * worst["vehicle_speed"], 2), number(max(worst["measured"], worst["unmeasured"]), 2)
     said = f"The error is largest at {speed} km/h ({error})"

@@ -81,6 +81,11 @@ class Manoeuvre:
         """Largest torque without its sign, N·m, of 2001 moments."""
         return float(np.abs(self.torque(np.linspace(0, self.duration, 2001))).max())
 
+    @property
+    def smallest(self) -> float:
+        """Smallest torque, N·m, of 2001 moments."""
+        return float(self.torque(np.linspace(0, self.duration, 2001)).min())
+
     def time(self, rate: float = 1000.0) -> np.ndarray:
         """Time stamps (t,) in s at a rate in Hz."""
         return np.arange(round(self.duration * rate) + 1) / rate

@@ -25,11 +25,13 @@ GRAVITY = 9.81  # m/s²
 
 @dataclass(frozen=True)
 class Driver:
-    """A driver: PI on the vehicle's speed, which gives the torque of one input.
+    """A driver: PI on the vehicle's speed, which gives the torque of one input, and with brakes pulls these below 0.
 
     Attributes
     ----------
     input : str
+    brakes : tuple of str
+        Inputs with a brake; together they brake as the input's torque would.
     proportional, integral : float
         N·m·s/rad and N·m/rad, by the error of the speed of the vehicle's inertias: torque of the input per rad/s.
     largest : float
@@ -37,6 +39,7 @@ class Driver:
     """
 
     input: str
+    brakes: tuple[str, ...] = ()
     proportional: float = 40.0
     integral: float = 20.0
     largest: float = 400.0
@@ -45,8 +48,8 @@ class Driver:
 UNITS = {"proportional": "N*m*s/rad", "integral": "N*m/rad", "largest": "N*m"}
 
 
-def read_driver(entry: Any, known: Sequence[str], place: str) -> Driver:
-    """A driver from a table; without one, of the first input that is known.
+def read_driver(entry: Any, known: Sequence[str], brakes: Sequence[str], place: str) -> Driver:
+    """A driver from a table; without one, of the first input that is known. ``brakes`` are the inputs with one.
 
     Raises
     ------
@@ -57,16 +60,24 @@ def read_driver(entry: Any, known: Sequence[str], place: str) -> Driver:
     if not isinstance(table, Mapping):
         raise InputError(f"{place}.driver", "is no table", 'write driver = { input = "motor_torque" }')
     for key in table:
-        if key not in ("input", *UNITS):
-            raise unknown(str(key), ["input", *UNITS], f"{place}.driver")
+        if key not in ("input", "brakes", *UNITS):
+            raise unknown(str(key), ["input", "brakes", *UNITS], f"{place}.driver")
     name = table.get("input", known[0] if known else "")
     if name not in known:
         raise unknown(str(name), list(known), f"{place}.driver.input")
+    pulled = table.get("brakes", [])
+    if not isinstance(pulled, list) or not all(isinstance(each, str) for each in pulled):
+        raise InputError(f"{place}.driver.brakes", "is no list of inputs", 'write brakes = ["brake_left"]')
+    for each in pulled:
+        if each not in brakes:
+            there = f"there are {', '.join(map(repr, brakes))}"
+            right = there if brakes else 'add an effect kind = "brake" to the vehicle'
+            raise InputError(f"{place}.driver.brakes", f"{each!r} is no input with a brake", right)
     values = {key: to_si(table[key], unit, f"{place}.driver.{key}") for key, unit in UNITS.items() if key in table}
     for key, value in values.items():
         if value < 0:
             raise InputError(f"{place}.driver.{key}", f"{value:g} is not possible", "0 or more is needed")
-    return Driver(name, **values)
+    return Driver(name, tuple(pulled), **values)
 
 
 @dataclass(frozen=True)
@@ -101,8 +112,9 @@ def read_speed_profile(file: Any, folder: Path, place: str) -> SpeedProfile:
 
 
 def driven_along(
-    profile: SpeedProfile, driver: Driver, vehicle: System, loop: Loop, bodies: Sequence[str], radius: float
-) -> dict[str, RecordedTorque]:
+    profile: SpeedProfile, driver: Driver, vehicle: System, loop: Loop, bodies: Sequence[str], radius: float,
+    turning: Mapping[str, float],
+) -> dict[str, RecordedTorque]:  # fmt: skip
     """Torques by input, less those of the vehicle's operating point, with which a driver follows a profile.
 
     The driver sits in the nonlinear vehicle; grades act on its bodies. What comes out is played to vehicle and bed
@@ -114,6 +126,8 @@ def driven_along(
         At the operating point where the profile begins, at rest at standstill.
     bodies : sequence of str
         Inertias whose mean speed is the vehicle's; ``radius`` (m) is that of the tyres.
+    turning : mapping of str to float
+        Speed of every inertia of the vehicle in motion, rad/s: how the torque of a driver is shared among brakes.
 
     Raises
     ------
@@ -133,17 +147,24 @@ def driven_along(
     acting = np.zeros((len(time), len(beds.drives), 1))
     for name, torque in torques.items():
         acting[:, beds.drives.index(name), 0] = torque
-    own, integral, x = beds.drives.index(driver.input), 0.0, beds.start
+    own, integral, x = beds.drives.index(driver.input), trim, beds.start
+    on = {part.name: part.on for part in vehicle.inputs}
+    braked = {
+        beds.drives.index(name): turning[on[driver.input]] / turning[on[name]] / len(driver.brakes)
+        for name in driver.brakes
+    }
     for n in range(len(time)):
         error = wanted[n] - begin - float(beds.read(x, acting[n])[rows].mean())
         asked = driver.proportional * error + integral
-        given = float(np.clip(asked, -driver.largest - trim, driver.largest - trim))
+        given = float(np.clip(asked, -driver.largest, driver.largest))
         integral += driver.integral * step * error if given == asked else 0.0
-        acting[n:, own, 0] = given
+        acting[n:, own, 0] = (max(given, 0.0) if braked else given) - trim
+        for number, ratio in braked.items():
+            acting[n:, number, 0] = max(-given, 0.0) * abs(ratio)
         x = beds.advance(x, np.zeros((0, 1)), acting[n], acting[n])
         if not np.isfinite(x).all():
             raise SimulationError("drives", f"the vehicle's motion grows out of bounds at {time[n]:g} s", "check it")
-    torques[driver.input] = acting[:, own, 0]
+    torques |= {name: acting[:, beds.drives.index(name), 0] for name in (driver.input, *driver.brakes)}
     return {name: RecordedTorque.of(time, torque) for name, torque in torques.items()}
 
 

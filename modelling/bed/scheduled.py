@@ -14,7 +14,7 @@ from modelling.bed.bed import Begin, ControlLaw, Loop
 from modelling.bed.observer import ObserverModel, design, emulated_modes, observer_model
 from modelling.bed.vehicle import ResidualVehicle
 from modelling.equations.casadi_code import compiled
-from modelling.equations.lagrange import STICK_SPEED
+from modelling.equations.lagrange import CREEP, STICK_SPEED
 from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
 from modelling.linear.steady_motion import operating_motion, speeds_of
@@ -26,11 +26,13 @@ from modelling.system import System
 # with that. What the vehicle does beyond the linear model of the speed at which it is (the remainder: a tyre near its
 # largest force, drag and rolling resistance as they are) acts as torques that the controller computes itself at every
 # sample, from its own estimate, and treats like torques that it knows. All designs have the same physical states, so
-# nothing jumps where the speed passes from one to the next.
+# nothing jumps where the speed passes from one to the next. A torque of its own whose effect depends on the motion (a
+# brake) is in the remainder as a whole, and in no linear model.
 
-STICKS_BELOW = (
-    0.1  # rad/s: dry friction of the residual vehicle rises to its torque up to this speed, as a creeping tyre
-)
+STICKS_BELOW = 0.1  # rad/s: dry friction of the residual vehicle rises to its torque up to here, as a creeping tyre
+# rad/s at which a held brake gives way under its full torque. Nothing on the bed measures angles: without it noise of
+# the speeds would pile up as a twist between held wheels, and at less of it more of that noise is left.
+GIVES_WAY = 0.5
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,8 @@ class NonlinearVehicle:
     speed : ndarray (v,)
         The vehicle's speed by state, rad/s.
     inputs : tuple of str (r)
+    nonlinear : ndarray (r,)
+        1 of an input whose effect depends on the motion, or on the input itself; 0 of a plain torque.
     """
 
     rates: ca.Function
@@ -55,6 +59,7 @@ class NonlinearVehicle:
     steady: np.ndarray
     speed: np.ndarray
     inputs: tuple[str, ...]
+    nonlinear: np.ndarray
 
     def slope(self, states: np.ndarray) -> np.ndarray:
         """Derivatives (v, v) of the rates by the states at one state (v,)."""
@@ -93,8 +98,9 @@ def nonlinear_vehicle(residuals: Sequence[ResidualVehicle], loop: Loop, bodies: 
             at_cuts[cuts.index(name)] if name in cuts else at_own[own.index(name)] for name in model.inputs
         ))  # fmt: skip
         p = model.p0.copy()
-        if STICK_SPEED in model.parameters:
-            p[model.parameters.index(STICK_SPEED)] = STICKS_BELOW
+        for name, value in ((STICK_SPEED, STICKS_BELOW), (CREEP, GIVES_WAY)):
+            if name in model.parameters:
+                p[model.parameters.index(name)] = value
         rates.append(lift.T @ model.rates(lift @ x, u, p))
         states.append(x)
         parts = elements(model, model.p0[None])
@@ -108,8 +114,12 @@ def nonlinear_vehicle(residuals: Sequence[ResidualVehicle], loop: Loop, bodies: 
         pairs = list(zip(residual.parts, lifts, strict=True))
         A.append(block_diag(*(lift.T @ linearise(system).A @ lift for system, lift in pairs)))
         steady.append(np.concatenate([lift.T @ operating_motion(system).state for system, lift in pairs]))
-    function = ca.Function("vehicle", [ca.vertcat(*states), at_cuts, at_own], [ca.cse(ca.vertcat(*rates))])
-    return NonlinearVehicle(function, np.stack(A), np.stack(steady), np.concatenate(speeds) / len(bodies), own)
+    every, motion = ca.vertcat(*rates), ca.vertcat(*states)
+    slopes = ca.horzsplit(ca.jacobian(every, at_own))
+    nonlinear = np.array([ca.depends_on(slope, ca.vertcat(motion, at_own)) for slope in slopes], dtype=float)
+    function = ca.Function("vehicle", [motion, at_cuts, at_own], [ca.cse(every)])
+    mean = np.concatenate(speeds) / len(bodies)
+    return NonlinearVehicle(function, np.stack(A), np.stack(steady), mean, own, nonlinear)
 
 
 def _lift(system: System) -> np.ndarray:
@@ -135,7 +145,8 @@ class ScheduledLaw:
     speeds : ndarray (g,)
         rad/s of the vehicle's inertia, rising.
     rotor_speeds : ndarray (g,)
-        rad/s: mean of the rotors' speeds in steady motion there, from which the speed at the begin follows.
+        rad/s, rising: mean of the rotors' speeds in steady motion there, each counted in the direction in which it
+        turns as the vehicle drives forwards. From it the speed at the begin follows.
     vehicle : NonlinearVehicle
     observed, ahead : slice
         Where the vehicles stand among the states.
@@ -145,6 +156,8 @@ class ScheduledLaw:
         Which of the known torques act on the residual vehicle.
     speed_readings : tuple of int (k)
         Which readings are the rotors' speeds.
+    rotor_shares : ndarray (k,)
+        Of each rotor's speed in that mean.
     operating_speed : float
         rad/s of the vehicle's inertia, about which a case reports its match.
     """
@@ -159,6 +172,7 @@ class ScheduledLaw:
     cut_by_command: np.ndarray
     known_inputs: tuple[int, ...]
     speed_readings: tuple[int, ...]
+    rotor_shares: np.ndarray
     operating_speed: float
 
     @property
@@ -220,12 +234,13 @@ class ScheduledLaw:
     def begin(self, readings: np.ndarray, known: np.ndarray, sent: np.ndarray) -> Begin:
         """Where an emulation begins, of one bed or of a batch: absolute readings (y, …), torques (w, …), (k, …).
 
-        The vehicle begins as it runs steadily at the rotors' speed; below the lowest speed of the grid in proportion.
+        The vehicle begins as it runs steadily at the rotors' speed; below the lowest speed of a grid that is above 0 in
+        proportion.
         """
-        rotor = readings[list(self.speed_readings)].mean(axis=0)
+        rotor = self.rotor_shares @ readings[list(self.speed_readings)]
         at, share = self.between(np.interp(rotor, self.rotor_speeds, self.speeds))
         low, high = self.vehicle.steady[at].T, self.vehicle.steady[at + 1].T
-        part = np.clip(rotor / self.rotor_speeds[0], -1.0, 1.0)
+        part = np.clip(rotor / self.rotor_speeds[0], -1.0, 1.0) if self.rotor_speeds[0] > 0 else 1.0
         return Begin(
             part * (low + share * (high - low)), self.cut_by_reading @ readings + self.cut_by_command @ sent,
             known[list(self.known_inputs)],
@@ -254,10 +269,10 @@ class ScheduledLaw:
             return low + share * (high - low)
 
         corrected = state + taken(parts["L"], readings - self.E @ state)
-        acting = [known]
+        own, acting = begin.own + vehicle.nonlinear[:, None] * known[list(self.known_inputs)], [known]
         for where in (self.observed, self.ahead):
             off = corrected[where]
-            rates = vehicle.rates(begin.steady + off, begin.at_cuts, begin.own).full()
+            rates = vehicle.rates(begin.steady + off, begin.at_cuts, own).full()
             acting.append(rates - taken(vehicle.A, off))
         together = np.vstack(acting)
         least, most = limits if isinstance(limits, tuple) else (-limits, limits)
@@ -307,8 +322,9 @@ def scheduled_law(
         rad/s, see :class:`ScheduledLaw`.
     """
     models = observer_models(rigs, residuals, loop)
-    laws = tuple(design(model, weights) for model in models)
     first, vehicle = models[0], nonlinear_vehicle(residuals, loop, bodies)
+    in_remainder = [name for name, nonlinear in zip(vehicle.inputs, vehicle.nonlinear, strict=True) if nonlinear]
+    laws = tuple(_without(design(model, weights), in_remainder) for model in models)
     v = len(vehicle.speed)
     size = len(first.bed.whole) + len(first.dynamometers) * (first.bed.delay + 1) + first.estimated
     turning = [speeds_of(residual.vehicle) for residual in residuals]
@@ -318,7 +334,9 @@ def scheduled_law(
     ends = [next(cut for cut in residuals[0].interfaces if cut.shaft == one.follows) for one in loop.dynamometers]
     # what turns the rotor turns the vehicle's end of the cut, by the ratio of their speeds
     over = [by_rig[-1][rotor] / turning[-1][end.vehicle_end] for rotor, end in zip(rotors, ends, strict=True)]
+    turned = np.array([[each[name] for name in rotors] for each in by_rig])  # (g, k)
     k, sensors = len(loop.dynamometers), laws[0].sensors
+    shares = np.sign(turned[-1]) / k
     by_reading, by_command = np.zeros((k, len(sensors))), np.zeros((k, k))
     for j, one in enumerate(loop.dynamometers):
         if one.torque_sensor is None:
@@ -327,11 +345,19 @@ def scheduled_law(
             by_reading[j, sensors.index(one.torque_sensor)] = torque_signs[j] * over[j]
     known = laws[0].known
     return ScheduledLaw(
-        laws, speeds, np.array([np.mean([each[name] for name in rotors]) for each in by_rig]), vehicle,
+        laws, speeds, turned @ shares, vehicle,
         slice(first.states, first.states + v), slice(size + first.states, size + first.states + v),
         by_reading, by_command, tuple(known.index(name) for name in vehicle.inputs),
-        tuple(sensors.index(one.speed_sensor) for one in loop.dynamometers), operating_speed,
+        tuple(sensors.index(one.speed_sensor) for one in loop.dynamometers), shares, operating_speed,
     )  # fmt: skip
+
+
+def _without(law: ControlLaw, known: Sequence[str]) -> ControlLaw:
+    """The law that takes nothing of these known torques."""
+    columns = [law.known.index(name) for name in known]
+    Bw, Dw = law.Bw.copy(), law.Dw.copy()
+    Bw[:, columns], Dw[:, columns] = 0.0, 0.0
+    return replace(law, Bw=Bw, Dw=Dw)
 
 
 def observer_models(rigs: Sequence[System], residuals: Sequence[ResidualVehicle], loop: Loop) -> list[ObserverModel]:

@@ -307,6 +307,10 @@ class EquationBuilder(Protocol):
     def recording(self) -> sm.Symbol:
         """Number of the recording that is simulated, from 1 in the order of a fit; 0 of any other motion."""
 
+    @property
+    def creep(self) -> sm.Symbol:
+        """Speed (rad/s) at which a held brake gives way under its full torque; 0 but in a controller."""
+
     def add_coordinate(self, name: str) -> Motion:
         """Add a degree of freedom."""
 
@@ -482,9 +486,10 @@ class GearLaw:
 
 @dataclass
 class InputPath:
-    """What happens to a recorded input before it acts: ``value`` (N·m) acts ``delay`` (s) later."""
+    """What happens to a recorded input before it acts on an inertia: ``value`` (N·m) acts ``delay`` (s) later."""
 
     place: str
+    on: str
     value: sm.Expr
     delay: sm.Expr
 
@@ -600,6 +605,8 @@ class Kind:
         The law takes the delay of a filter of its own off the recording.
     imposes_motion : bool
         The inertia moves as recorded: an input on it is a motion, see :meth:`imposed_input`.
+    brakes : bool
+        Its input is the torque of a brake: 0 or more, and against the motion.
     arrays : tuple of str
         Keys that files write as lists; their values are the parameters ``key_1``, ``key_2``, ….
     zero_mean : tuple of str
@@ -630,6 +637,7 @@ class Kind:
     rate_bound: ClassVar[str] = ""
     looks_ahead: ClassVar[bool] = False
     imposes_motion: ClassVar[bool] = False
+    brakes: ClassVar[bool] = False
     arrays: ClassVar[tuple[str, ...]] = ()
     zero_mean: ClassVar[tuple[str, ...]] = ()
 

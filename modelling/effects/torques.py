@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 import scipy
-from sympy import Expr, Float, pi, sin
+from sympy import Abs, Expr, Float, Max, pi, sin
 
 from modelling.effects.effect import (
     Drivetrain,
@@ -21,6 +21,7 @@ from modelling.effects.effect import (
     Motion,
     Parameter,
     RecordedRange,
+    State,
     Symbols,
     members,
     shared_place,
@@ -57,6 +58,54 @@ class ConstantTorque(Kind):
     def recorded_bounds(self, key: str, at: str, recorded: RecordedRange) -> tuple[float, float]:
         largest = recorded.torque[at.split(".")[1]]
         return -largest, largest
+
+
+# --- A brake: dry friction whose torque an input gives.
+
+
+class Brake(Kind):
+    """The input is the torque (N·m, 0 or more) with which its inertia is braked, against its motion, and held at rest.
+
+        torque = −u/deflection·(d + settling·ḋ),  ḋ = speed − |speed|·d/deflection,
+
+    with the ``deflection`` (rad) through which pads and caliper give way before they slide under the full torque, and
+    the time ``settling`` (s) with which they do so. A brake that is held does not creep: below its torque it is a
+    spring, at speed dry friction.
+
+    Source: the law of Dahl with a micro-damper, as in Canudas de Wit, Olsson, Åström, Lischinsky, A new model for
+    control of systems with friction, IEEE TAC 40 (1995) 419 to 425, of one friction torque at all speeds.
+    """
+
+    kind = "brake"
+    words = "brakes with the torque of the input, and gives way by {deflection} before it slides"
+    in_recording = "speeds fall evenly to standstill while it is pulled, and stay there."
+    tables = ("inputs",)
+    parameters = {
+        "deflection": Parameter("rad", lower=1e-4),
+        "settling": Parameter("s", lower=0.0, optional=True),
+    }
+    state = State("rad", "deflection of the brake of {place}")
+    state_dependent = True
+    brakes = True
+
+    def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
+        speed, deflection = assembly.motions[path.on].speed, p["deflection"]
+
+        def rate(d: Expr) -> Expr:
+            return speed - Max(Abs(speed), assembly.creep) * d / deflection
+
+        d = assembly.add_state(f"{path.place}.{self.kind}", rate)
+        path.value *= -(d + p.get("settling", Float(SETTLING)) * rate(d)) / deflection
+
+    def candidate_places(self, system: Drivetrain) -> list[str]:
+        """None: whether an input is a brake is known."""
+        return []
+
+    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
+        return iter(())
+
+
+SETTLING = 0.002  # s: a braked wheel that comes to rest swings once or twice
 
 
 # --- Torque that varies with the angle (cogging, torque ripple, universal joint).

@@ -285,7 +285,8 @@ def _rigid_train(system: System, inertia: str, without: str = "") -> set[str]:
 
 STICK_SPEED = "simulation.stick_speed"  # rad/s over which the sign of a speed turns
 RECORDING = "simulation.recording"  # its number from 1 in the order of a fit; 0 of any other motion
-SIMULATION_DEFAULTS = {STICK_SPEED: 1e-3, CONTACT_TIME: 1e-4, RECORDING: 0.0}
+CREEP = "simulation.creep"  # rad/s at which a held brake gives way under its full torque
+SIMULATION_DEFAULTS = {STICK_SPEED: 1e-3, CONTACT_TIME: 1e-4, RECORDING: 0.0, CREEP: 0.0}
 
 
 class Assembly:
@@ -397,6 +398,11 @@ class Assembly:
         """Number of the recording that is simulated, see ``RECORDING``."""
         return self.simulation(RECORDING)
 
+    @property
+    def creep(self) -> sm.Symbol:
+        """Speed at which a held brake gives way under its full torque, see ``CREEP``."""
+        return self.simulation(CREEP)
+
     def simulation(self, name: str) -> sm.Symbol:
         """A parameter of ``SIMULATION_DEFAULTS``, which the simulation sets."""
         return self.parameters.setdefault(name, sm.Symbol(name, real=True))
@@ -429,7 +435,8 @@ class Assembly:
                 self.add_torque(law.place, -loss(law.torque), second)
         for source in system.inputs:
             place = f"inputs.{source.name}"
-            path = self.inputs[source.name] = InputPath(place, sm.Symbol(f"u({source.name})", real=True), sm.Integer(0))
+            symbol = sm.Symbol(f"u({source.name})", real=True)
+            path = self.inputs[source.name] = InputPath(place, source.on, symbol, sm.Integer(0))
             for kind, p in by_place.get(place, ()):
                 kind.input(path, p, self)
         for part in system.inertias:

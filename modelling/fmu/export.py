@@ -22,7 +22,7 @@ from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import ExportedController
 from modelling.effects.effect import SECOND_STATE
 from modelling.equations.casadi_code import Model, compiled
-from modelling.equations.lagrange import RECORDING, SIMULATION_DEFAULTS, STICK_SPEED
+from modelling.equations.lagrange import CREEP, RECORDING, SIMULATION_DEFAULTS, STICK_SPEED
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.errors import InputError
 from modelling.escape import c_comment, c_identifier, c_string, xml
@@ -66,6 +66,12 @@ def output_variables(model: Model) -> list[Variable]:
     ]
 
 
+OF_FRICTION = {
+    STICK_SPEED: "speed over which the sign of dry friction turns",
+    CREEP: "speed at which a held brake gives way under its full torque",
+}
+
+
 def parameter_variables(model: Model) -> list[Variable]:
     """Every quantity of the model; the contact time of a closing lash is the step's own affair."""
     system, variables = model.system, []
@@ -73,9 +79,11 @@ def parameter_variables(model: Model) -> list[Variable]:
         place, _, key = name.rpartition(".")
         if name == CONTACT_TIME:
             continue
-        if name == STICK_SPEED:
-            meaning = "speed over which the sign of dry friction turns"
-            variables.append(Variable(name, "parameter", "rad/s", float(value), meaning, 0.0, nonzero=True))
+        if name in OF_FRICTION:
+            nonzero = name == STICK_SPEED
+            variables.append(
+                Variable(name, "parameter", "rad/s", float(value), OF_FRICTION[name], 0.0, nonzero=nonzero)
+            )
             continue
         low, high, nonzero = _bounds(system, name)
         if name == RECORDING:

@@ -17,13 +17,10 @@ def test_a_wrong_channel_is_named_before_anything_is_fed_back(name, said, tmp_pa
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_a_bed_with_play_and_friction_is_matched_and_judged(tmp_path):
-    """Play of 0.17°, friction and all values off by up to 3 %; error and intervals beside those of the true bed."""
-    found = commissioned(load_case(REFERENCE), "play_and_friction", tmp_path)
+def test_a_bed_with_play_is_matched_and_judged(tmp_path):
+    """Play of 0.17° at the gear output; the interval of every round beside the error on the true bed."""
+    found = commissioned(load_case(REFERENCE), "play", tmp_path)
     assert found["play_named"]
     assert not found["play_elsewhere"]
     assert found["status"] == "as_predicted"
-    first, *_, last = found["rounds"]
-    assert first["covered"]
-    assert last["covered"]
-    assert last["true"] < first["true"]
+    assert all(one["covered"] for one in found["rounds"])

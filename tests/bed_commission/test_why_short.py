@@ -58,12 +58,12 @@ def test_a_recording_without_commands_says_what_is_missing(case, tmp_path):
 @pytest.mark.parametrize(("gain", "inertia", "said"), [
     (1.09, 0.5, "dyno gives 1.0900 ± 0.0022 times what it is asked for, not 1"),
     (1.0, 0.56, "rig.inertias.motor.J is 0.5600 ± 0.0011 instead of 0.5"),
-    (1.01, 0.51, "finds no cause"),
+    (1.001, 0.5004, "nothing that is off"),
 ])  # fmt: skip
 @pytest.mark.parametrize("note", ["", "at the end of its range"])
-def test_what_is_further_off_than_the_case_states_is_named(gain, inertia, said, note, case, tmp_path, monkeypatch):
+def test_what_is_off_beyond_its_uncertainty_is_named(gain, inertia, said, note, case, tmp_path, monkeypatch):
     """A value at the end of its range is none that was found."""
-    names, said = names_in_system(case), "finds no cause" if note else said
+    names, said = names_in_system(case), "nothing that is off" if note else said
     values = {"dynamometers.dyno.torque_gain": gain, "rig.inertias.motor.J": inertia}
     diagnosis = SimpleNamespace(
         parameters={names[name]: Estimate(value, 1e-4, note) for name, value in values.items()},

@@ -11,6 +11,7 @@ import numpy as np
 FINE = 2e-4  # s
 SHAPE = 1.65
 SETTLES = 0.02  # rad/s up to which dry friction rises
+PAD_SETTLES = 0.002  # s
 COUNTS = 8192  # of an encoder's turn
 SIDES = ("left", "right")
 
@@ -61,12 +62,18 @@ class Drive:
 
 
 class Car(Drive):
-    """The vehicle; states by name, each (b,)."""
+    """The vehicle; states by name, each (b,). Its drive is the motor's torque (b,), or that and the brakes' (2, b)."""
 
     names = (
         "motor", "gearbox", "diff", "mesh", "output",
-        *(f"{part}_{side}" for side in SIDES for part in ("wheel", "tyre", "body", "side", "belt", "slip")),
+        *(f"{part}_{side}" for side in SIDES for part in ("wheel", "tyre", "body", "side", "belt", "slip", "pad")),
     )  # fmt: skip
+
+    def brake(self, side, wheel, pad, pulled):
+        """Torque against a wheel, and the rate of the pad's deflection: it sticks as a spring, slides as friction."""
+        most = self.effects.get(("brake", f"inputs.brake_{side}"), {"deflection": 1.0})["deflection"]
+        pad_rate = wheel - np.abs(wheel) * pad / most
+        return pulled * (pad + PAD_SETTLES * pad_rate) / most, pad_rate
 
     def tyre(self, side, tyre, body, z):
         """Torque of a tyre whose carcass is deflected by z, and the rate of z: a slip that saturates, or a damper."""
@@ -81,8 +88,8 @@ class Car(Drive):
         linear = k * z + c * z_rate
         return law["peak"] * np.sin(SHAPE * np.arctan(linear / (SHAPE * law["peak"]))), z_rate
 
-    def rates(self, s, motor_torque):
-        slopes = {}
+    def rates(self, s, drive):
+        slopes, (motor_torque, brakes) = {}, (drive, np.zeros((2, 1))) if np.ndim(drive) < 2 else (drive[0], drive[1:])
         into = self.front(s, motor_torque, slopes)
         for side in SIDES:
             wheel, tyre, body = (s[f"{part}_{side}"] for part in ("wheel", "tyre", "body"))
@@ -93,7 +100,8 @@ class Car(Drive):
             air = self.effects.get(("quadratic_drag", f"inertias.body_{side}"), {"coefficient": 0.0})["coefficient"]
             rolling = self.effects.get(("coulomb_friction", f"inertias.body_{side}"), {"torque": 0.0})["torque"]
             against = air * body * np.abs(body) + rolling * np.tanh(body / SETTLES) + self.drag[f"body_{side}"] * body
-            slopes[f"wheel_{side}"] = (torque - belt) / self.J[f"wheel_{side}"]
+            braked, slopes[f"pad_{side}"] = self.brake(side, wheel, s[f"pad_{side}"], brakes[SIDES.index(side)])
+            slopes[f"wheel_{side}"] = (torque - belt - braked) / self.J[f"wheel_{side}"]
             slopes[f"tyre_{side}"] = (belt - road) / self.J[f"tyre_{side}"]
             slopes[f"body_{side}"] = (road - against) / self.J[f"body_{side}"]
             slopes[f"side_{side}"], slopes[f"belt_{side}"], slopes[f"slip_{side}"] = twist_rate, wheel - tyre, z_rate
@@ -116,8 +124,8 @@ class Bed(Drive):
         super().__init__(path, factors, count, play, friction)
         self.inverter, self.sensor, self.gains = inverter, sensor, gains
 
-    def rates(self, s, motor_torque, acting):
-        slopes = {}
+    def rates(self, s, drive, acting):
+        slopes, motor_torque = {}, drive if np.ndim(drive) < 2 else drive[0]
         into = self.front(s, motor_torque, slopes)
         for number, side in enumerate(SIDES):
             adapter, rotor = s[f"adapter_{side}"], s[f"rotor_{side}"]
@@ -156,7 +164,7 @@ def step(system, state, *inputs):
 def still(system, speed):
     """States of a system that turns as one, bodies or rotors at speeds (b,) in rad/s; nothing twisted."""
     turning = {"motor": system.ratio, "gearbox": system.ratio}
-    angles = ("mesh", "output", "side", "belt", "slip", "flange", "air", "read", "angle", "motor_angle")
+    angles = ("mesh", "output", "side", "belt", "slip", "flange", "air", "read", "angle", "motor_angle", "pad")
     return {name: 0.0 * speed if name.startswith(angles) else speed * turning.get(name, 1.0) for name in system.names}
 
 
@@ -178,6 +186,7 @@ def steady(car, bed, speed):
     for side in SIDES:
         states[0][f"body_{side}"] = speed
         states[0][f"belt_{side}"] = load / car.k[f"wheel_tyre_{side}"]
+        states[0][f"pad_{side}"] = np.sign(speed) * car.effects["brake", f"inputs.brake_{side}"]["deflection"]
         states[0][f"slip_{side}"] = linear / car.k[f"tyre_body_{side}"]
         states[1][f"flange_{side}"] = load / bed.k[f"flange_{side}"]
         states[1][f"read_{side}"] = load
@@ -193,7 +202,8 @@ def torques_of(system, s, *inputs):
 
 
 def drive_car(car, begin, torque, step_time):
-    """Motor speed and side-shaft torques (t, 3, b) under motor torques (t, b), straight between samples."""
+    """Motor speed and side-shaft torques (t, 3, b) under motor torques (t, b), or these and the brakes' (t, 3, b),
+    straight between samples."""
     state, pieces, out = begin, round(step_time / FINE), []
     for n, now in enumerate(torque):
         out.append(np.vstack([state["motor"][None], torques_of(car, state, now)]))

@@ -15,7 +15,7 @@ from modelling.fmu.export import controller_fmu
 
 pytestmark = compiles
 EXAMPLE = Path(__file__).parents[2] / "examples" / "drive_away"
-STEP, BEDS, SEED, SECONDS = 1e-3, 20, 4711, 6.5
+STEP, BEDS, SEED, SECONDS = 1e-3, 20, 9203, 6.5
 RADIUS = 0.3
 NOISE = {"flange_left_torque": 0.3445, "flange_right_torque": 0.3385}
 SPEED_NOISE = 0.0836  # rad/s
@@ -31,13 +31,24 @@ def tip_in(time, size, at, over):
 
 
 def drives_over(time):
-    """Speeds, km/h, and added motor torques (t,): drive-away to 50 km/h in 6 s, tip-ins, to standstill and hold."""
-    part = np.clip((time - 0.8) / 0.3, 0, 1)
+    """Speeds, km/h, added motor torques (t,) and those of each brake: drive-away to 50 km/h in 6 s, tip-ins, to
+    standstill and held by the motor, and braked to standstill, held, and away again."""
+    part, free = np.clip((time - 0.8) / 0.3, 0, 1), 0 * time
     slowing = -60 * np.clip(time / 0.3, 0, 1) * (time < 2.35)  # rolling resistance stops it, and holds it
+    braked = 750 * (np.clip((time - 0.3) / 0.2, 0, 1) - np.clip((time - 4.5) / 0.2, 0, 1))
     return [
-        (0.0, 150 * part**2 * (3 - 2 * part)), *((kmh, tip_in(time, 100, 0.2, 0.05)) for kmh in (10.0, 30.0, 80.0)),
-        (10.0, slowing),
+        (0.0, 150 * part**2 * (3 - 2 * part), free),
+        *((kmh, tip_in(time, 100, 0.2, 0.05), free) for kmh in (10.0, 30.0, 80.0)),
+        (10.0, slowing, free), (20.0, tip_in(time, 140, 4.6, 0.5), braked),
     ]  # fmt: skip
+
+
+def told(controller, now):
+    """What the controller knows (w, b) of motor and brakes (3, b)."""
+    known = np.zeros((len(controller.law.known), now.shape[1]))
+    for number, name in enumerate(("motor_torque", "brake_left", "brake_right")):
+        known[controller.law.known.index(name)] = now[number]
+    return known
 
 
 @pytest.fixture(scope="module")
@@ -64,19 +75,18 @@ def motions(controller):
     car = Car(EXAMPLE / "vehicle.toml", factors, count)
     gains = np.stack([some(0.03), some(0.03)])
     bed = Bed(EXAMPLE / "rig.toml", factors, count, 0.002 * some(0.2), 0.0005 * some(0.2), gains)
-    speed = np.repeat([kmh / 3.6 / RADIUS for kmh, _ in drives], BEDS + 1)
+    speed = np.repeat([kmh / 3.6 / RADIUS for kmh, *_ in drives], BEDS + 1)
     of_car, of_bed, held, wheel = steady(car, bed, speed)
-    torque = np.repeat(np.stack([added for _, added in drives], axis=1), BEDS + 1, axis=1) + held
+    added, brake = (np.repeat(np.stack(each, axis=1), BEDS + 1, axis=1) for each in list(zip(*drives, strict=True))[1:])
+    torque = np.stack([added + held, brake, brake], axis=1)
     names = controller.law.sensors
     sensors = Sensors(
         names, [NOISE.get(name, SPEED_NOISE) for name in names], {name: some(0.005) for name in names}, STEP, SEED
     )
-    batch, k = ControllerBatch(controller, count), controller.law.known.index("motor_torque")
+    batch = ControllerBatch(controller, count)
 
     def commands(readings, now, mode, hold, sample):
-        known = np.zeros((len(controller.law.known), count))
-        known[k] = now
-        sent, _, faults = batch.step(readings, known, mode, hold, sample)
+        sent, _, faults = batch.step(readings, told(controller, now), mode, hold, sample)
         return sent, faults
 
     wanted, _ = drive_car(car, of_car, torque, STEP)
@@ -113,7 +123,7 @@ def test_the_fmu_drives_the_bed_away(controller, tmp_path):
     car, one = Car(EXAMPLE / "vehicle.toml", {}, 1), np.ones(1)
     bed = Bed(EXAMPLE / "rig.toml", {}, 1, 0.002 * one, 0.0005 * one, np.ones((2, 1)))
     of_car, of_bed, held, wheel = steady(car, bed, np.zeros(1))
-    torque = drives_over(time)[0][1][:, None] + held
+    torque = drives_over(time)[0][1][:, None] + held  # of the motor
     noise = [NOISE.get(name, SPEED_NOISE) for name in law.sensors]
     sensors = Sensors(law.sensors, noise, dict.fromkeys(law.sensors, 1.0), STEP, SEED)
     names = [f"{name}.command" for name in law.dynamometers]

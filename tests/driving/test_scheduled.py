@@ -51,6 +51,7 @@ def driven(law, samples):
         rows.append(exact + (0.3 if torque else 0.05) * random.standard_normal(samples))
     known = np.zeros((len(law.known), samples))
     known[law.known.index("motor_torque")] = 20 * np.sin(3 * time)
+    known[law.known.index("brake_left")] = 300 * np.clip(np.sin(4 * time), 0, 1)
     return np.array(rows), known, np.stack([speed, speed])
 
 
@@ -161,17 +162,35 @@ def test_a_written_case_keeps_its_range(case, tmp_path):
 @pytest.mark.long
 def test_the_driver_follows_the_profile(case):
     """The torques of the profile, played to a car of other equations, make it stand where the profile stands."""
-    torque = case.operating_range.drives[-1].torques["motor_torque"]
+    torques = case.operating_range.drives[-1].torques
     car = Car(EXAMPLE.parent / "vehicle.toml", {}, 1)
     bed = Bed(EXAMPLE.parent / "rig.toml", {}, 1, 0.002, 0.0005, np.ones((2, 1)))
-    begin, _, held, _ = steady(car, bed, np.array([10 / 3.6 / 0.3]))
-    time = np.arange(7000) * 1e-3
-    speeds, state = [], begin
-    for now in torque.torque(time) + held:
+    times, kmh, _ = np.loadtxt(EXAMPLE.parent / "stop_and_go.csv", delimiter=",", skiprows=1).T
+    state, _, held, _ = steady(car, bed, kmh[:1] / 3.6 / 0.3)
+    time = np.arange(round(times[-1] / 1e-3)) * 1e-3
+    acting = np.stack([torques[name].torque(time) for name in ("motor_torque", "brake_left", "brake_right")])
+    acting[0] += held
+    assert acting[1:].min() >= 0
+    assert (acting[0] * acting[1] == 0).all(), "one foot"
+    driven = []
+    for now in acting.T[..., None]:
         for _ in range(round(1e-3 / FINE)):
             state = step(car, state, now)
-        speeds.append(state["body_left"][0])
-    kmh = 3.6 * 0.3 * np.array(speeds)
-    wanted = np.interp(time, [0, 0.5, 3.5, 7.5], [10, 10, 0, 0])
-    assert np.abs(kmh - wanted).max() < 1.5
-    assert np.abs(kmh[-500:]).max() < 0.5
+        driven.append(3.6 * 0.3 * state["body_left"][0])
+    wanted = np.interp(time, times, kmh)
+    assert np.abs(np.array(driven) - wanted).max() < 3
+    assert np.abs(np.array(driven)[(time > 5) & (time < 6)]).max() < 0.05, "it is held"
+
+
+def test_a_brake_is_never_pushed():
+    data = tomllib.loads(EXAMPLE.read_text())
+    data["drives"][1]["brake_left"] = {"kind": "step", "amplitude": -200}
+    with pytest.raises(InputError, match="0 or more"):
+        case_from_tables(data, str(EXAMPLE))
+
+
+def test_a_driver_pulls_brakes_alone():
+    data = tomllib.loads(EXAMPLE.read_text())
+    data["drives"][-1]["driver"]["brakes"] = ["road_left"]
+    with pytest.raises(InputError, match="no input with a brake"):
+        case_from_tables(data, str(EXAMPLE))

@@ -254,6 +254,42 @@ def test_a_case_is_made_changed_renamed_and_saved_without_a_file(tmp_path):
         assert complaints == []
 
 
+def middle(page, part):
+    box = page.locator(f"[data-part='{part}']").last.bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def drag(page, start, end):
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*end, steps=6)
+    page.mouse.up()
+
+
+def test_parts_are_drawn_by_dragging_and_taken_back(tmp_path):
+    """From a disc into the open: a new inertia; from there to another disc: a shaft. Each is one step of Undo."""
+    browser_path()
+    shutil.copytree(ROOT / "matching" / "starter", tmp_path / "case")
+    with (
+        served(explored(tmp_path / "case" / "case.toml"), out=tmp_path / "out") as address,
+        opened_page(address) as (page, complaints),
+    ):
+        page.get_by_text("Everything is saved.").wait_for()
+        x, y = middle(page, "inertias.rotor")
+        drag(page, (x, y), (x + 8, y + 55))
+        page.get_by_text("inertia 1 was added to rig", exact=False).wait_for()
+        page.locator("[data-part='shafts.inertia_1_shaft']").wait_for()
+        drag(page, middle(page, "inertias.inertia_1"), middle(page, "inertias.motor"))
+        page.get_by_text("locks the drivetrain", exact=False).wait_for()  # around a gear: refused, with the reason
+        drag(page, middle(page, "inertias.inertia_1"), middle(page, "inertias.adapter"))
+        page.get_by_text("shaft 1 was added to rig", exact=False).wait_for()
+        for gone in ("shafts.shaft_1", "inertias.inertia_1"):
+            page.keyboard.press("Control+z")
+            page.locator(f"[data-part='{gone}']").wait_for(state="detached")
+        page.get_by_text("Everything is saved.").wait_for()
+        assert complaints == []
+
+
 def test_a_page_whose_program_has_ended_says_so_and_claims_nothing_any_more(tmp_path):
     browser_path()
     (tmp_path / "bench.toml").write_text(BENCH)

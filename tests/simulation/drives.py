@@ -49,6 +49,7 @@ EFFECTS: dict[str, tuple] = {
     "stribeck_friction": ("inertias.motor", {"torque": 0.5, "breakaway": 0.9, "speed": 0.8}),
     "quadratic_drag": ("inertias.load", {"coefficient": 0.02}),
     "imposed_motion": ("inertias.load", {}),  # the brake's input is the speed of the load then
+    "brake": ("inputs.brake_torque", {"deflection": 0.05}),  # which is sometimes negative: then it drives
     "constant_torque": ("inertias.load", {"torque": 1.1}),
     "torque_ripple": ("inertias.motor", {"order": 3.0, "amplitude": 0.5, "phase": 0.3}),
     "dead_time": ("inputs.motor_torque", {"delay": 0.0047}),

@@ -12,7 +12,7 @@ MIXED = [
     (),
     ("backlash", "coulomb_friction", "dead_time", "sensor_delay", "lag"),
     ("hysteresis", "hardening", "stribeck_friction", "sensor_gain", "sensor_drift"),
-    ("slip", "compliance", "quadratic_drag", "wrong_parameter", "gain_drift", "parameter_drift"),
+    ("slip", "compliance", "quadratic_drag", "brake", "wrong_parameter", "gain_drift", "parameter_drift"),
     ("constant_torque", "torque_ripple", "input_gain", "sensor_offset", "input_offset", "load_friction"),
     ("gear_loss", "position_torque", "clock_offset", "tyre_slip", "all_pass", "recording_friction", "geared_ripple"),
     ("imposed_motion", "hardening", "coulomb_friction", "sensor_delay"),

@@ -290,17 +290,20 @@ static int32_t place(const controller_real *grid, controller_real value, control
     return at;
 }
 
-/* the vehicle begins as it runs steadily at the rotors' speed, below the lowest speed of the grid in proportion */
+/* the vehicle begins as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in proportion */
 static void begin_vehicle(controller *c)
 {
     controller_real rotor = (controller_real)0.0;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-        rotor += c->reading_start[SPEED_READING[j]] / (controller_real)DYNAMOMETERS;
+        rotor += ROTOR_SHARE[j] * c->reading_start[SPEED_READING[j]];
     }
     controller_real share;
     int32_t at = place(ROTOR_SPEED, rotor, &share);
     at = place(SPEED, SPEED[at] + (share * (SPEED[at + 1] - SPEED[at])), &share);
-    const controller_real part = within(rotor / ROTOR_SPEED[0], (controller_real)-1.0, (controller_real)1.0);
+    controller_real part = (controller_real)1.0;
+    if (ROTOR_SPEED[0] > (controller_real)0.0) {
+        part = within(rotor / ROTOR_SPEED[0], (controller_real)-1.0, (controller_real)1.0);
+    }
     for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
         c->steady[i] = part * (STEADY[at][i] + (share * (STEADY[at + 1][i] - STEADY[at][i])));
     }
@@ -309,8 +312,9 @@ static void begin_vehicle(controller *c)
     }
 }
 
-/* what a vehicle does beyond the linear model of this speed, from its states less those of the begin */
-static void remainder_of(controller *c, const controller_real *off, int32_t at, controller_real share, controller_real *found)
+/* what a vehicle does beyond the linear model of this speed, from its states and the known torques less those of the begin */
+static void remainder_of(controller *c, const controller_real *off, const controller_real *known, int32_t at,
+                         controller_real share, controller_real *found)
 {
     controller_real absolute[CONTROLLER_VEHICLE_STATES];
     controller_real own[CONTROLLER_VEHICLE_INPUTS + 1];
@@ -318,7 +322,7 @@ static void remainder_of(controller *c, const controller_real *off, int32_t at, 
         absolute[i] = c->steady[i] + off[i];
     }
     for (int32_t i = 0; i < CONTROLLER_VEHICLE_INPUTS; i++) {
-        own[i] = c->known_start[KNOWN_INPUT[i]];
+        own[i] = c->known_start[KNOWN_INPUT[i]] + (NONLINEAR[i] * known[KNOWN_INPUT[i]]);
     }
     vehicle_rates(absolute, c->at_cut, own, found);
     for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
@@ -433,8 +437,8 @@ static void emulate(controller *c, const controller_input *in)
         z[AT_KNOWN + i] = in->known[i] - c->known_start[i];
     }
 #if CONTROLLER_VEHICLE_STATES > 0
-    remainder_of(c, z + OBSERVED, at, share, z + AT_REMAINDERS);
-    remainder_of(c, z + AHEAD, at, share, z + AT_REMAINDERS + CONTROLLER_VEHICLE_STATES);
+    remainder_of(c, z + OBSERVED, z + AT_KNOWN, at, share, z + AT_REMAINDERS);
+    remainder_of(c, z + AHEAD, z + AT_KNOWN, at, share, z + AT_REMAINDERS + CONTROLLER_VEHICLE_STATES);
 #endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);

@@ -32,7 +32,7 @@ VALUES = {
     "double_relaxation": {"stiffness": 250.0, "time_constant": 0.02, "stiffness_2": 90.0, "time_constant_2": 0.2},
     "directional_stiffness": {"factor": 0.6}, "warming_friction": {"torque": 3.0, "change": -0.5, "time_constant": 2.0},
     "saturation": {"limit": 4.0}, "rate_limit": {"rate": 40.0}, "falling_torque_constant": {"torque": 9.0},
-    "hum": {"amplitude": 0.4, "frequency": 50.0, "phase": 0.3},
+    "brake": {"deflection": 0.2}, "hum": {"amplitude": 0.4, "frequency": 50.0, "phase": 0.3},
     "slip": {"coefficient": 9.0}, "stribeck_friction": {"torque": 3.0, "breakaway": 8.0, "speed": 2.0},
     "load_friction": {"coefficient": 0.1},
     "geared_ripple": {"order": 6, "amplitude": 2.0, "phase": 0.4},
@@ -105,7 +105,7 @@ def test_units_of_states():
              for kind, law in EFFECTS.items() if law.state}  # fmt: skip
     assert units == {"all_pass": "rad/s", "gain_drift": "1", "hysteresis": "1", "lag": "N*m", "parameter_drift": "1",
                      "relaxation": "rad", "double_relaxation": "rad", "rate_limit": "N*m", "warming_friction": "1",
-                     "slip": "rad", "tyre_slip": "rad"}  # fmt: skip
+                     "slip": "rad", "tyre_slip": "rad", "brake": "rad"}  # fmt: skip
     assert EFFECTS["lag"].state_unit("sensors.speed", from_dict(BASE)) == "rad/s"
 
 
