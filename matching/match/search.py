@@ -61,8 +61,8 @@ def solve(
     and at the next ones where it ends with a requirement missed or with errors beyond their tolerances; where all do,
     at the best of settings scattered about the best end. Only then do residual vehicle and adapters move as well: its
     weights alone come near the end. The cost of a feedback law has several valleys: its gains are tuned alone from
-    several starts, then everything from the best end, and from the case's
-    own gains where no end keeps every requirement. No answer is worse than the case as given.
+    several starts, then everything from the best end, and from the case's own gains where no end keeps every
+    requirement. No answer is worse than the case as given.
     With ``begins``, values by name (SI), it begins at these instead.
     """
     settings, of_observer = search.settings, search.case.loop.tunes_observer
