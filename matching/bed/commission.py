@@ -169,7 +169,9 @@ def end_of(rounds: Sequence[Round]) -> str | None:
     if now["status"] == "short" or any(_could_gain(error, now) for error in now["errors"]):
         return None
     if now["status"] == "as_predicted":
-        return "the bed answers as well as the match can make it"
+        near = all(error["error"] is not None and error["error"] <= _reached(error) for error in now["errors"])
+        beyond = "a further round could not gain more than the uncertainty of this one"
+        return "the bed answers as well as the match can make it" if near else beyond
     because = {question["because"] for question in now.get("open", ())}
     if "vehicle" in because:
         return "a further round could not gain more than its uncertainty: what is not known of the vehicle is more"
@@ -183,8 +185,12 @@ def _could_gain(error: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
     one that does not show, whether the next proof is planned to show it."""
     if error["error"] is None:
         return not _planned_too_weak(error, now)
-    reached = NEAR_ENOUGH_RATIO * max(error["predicted"], NEGLIGIBLE * error["allowed"])
-    return bool(error["error"] - COVERAGE_FACTOR * error["standard_uncertainty"] > reached)
+    return bool(error["error"] - COVERAGE_FACTOR * error["standard_uncertainty"] > _reached(error))
+
+
+def _reached(error: Mapping[str, Any]) -> float:
+    """What a match with the bed's true values would leave of an error, as near as a further round is worth."""
+    return float(NEAR_ENOUGH_RATIO * max(error["predicted"], NEGLIGIBLE * error["allowed"]))
 
 
 def _planned(error: Mapping[str, Any], now: Mapping[str, Any]) -> float:

@@ -119,7 +119,7 @@ def test_a_round_that_cannot_gain_more_than_its_uncertainty_is_not_asked_for():
     assert end_of([Round(1, verification=hidden | {"planned": {"measured": 0.01}})]) is None
     # 0.02 over what can be reached: told by a proof of ± 0.012, not by one of ± 0.024
     assert end_of([Round(1, verification=verification(0.035, uncertainty=0.006))]) is None
-    assert "as well as the match can make it" in end_of([Round(1, verification=verification(0.035, uncertainty=0.012))])
+    assert "the uncertainty of this one" in end_of([Round(1, verification=verification(0.035, uncertainty=0.012))])
 
 
 def recorded(rng, sigma, case):
