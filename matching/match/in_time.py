@@ -329,7 +329,7 @@ class FreePlay:
     gaps : (float, float)
         rad, whole lash of every shaft at the cut: of a drive from new (0.5°) to worn (5°).
     drawn : int
-        Beds drawn from the case's box with drawn gaps: where none of thirteen swings on, fewer than 21 % of all beds do
+        Beds drawn from the case's box with drawn gaps: where none of thirty swings on, fewer than 10 % of all beds do
         (95 %).
     as_planned : int
         Runs of the bed as planned, from the least gap to the largest: a swing grows with its gap.
@@ -347,7 +347,7 @@ class FreePlay:
     """
 
     gaps: tuple[float, float] = (float(np.radians(0.5)), float(np.radians(5.0)))
-    drawn: int = 10
+    drawn: int = 27
     as_planned: int = 3
     duration: float = 5.0
     pulse: tuple[float, float] = (0.2, 0.3)

@@ -341,15 +341,18 @@ def _trade(
     if as_planned is not None and not is_better(settled, as_planned):
         ends = [min(ends[0], planned[number]), max(ends[1], planned[number])]
     torque = _rated_torque(search.case, move.name)
+    shown = {
+        place: one
+        for place, one in curve.items()
+        if np.isfinite(one.error) and (one.keeps_all or not settled.keeps_all)
+    }
     return AdapterTrade(
         name=move.name, unit=move.unit, planned=move.planned, ordered=variable.value(here),
         acceptable=(variable.value(ends[0]), variable.value(ends[1])),
         error_as_planned=None if as_planned is None else as_planned.error,
         error_all_as_planned=everything.error if everything.keeps_all else None,
         error_as_ordered=settled.error,
-        curve=tuple(
-            (variable.value(place), one.error) for place, one in sorted(curve.items()) if np.isfinite(one.error)
-        ),
+        curve=tuple((variable.value(place), one.error) for place, one in sorted(shown.items())),
         rated_torque=torque,
         twist=None if torque is None else torque / variable.value(here),
         reason=_reason(variable, curve, here, planned[number]),

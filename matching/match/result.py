@@ -99,7 +99,8 @@ class AdapterTrade:
         With this quantity as planned, the others as ordered, everything else tuned for it.
     error_as_ordered : float
     curve : tuple of (float, float)
-        Values tried and the error there, everything else tuned for each.
+        Values tried and the error there, everything else tuned for each; without those that miss a requirement which
+        the order keeps.
     error_all_as_planned : float or None
         Of the bed with every adapter as planned, tuned for it; None where that keeps not every requirement.
     rated_torque, twist : float or None

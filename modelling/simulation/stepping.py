@@ -366,7 +366,7 @@ def _outliers_lowered(values: np.ndarray) -> np.ndarray:
 TOLERANCE = 1e-4  # of each reading's range
 VIBRATION_STEP, CONTACT_STEP = 1.6, 0.5  # |λ|·h, ω·h to begin with
 IMPLICIT_COST = 8.0  # explicit steps that take as long as an implicit one: 6 to 10 measured
-FINEST = 64  # times the first steps; what does not converge by then is chaotic, or jumps too often
+FINEST = 256  # times the first steps; what does not converge by then is chaotic, or jumps too often
 FASTEST = 8 * MAX_STEPS_PER_SECOND  # mean steps a second of a refined run: some seconds of processor time a second
 MOST_INTERPRETED = 2e7  # states at the ends of steps without a compiler: some 10 s and 0.5 GB
 INTERPRETED_IMPLICIT_COST = 3.0  # the same without a compiler: 2.4 to 3.4 measured

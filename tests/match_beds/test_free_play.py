@@ -29,8 +29,8 @@ SEED = 90  # of beds that the rule was not made on
 DRAWN, PLANNED, SECONDS = 12, 4, 7.0
 LEAST, LARGEST = np.radians(0.5), np.radians(5.0)
 RANGE_SHARE = 0.02  # of the range of the vehicle's torque: what swings by less has come to rest
-# 0 of the program's 13 beds leaves 1 − 0.05^(1/13) of all beds at 95 %
-UNSEEN_SHARE = 1 - 0.05 ** (1 / 13)
+# 0 of the program's 30 beds leaves 1 − 0.05^(1/30) of all beds at 95 %
+UNSEEN_SHARE = 1 - 0.05 ** (1 / 30)
 
 
 def oscillator(k, J, gap):
