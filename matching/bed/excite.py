@@ -795,15 +795,15 @@ def plan_excitation(case: Case, order: ExcitationOrder | None = None) -> Excitat
     def left(longer: float) -> np.ndarray:
         return np.asarray(np.linalg.inv(longer * total + PRIOR * np.eye(len(total))))
 
-    covariance, lengths = left(1.0), np.geomspace(1, LONGEST, 24)
-    enough = [longer for longer in lengths if np.sqrt(np.trace(weights @ left(longer))) <= case.tolerance]
+    covariance = left(1.0)
+    enough = (n for n in np.geomspace(1, LONGEST, 24) if np.sqrt(np.trace(weights @ left(n))) <= case.tolerance)
     return ExcitationPlan(
         case.title, speed,
         {name: (float(p), float(i)) for name, p, i in zip(names, hold.proportional, hold.integral, strict=True)},
         bed.inputs, np.arange(len(torques)) * step, torques, parts, len(torques) * step,
         _expected(case, weights, covariance), float(np.sqrt(np.trace(weights) / PRIOR)),
         float(np.sqrt(np.trace(weights @ covariance))), case.tolerance,
-        float(min(enough, default=np.inf)), used, order.margin, order.beds + 1, _notes(bed, limits, within),
+        float(next(enough, np.inf)), used, order.margin, order.beds + 1, _notes(bed, limits, within),
     )  # fmt: skip
 
 

@@ -182,7 +182,7 @@ class OpenQuestion:
         Times as long a recording under the same torques that would do, as far as its noise decides; infinite where none
         does. Its square root is the factor on the torques.
     of_vehicle : bool
-        Whether no recording decides it for what is not known of the vehicle.
+        Whether the uncertainty of the vehicle leaves it open, however long a recording is.
     """
 
     name: str

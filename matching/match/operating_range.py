@@ -151,7 +151,7 @@ def _drive(
         speed = to_si(entry.get("vehicle_speed", float(profile.speed[0])), "m/s", f"{place}.vehicle_speed")
         begin = at_vehicle_speed(vehicle, rig, about, speed)
         driver = read_driver(entry.get("driver"), [name for name in known if name not in brakes], brakes, place)
-        turning = speeds_of(at_vehicle_speed(vehicle, rig, about, about.highest))
+        turning = speeds_of(at_vehicle_speed(vehicle, rig, about, about.highest)) if driver.brakes else {}
         torques |= driven_along(profile, driver, begin, loop, about.bodies, about.rolling_radius, turning)
     for name in known:
         if name in entry:

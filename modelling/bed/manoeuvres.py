@@ -79,12 +79,16 @@ class Manoeuvre:
     @property
     def largest(self) -> float:
         """Largest torque without its sign, N·m, of 2001 moments."""
-        return float(np.abs(self.torque(np.linspace(0, self.duration, 2001))).max())
+        return float(np.abs(self._moments).max())
 
     @property
     def smallest(self) -> float:
         """Smallest torque, N·m, of 2001 moments."""
-        return float(self.torque(np.linspace(0, self.duration, 2001)).min())
+        return float(self._moments.min())
+
+    @property
+    def _moments(self) -> np.ndarray:
+        return self.torque(np.linspace(0, self.duration, 2001))
 
     def time(self, rate: float = 1000.0) -> np.ndarray:
         """Time stamps (t,) in s at a rate in Hz."""

@@ -127,7 +127,8 @@ def driven_along(
     bodies : sequence of str
         Inertias whose mean speed is the vehicle's; ``radius`` (m) is that of the tyres.
     turning : mapping of str to float
-        Speed of every inertia of the vehicle in motion, rad/s: how the torque of a driver is shared among brakes.
+        Speed of every inertia of the vehicle in motion, rad/s: how the torque of a driver is shared among brakes; empty
+        without any.
 
     Raises
     ------

@@ -605,6 +605,8 @@ class Kind:
         The law takes the delay of a filter of its own off the recording.
     imposes_motion : bool
         The inertia moves as recorded: an input on it is a motion, see :meth:`imposed_input`.
+    sought : bool
+        A diagnosis looks for it.
     brakes : bool
         Its input is the torque of a brake: 0 or more, and against the motion.
     arrays : tuple of str
@@ -637,6 +639,7 @@ class Kind:
     rate_bound: ClassVar[str] = ""
     looks_ahead: ClassVar[bool] = False
     imposes_motion: ClassVar[bool] = False
+    sought: ClassVar[bool] = True
     brakes: ClassVar[bool] = False
     arrays: ClassVar[tuple[str, ...]] = ()
     zero_mean: ClassVar[tuple[str, ...]] = ()
@@ -675,7 +678,9 @@ class Kind:
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterable[Guess]:
         """First guesses of this effect at a place, from a motion without it; for screening and as starts of a fit."""
-        raise NotImplementedError
+        if self.sought:
+            raise NotImplementedError
+        return ()
 
     def shared_guesses(self, motion: FittedMotion, at: str) -> Iterable[Guess]:
         """First guesses at one place or at several that share the effect: the same amplitude at each of them."""
@@ -774,7 +779,7 @@ class Kind:
 
     def candidate_places(self, system: Drivetrain) -> list[str]:
         """Those of :meth:`places` where a diagnosis looks for it."""
-        return self.places(system)
+        return self.places(system) if self.sought else []
 
     def same_as(self, at: str, system: Drivetrain) -> Iterable[tuple[str, str]]:
         """Kinds and places that no recording can tell from this effect at a place; they are named with it."""
@@ -816,6 +821,7 @@ class TorqueTable(Kind):
         for i in range(1, MOST_POINTS + 1)
     }
     state_dependent = True
+    sought = False  # it is what is kept where no cause explains
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         axis, points, torques = _points(p)
@@ -837,13 +843,6 @@ class TorqueTable(Kind):
         if not all(low < high for low, high in pairwise(points)):
             return f"the values of {axis} do not increase"
         return ""
-
-    def candidate_places(self, system: Drivetrain) -> list[str]:
-        """None: it is what is kept where no cause explains."""
-        return []
-
-    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        yield from ()
 
 
 def table_parameters(axis: str, points: Sequence[float], torques: Sequence[float]) -> dict[str, float]:

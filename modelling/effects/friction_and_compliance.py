@@ -754,6 +754,7 @@ class TyreSlip(Kind):
     }
     state = State("rad", "deflection of the spring of {place}")
     state_dependent = True
+    sought = False  # a diagnosis looks for ``slip``, which is the same at one speed and small torque
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         peak, shape = p["peak"], p.get("shape", SHAPE)
@@ -767,10 +768,3 @@ class TyreSlip(Kind):
             return cos(shape * atan(share)) / (Integer(1) + share**2)
 
         law.contact = saturated, slope
-
-    def candidate_places(self, system: Drivetrain) -> list[str]:
-        """None: a diagnosis looks for ``slip``, which is the same at one speed and small torque."""
-        return []
-
-    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        return iter(())

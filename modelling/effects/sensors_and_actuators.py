@@ -53,19 +53,13 @@ class AllPass(Kind):
     state = State("signal", "{place} behind the first half of its delay", settles=True)
     second_state = "{place} behind both halves of its delay"
     linear = True
+    sought = False  # a diagnosis looks for ``sensor_delay``
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         for name in (f"{path.place}.{self.kind}", f"{path.place}.{self.kind}{SECOND_STATE}"):
             value = path.value
             lagged = assembly.add_state(name, lambda z, value=value: 4 * (value - z) / p["delay"])  # type: ignore[misc]
             path.value = 2 * lagged - value
-
-    def candidate_places(self, system: Drivetrain) -> list[str]:
-        """None: a diagnosis looks for ``sensor_delay``."""
-        return []
-
-    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        yield from ()
 
 
 # --- The zero of an angle sensor.
@@ -265,12 +259,10 @@ class InputOffset(Kind):
     tables = ("inputs",)
     zero_of_recording = True
     parameters = {"offset": Parameter("N*m")}
+    sought = False
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.value += p["offset"]
-
-    def candidate_places(self, system: Drivetrain) -> list[str]:
-        return []
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
         yield Guess(({at: motion.time * 0 + 1.0},), lambda a: {"offset": float(a[0])})
@@ -504,15 +496,10 @@ class Hum(Kind):
     parameters = {
         "amplitude": Parameter("sensor"), "frequency": Parameter("Hz", lower=0.0), "phase": Parameter("rad")
     }  # fmt: skip
+    sought = False
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         path.value += p["amplitude"] * sin(2 * pi * p["frequency"] * assembly.time + p["phase"])
-
-    def candidate_places(self, system: Drivetrain) -> list[str]:
-        return []
-
-    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        yield from ()
 
 
 # --- A sensor with a wrong scale factor.

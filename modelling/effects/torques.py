@@ -87,6 +87,7 @@ class Brake(Kind):
     state = State("rad", "deflection of the brake of {place}")
     state_dependent = True
     brakes = True
+    sought = False  # whether an input is a brake is known
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         speed, deflection = assembly.motions[path.on].speed, p["deflection"]
@@ -96,13 +97,6 @@ class Brake(Kind):
 
         d = assembly.add_state(f"{path.place}.{self.kind}", rate)
         path.value *= -(d + p.get("settling", Float(SETTLING)) * rate(d)) / deflection
-
-    def candidate_places(self, system: Drivetrain) -> list[str]:
-        """None: whether an input is a brake is known."""
-        return []
-
-    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        return iter(())
 
 
 SETTLING = 0.002  # s: a braked wheel that comes to rest swings once or twice
@@ -380,6 +374,7 @@ class ImposedMotion(Kind):
     tables = ("inertias",)
     linear = True
     imposes_motion = True
+    sought = False  # what drives an inertia is known of a bed, not found in its recordings
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         assembly.impose(name, motion, -BANDWIDTH * motion.speed)
@@ -390,13 +385,6 @@ class ImposedMotion(Kind):
         if measures == "angle":
             acceleration = BANDWIDTH**2 * (path.value - motion.angle) - 2 * BANDWIDTH * motion.speed
         assembly.impose(path.place, motion, acceleration)
-
-    def candidate_places(self, system: Drivetrain) -> list[str]:
-        """None: what drives an inertia is known of a bed, not found in its recordings."""
-        return []
-
-    def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
-        yield from ()
 
 
 # --- A torque that repeats over the angle of an axis which does not turn round and round (screw, rack, robot joint).

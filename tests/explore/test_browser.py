@@ -4,6 +4,7 @@ import math
 import shutil
 import urllib.error
 import urllib.request
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -254,6 +255,18 @@ def test_a_case_is_made_changed_renamed_and_saved_without_a_file(tmp_path):
         assert complaints == []
 
 
+@contextmanager
+def starter(tmp_path):
+    """The starter case in the browser: page, what its console complains of, address."""
+    browser_path()
+    shutil.copytree(ROOT / "matching" / "starter", tmp_path / "case")
+    with (
+        served(explored(tmp_path / "case" / "case.toml"), out=tmp_path / "out") as address,
+        opened_page(address) as (page, complaints),
+    ):
+        yield page, complaints, address
+
+
 def middle(page, part):
     box = page.locator(f"[data-part='{part}']").last.bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -268,12 +281,7 @@ def drag(page, start, end):
 
 def test_parts_are_drawn_by_dragging_and_taken_back(tmp_path):
     """From a disc into the open: a new inertia; from there to another disc: a shaft. Each is one step of Undo."""
-    browser_path()
-    shutil.copytree(ROOT / "matching" / "starter", tmp_path / "case")
-    with (
-        served(explored(tmp_path / "case" / "case.toml"), out=tmp_path / "out") as address,
-        opened_page(address) as (page, complaints),
-    ):
+    with starter(tmp_path) as (page, complaints, _):
         page.get_by_text("Everything is saved.").wait_for()
         x, y = middle(page, "inertias.rotor")
         drag(page, (x, y), (x + 8, y + 55))
@@ -308,12 +316,7 @@ def test_a_page_whose_program_has_ended_says_so_and_claims_nothing_any_more(tmp_
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_a_match_is_seen_after_a_reload_and_in_a_second_window_until_its_report(tmp_path):
-    browser_path()
-    shutil.copytree(ROOT / "matching" / "starter", tmp_path / "case")
-    with (
-        served(explored(tmp_path / "case" / "case.toml"), out=tmp_path / "out") as address,
-        opened_page(address) as (page, complaints),
-    ):
+    with starter(tmp_path) as (page, complaints, address):
         step(page, "Match")
         page.get_by_role("button", name="Run the match").click()
         page.get_by_role("button", name="Cancel").wait_for()
