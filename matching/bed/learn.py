@@ -21,7 +21,7 @@ from matching.match.in_time import Imperfection
 from matching.match.learning import LEARNING, Learner, added_to
 from matching.match.operating_range import at_speed, body_speed
 from modelling.bed.bed import Dynamometer
-from modelling.bed.scheduled import ScheduledLaw
+from modelling.bed.stepped import SteppedLaw
 from modelling.controller.law import ExportedController
 from modelling.display import Displayed
 from modelling.errors import InputError
@@ -207,7 +207,7 @@ def learn(
     before = read_played(played, own.loop.dynamometers) if played is not None else None
     computing(lambda: dict.fromkeys(map(str, recordings), "a recording of a manoeuvre on the controlled bed"))
     exported = exported_controller(case)
-    law = exported.law.frozen(speed) if isinstance(exported.law, ScheduledLaw) else exported.law
+    law = exported.law.frozen(speed) if isinstance(exported.law, SteppedLaw) else exported.law
     step = law.sample_time
     torques, readings = _together(recorded, step)
     count = readings.shape[1]

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 from scipy.linalg import solve_discrete_are
 
-from modelling.bed.bed import Begin, ControlLaw
-from modelling.bed.scheduled import Law
+from modelling.bed.bed import ControlLaw
+from modelling.bed.stepped import Emulation, Law, SteppedLaw
 from modelling.bed.vehicle import FeedForward
 from modelling.errors import InputError
 from modelling.linear.state_space import StateSpace
@@ -342,7 +342,7 @@ class SupervisedController:
 
     Parameters
     ----------
-    law : ControlLaw or ScheduledLaw
+    law : ControlLaw or SteppedLaw
     settings : Settings
     torque_readings, speed_readings : sequence of int (k)
         Which readings are the dynamometers' flange torques, −1 without a flange, and speeds.
@@ -359,6 +359,7 @@ class SupervisedController:
         self._learned = np.zeros((0, 0)) if learned is None else learned
         self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
         self._torques, self._speeds = torque_readings, speed_readings
+        self.road = law.vehicle.as_planned if isinstance(law, SteppedLaw) else np.zeros(0)  # may change at any time
         self.reset()
 
     def reset(self) -> None:
@@ -368,7 +369,7 @@ class SupervisedController:
         self._sent, self._integral, self._held = np.zeros(k), np.zeros(k), np.zeros(k)
         self._state = np.zeros(self.law.states)
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
-        self._begin: Begin | None = None
+        self._emulation: tuple[Emulation, Emulation, np.ndarray] | None = None  # now, at the begin, torques at the cuts
         self._last, self._mean, self._averaged = np.zeros(y), np.zeros(y), 0
         self._past_torques = np.zeros((max(KEPT_SAMPLES, WATCHED_SAMPLES), k))
         self._deviations = np.zeros((WATCHED_SAMPLES, y))
@@ -437,7 +438,9 @@ class SupervisedController:
         settings = self.settings
         self._lifeless = self._lifeless + 1 if life == self._life else 0
         self._life = life
-        if not (np.isfinite(readings).all() and np.isfinite(known).all() and np.isfinite(asked).all()):
+        if not all(np.isfinite(each).all() for each in (readings, known, asked, self.road)):
+            return 1
+        if (self.road[:-1] <= 0).any():  # friction and mass
             return 1
         if 0 < settings.life_samples <= self._lifeless:
             return 2
@@ -507,7 +510,9 @@ class SupervisedController:
         if mode == EMULATION:
             self._average(readings)
             self._start = self._mean.copy(), known.copy(), self._sent.copy()
-            self._begin = self.law.begin(*self._start)
+            if isinstance(self.law, SteppedLaw):
+                begun, cut = self.law.begin(self._start[0], self._start[2])
+                self._emulation = begun, begun, cut
             self._state = np.zeros(self.law.states)
             self._past_torques[:] = self._flange_torques(readings)
             self._surprised = 0
@@ -527,9 +532,17 @@ class SupervisedController:
             y0, w0, u0 = self._start
             if 0 < self._played <= len(self._learned):
                 added = added + self._learned[self._played - 1]
-            sent, self._state = self.law.step(
-                self._state, readings - y0, known - w0, (-limit - u0, limit - u0), self._begin, added
-            )
+            limits = -limit - u0, limit - u0
+            if isinstance(self.law, SteppedLaw):
+                assert self._emulation is not None
+                now, begun, cut = self._emulation
+                sent, now = self.law.step(
+                    now, begun, cut, readings - y0, known - w0, known[len(known) - len(self.law.vehicle.inputs) :], limits, self.road,
+                    readings[self._speeds], added,
+                )  # fmt: skip
+                self._emulation, self._state = (now, begun, cut), now.state
+            else:
+                sent, self._state = self.law.step(self._state, readings - y0, known - w0, limits, added)
             return u0 + sent
         if self._mode == SPEED_HOLD:
             error = (self._held if self._fault else hold) - readings[self._speeds]
@@ -554,7 +567,7 @@ class ExportedController:
     Attributes
     ----------
     title : str
-    law : ControlLaw or ScheduledLaw
+    law : ControlLaw or SteppedLaw
     settings : Settings
     units : tuple of str (y)
         SI units of the readings.

@@ -13,14 +13,14 @@
 #define READINGS CONTROLLER_READINGS
 #define KNOWN CONTROLLER_KNOWN
 #define DYNAMOMETERS CONTROLLER_DYNAMOMETERS
+#define VEHICLE CONTROLLER_VEHICLE_STATES
 
 /* what a row of the law is multiplied with, one after the other */
 enum {
     AT_STATE = 0,
     AT_READINGS = STATES,
     AT_KNOWN = AT_READINGS + READINGS,
-    AT_REMAINDERS = AT_KNOWN + KNOWN, /* of the observer's vehicle, then of the one that runs ahead */
-    AT_SENT = AT_REMAINDERS + 2 * CONTROLLER_VEHICLE_STATES,
+    AT_SENT = AT_KNOWN + CONTROLLER_ACTING,
     WIDTH = AT_SENT + DYNAMOMETERS
 };
 
@@ -229,12 +229,30 @@ static bool is_unexpected(controller *c)
     return c->surprised >= CONTROLLER_IN_A_ROW;
 }
 
+/* what the emulated vehicle is told of its road and its mass is possible */
+static bool is_road(const controller *c)
+{
+    bool possible = true;
+#if CONTROLLER_VEHICLE_STATES > 0
+    possible = all_finite(c->settings.friction, CONTROLLER_TYRES) && isfinite(c->settings.grade) &&
+               isfinite(c->settings.mass) && (c->settings.mass > (controller_real)0.0);
+    for (int32_t i = 0; i < CONTROLLER_TYRES; i++) {
+        if (!(c->settings.friction[i] > (controller_real)0.0)) {
+            possible = false;
+        }
+    }
+#else
+    (void)c;
+#endif
+    return possible;
+}
+
 static int32_t check(controller *c, const controller_input *in)
 {
     int32_t fault = CONTROLLER_NO_FAULT;
     const bool lifeless = is_lifeless(c, in);
     if (!all_finite(in->reading, READINGS) || !all_finite(in->known, KNOWN) || !all_finite(in->hold_speed, DYNAMOMETERS) ||
-        !all_finite(in->added_torque, DYNAMOMETERS)) {
+        !all_finite(in->added_torque, DYNAMOMETERS) || !is_road(c)) {
         fault = CONTROLLER_NOT_FINITE;
     } else if (lifeless) {
         fault = CONTROLLER_MISSING;
@@ -290,53 +308,175 @@ static int32_t place(const controller_real *grid, controller_real value, control
     return at;
 }
 
-/* the vehicle begins as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in proportion */
-static void begin_vehicle(controller *c)
+/* the vehicle as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in proportion */
+static void place_vehicle(controller *c, const controller_real *reading)
 {
     controller_real rotor = (controller_real)0.0;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-        rotor += ROTOR_SHARE[j] * c->reading_start[SPEED_READING[j]];
+        rotor += ROTOR_SHARE[j] * reading[SPEED_READING[j]];
     }
     controller_real share;
-    int32_t at = place(ROTOR_SPEED, rotor, &share);
-    at = place(SPEED, SPEED[at] + (share * (SPEED[at + 1] - SPEED[at])), &share);
+    const int32_t at = place(ROTOR_SPEED, rotor, &share);
     controller_real part = (controller_real)1.0;
     if (ROTOR_SPEED[0] > (controller_real)0.0) {
         part = within(rotor / ROTOR_SPEED[0], (controller_real)-1.0, (controller_real)1.0);
     }
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
-        c->steady[i] = part * (STEADY[at][i] + (share * (STEADY[at + 1][i] - STEADY[at][i])));
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        c->vehicle[i] = part * (STEADY[at][i] + (share * (STEADY[at + 1][i] - STEADY[at][i])));
     }
+}
+
+static void begin_vehicle(controller *c)
+{
+    place_vehicle(c, c->reading_start);
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         c->at_cut[j] = row(&CUT_BY_READING, j, c->reading_start) + row(&CUT_BY_COMMAND, j, c->sent_start);
+        c->wheel_start[j] = row(&WHEEL, j, c->vehicle);
+        c->load[j] = (controller_real)0.0;
+        c->angle[j] = (controller_real)0.0;
     }
+    c->distance = (controller_real)0.0;
 }
 
-/* what a vehicle does beyond the linear model of this speed, from its states and the known torques less those of the begin */
-static void remainder_of(controller *c, const controller_real *off, const controller_real *known, int32_t at,
-                         controller_real share, controller_real *found)
+/* lower and upper factors of a matrix, in place, with the rows that were exchanged */
+static void factor(controller_real *m, int32_t *pivot)
 {
-    controller_real absolute[CONTROLLER_VEHICLE_STATES];
-    controller_real own[CONTROLLER_VEHICLE_INPUTS + 1];
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
-        absolute[i] = c->steady[i] + off[i];
-    }
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_INPUTS; i++) {
-        own[i] = c->known_start[KNOWN_INPUT[i]] + (NONLINEAR[i] * known[KNOWN_INPUT[i]]);
-    }
-    vehicle_rates(absolute, c->at_cut, own, found);
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
-        found[i] -= between(VEHICLE, at, share, i, off);
+    for (int32_t n = 0; n < VEHICLE; n++) {
+        int32_t largest = n;
+        for (int32_t i = n + 1; i < VEHICLE; i++) {
+            if (fabs((double)m[(i * VEHICLE) + n]) > fabs((double)m[(largest * VEHICLE) + n])) {
+                largest = i;
+            }
+        }
+        pivot[n] = largest;
+        for (int32_t k = 0; k < VEHICLE; k++) {
+            const controller_real moved = m[(n * VEHICLE) + k];
+            m[(n * VEHICLE) + k] = m[(largest * VEHICLE) + k];
+            m[(largest * VEHICLE) + k] = moved;
+        }
+        for (int32_t i = n + 1; i < VEHICLE; i++) {
+            const controller_real share = m[(i * VEHICLE) + n] / m[(n * VEHICLE) + n];
+            m[(i * VEHICLE) + n] = share;
+            if (share != (controller_real)0.0) {
+                for (int32_t k = n + 1; k < VEHICLE; k++) {
+                    m[(i * VEHICLE) + k] -= share * m[(n * VEHICLE) + k];
+                }
+            }
+        }
     }
 }
 
-static controller_real vehicle_speed(const controller *c)
+/* the solution for these factors, in place of the right side */
+static void solve(const controller_real *m, const int32_t *pivot, controller_real *right)
+{
+    for (int32_t n = 0; n < VEHICLE; n++) {
+        const controller_real moved = right[n];
+        right[n] = right[pivot[n]];
+        right[pivot[n]] = moved;
+    }
+    for (int32_t i = 1; i < VEHICLE; i++) {
+        for (int32_t k = 0; k < i; k++) {
+            right[i] -= m[(i * VEHICLE) + k] * right[k];
+        }
+    }
+    for (int32_t i = VEHICLE - 1; i >= 0; i--) {
+        for (int32_t k = i + 1; k < VEHICLE; k++) {
+            right[i] -= m[(i * VEHICLE) + k] * right[k];
+        }
+        right[i] /= m[(i * VEHICLE) + i];
+    }
+}
+
+/* friction of each tyre, mass, grade */
+static void road_of(const controller *c, controller_real *road)
+{
+    for (int32_t i = 0; i < CONTROLLER_TYRES; i++) {
+        road[i] = c->settings.friction[i];
+    }
+    road[CONTROLLER_TYRES] = c->settings.mass;
+    road[CONTROLLER_TYRES + 1] = c->settings.grade;
+}
+
+/* a sample of the vehicle with these torques at its cuts: ROS2, linearly implicit, stable whatever is fast in it */
+static void step_vehicle(controller *c, const controller_real *torque, const controller_real *own)
+{
+    const controller_real h = (controller_real)CONTROLLER_SAMPLE_TIME / (controller_real)CONTROLLER_PIECES;
+    controller_real road[CONTROLLER_TYRES + 2];
+    road_of(c, road);
+    for (int32_t piece = 0; piece < CONTROLLER_PIECES; piece++) {
+        controller_real m[VEHICLE * VEHICLE];
+        controller_real first[VEHICLE];
+        controller_real second[VEHICLE];
+        controller_real ahead[VEHICLE];
+        int32_t pivot[VEHICLE];
+        slopes_of(c->vehicle, torque, own, road, m); /* column by column */
+        for (int32_t i = 0; i < VEHICLE; i++) {
+            for (int32_t k = i; k < VEHICLE; k++) {
+                const controller_real above = m[(k * VEHICLE) + i];
+                const controller_real below = m[(i * VEHICLE) + k];
+                const controller_real one = (i == k) ? (controller_real)1.0 : (controller_real)0.0;
+                m[(i * VEHICLE) + k] = one - (GAMMA * h * above);
+                m[(k * VEHICLE) + i] = one - (GAMMA * h * below);
+            }
+        }
+        factor(m, pivot);
+        rates_of(c->vehicle, torque, own, road, first);
+        solve(m, pivot, first);
+        for (int32_t i = 0; i < VEHICLE; i++) {
+            ahead[i] = c->vehicle[i] + (h * first[i]);
+        }
+        rates_of(ahead, torque, own, road, second);
+        for (int32_t i = 0; i < VEHICLE; i++) {
+            second[i] -= (controller_real)2.0 * first[i];
+        }
+        solve(m, pivot, second);
+        for (int32_t i = 0; i < VEHICLE; i++) {
+            c->vehicle[i] += h * (((controller_real)1.5 * first[i]) + ((controller_real)0.5 * second[i]));
+        }
+    }
+}
+
+static controller_real body_speed(const controller *c)
 {
     controller_real speed = (controller_real)0.0;
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
-        speed += VEHICLE_SPEED[i] * (c->steady[i] + c->state[OBSERVED + i]);
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        speed += BODY[i] * c->vehicle[i];
     }
     return speed;
+}
+
+static void show_vehicle(const controller *c, controller_output *out)
+{
+    controller_real own[CONTROLLER_VEHICLE_INPUTS + 1] = {(controller_real)0.0};
+    controller_real torque[DYNAMOMETERS] = {(controller_real)0.0};
+    controller_real road[CONTROLLER_TYRES + 2];
+    controller_real found[(2 * CONTROLLER_TYRES) + 1];
+    road_of(c, road);
+    outputs_of(c->vehicle, torque, own, road, found);
+    out->vehicle_speed = (controller_real)CONTROLLER_RADIUS * body_speed(c);
+    out->vehicle_distance = c->distance;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        out->wheel_speed[j] = row(&WHEEL, j, c->vehicle);
+    }
+    for (int32_t i = 0; i < CONTROLLER_TYRES; i++) {
+        out->slip[i] = found[i];
+        out->tyre_torque[i] = found[CONTROLLER_TYRES + i];
+    }
+}
+
+/* wheels of the vehicle less those that the observer expects; the angle between a rotor and a wheel that stands is taken
+ * back slowly, and forgotten as the wheel rolls */
+static void compare_wheels(controller *c, const controller_input *in, controller_real *off)
+{
+    const controller_real h = (controller_real)CONTROLLER_SAMPLE_TIME;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real wheel = row(&WHEEL, j, c->vehicle);
+        const controller_real apart = (in->reading[SPEED_READING[j]] / OVER[j]) - wheel;
+        const controller_real rolled = (controller_real)fabs((double)wheel) / (controller_real)CONTROLLER_ANGLE_ROLL;
+        c->angle[j] = (c->angle[j] + (h * apart)) / ((controller_real)1.0 + (h * rolled));
+        off[j] = wheel - (c->angle[j] / (controller_real)CONTROLLER_ANGLE_TIME) - c->wheel_start[j] -
+                 row(&WHEEL, j, c->state + OBSERVED);
+    }
 }
 #endif
 
@@ -424,7 +564,11 @@ static void emulate(controller *c, const controller_input *in)
     controller_real share = (controller_real)0.0;
     int32_t at = 0;
 #if CONTROLLER_VEHICLE_STATES > 0
-    at = place(SPEED, vehicle_speed(c), &share);
+    controller_real off[DYNAMOMETERS];
+    controller_real torque[DYNAMOMETERS];
+    const controller_real speed = body_speed(c);
+    at = place(SPEED, speed, &share);
+    compare_wheels(c, in, off);
 #endif
     for (int32_t i = 0; i < READINGS; i++) {
         z[AT_READINGS + i] = in->reading[i] - c->reading_start[i];
@@ -437,8 +581,15 @@ static void emulate(controller *c, const controller_input *in)
         z[AT_KNOWN + i] = in->known[i] - c->known_start[i];
     }
 #if CONTROLLER_VEHICLE_STATES > 0
-    remainder_of(c, z + OBSERVED, z + AT_KNOWN, at, share, z + AT_REMAINDERS);
-    remainder_of(c, z + AHEAD, z + AT_KNOWN, at, share, z + AT_REMAINDERS + CONTROLLER_VEHICLE_STATES);
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        z[OBSERVED + i] += between(BY_WHEEL, at, share, i, off);
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        c->load[j] += between(BY_WHEEL, at, share, VEHICLE + j, off);
+        z[AT_KNOWN + KNOWN + j] = c->load[j];
+        torque[j] = c->at_cut[j] + (row(&CUT_TORQUE, j, z) / (controller_real)2.0) +
+                    (row(&MOMENTUM, j, deviation) / (controller_real)CONTROLLER_SAMPLE_TIME);
+    }
 #endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
@@ -451,6 +602,13 @@ static void emulate(controller *c, const controller_input *in)
     for (int32_t i = 0; i < STATES; i++) {
         c->state[i] = between(NEXT_STATE, at, share, i, z);
     }
+#if CONTROLLER_VEHICLE_STATES > 0
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        torque[j] += row(&CUT_TORQUE, j, c->state) / (controller_real)2.0;
+    }
+    step_vehicle(c, torque, in->known + (KNOWN - CONTROLLER_VEHICLE_INPUTS));
+    c->distance += (controller_real)(CONTROLLER_SAMPLE_TIME * CONTROLLER_RADIUS / 2.0) * (speed + body_speed(c));
+#endif
 }
 
 static void hold(controller *c, const controller_input *in)
@@ -498,6 +656,11 @@ static void answer_fault(controller *c, const controller_input *in, int32_t faul
 
 void controller_step(controller *c, const controller_input *in, controller_output *out)
 {
+#if CONTROLLER_VEHICLE_STATES > 0
+    if (c->mode == CONTROLLER_EMULATION) {
+        show_vehicle(c, out); /* as it is when this sample begins */
+    }
+#endif
     const int32_t fault = check(c, in);
     const bool unknown = (fault != CONTROLLER_NO_FAULT) && !is_holdable(fault);
     answer_fault(c, in, fault);
@@ -522,6 +685,9 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
     if (!unknown) {
         if (c->mode != CONTROLLER_EMULATION) {
             average(c, in);
+#if CONTROLLER_VEHICLE_STATES > 0
+            place_vehicle(c, in->reading);
+#endif
         }
         (void)memcpy(c->last, in->reading, sizeof c->last);
         for (int32_t j = 0; j < DYNAMOMETERS; j++) {
@@ -531,6 +697,11 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
             c->past_torque[0][j] = flange_torque(in, j);
         }
     }
+#if CONTROLLER_VEHICLE_STATES > 0
+    if (c->mode != CONTROLLER_EMULATION) {
+        show_vehicle(c, out);
+    }
+#endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         out->command[j] = c->sent[j] / c->settings.torque_gain[j];
     }
