@@ -32,12 +32,13 @@ from modelling.system import Input, Quantity, System
 # --- The law.
 #
 # The residual vehicle is a nonlinear simulation of its own: it takes the torque at each cut and gives the speed of the
-# wheel there, one sample later. The observer has a linear likeness of it, with a load that wanders at each wheel: what
-# the vehicle does beyond that likeness. Both are corrected by the wheel speeds that the vehicle gives, as rig and
-# unmeasured torques are by the readings of the bed. At every speed of a grid rig, lags and likeness are linearised and
-# a controller is designed with the same weights; all have the same physical states, so matrices are interpolated in the
-# vehicle's speed and nothing jumps. The vehicle is right at every speed as far as its simulation is, and an error of the
-# likeness, between the speeds of the grid or of another tyre, is a load like any other.
+# wheel there, one sample later. The observer has a linear likeness of it. What the vehicle does beyond the likeness, at
+# the state at which it is, acts on the likeness as a known torque (the remainder), and a load that wanders at each wheel
+# is estimated beside it: both together make the likeness follow the wheel speeds that the vehicle gives. The bed's
+# readings correct rig and unmeasured torques as always, and what they say of the torque at the cuts goes into the vehicle
+# as momentum. At every speed of a grid rig, lags and likeness are linearised and a controller is designed with the same
+# weights; all have the same physical states, so matrices are interpolated in the vehicle's speed and nothing jumps.
+# Nothing that the vehicle does fast is held over a sample inside the vehicle: it is as stable as its own integration.
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class SteppedSettings:
     Attributes
     ----------
     load_drift : float
-        N·m/√s: how fast the load of a wheel may wander. Chosen by trial: 1000 changes no error by more than a tenth.
+        N·m/√s: how fast the load of a wheel may wander beside what is computed. Chosen by trial: 1000 changes no error by more than a tenth.
     wheel_noise : float
         rad/s: how far the speed that the vehicle gives is trusted. Chosen by trial: less of it makes commands jump
         (10⁻⁴ by 400 N·m from sample to sample), and gains nothing.
@@ -74,7 +75,10 @@ class SteppedSettings:
 STEPPED = SteppedSettings()
 GAMMA = 1.0 - 0.5**0.5  # of the Rosenbrock method ROS2: with it L-stable (Verwer et al., SIAM J. Sci. Comput. 20, 1999)
 GRAVITY = 9.81  # m/s²
+SLOPES = (0.25, 0.06, 0.01)  # of the tyres, for which a controller is designed beside that of the highest speed
+SMALLEST_SLOPE = 1e-3  # of a tyre, by which a speed is divided
 SLOWEST_SLIP = 0.5  # rad/s: slip is a speed difference over the body's speed, or over this where it is slower
+FIRM = 1e6  # times the friction: nothing slips beyond proportion
 ROUNDING = 1e-3  # of the wheels' noise, on every state of the vehicle, so that none counts as known exactly
 ROAD = ("mass", "grade")  # what the vehicle is told beside the friction of each tyre
 
@@ -87,7 +91,8 @@ class SteppedVehicle:
     ----------
     rates, slopes, outputs : casadi.Function
         (states (v,), torques at the cuts (k,), own inputs (r,), road (t + 2,)) → rates (v,), their derivatives by the
-        states (v, v), and [slip (t); torque (t)] of the tyres. ``road``: friction coefficient of each tyre over the
+        states (v, v), and [slip; torque, N·m; slope] (3·t) of the tyres: torque over slip, 1 where both are in
+        proportion and 0 at the largest torque. ``road``: friction coefficient of each tyre over the
         planned one, mass of the bodies over the planned one, grade (1).
     by_cut : ndarray (v, k)
         Rates for 1 N·m at each cut.
@@ -123,6 +128,18 @@ class SteppedVehicle:
     pieces: int
     sample_time: float
 
+    def schedule_speed(self, x: np.ndarray, road: np.ndarray) -> float:
+        """The speed, rad/s, at which the vehicle's tyres would damp as they do at this state (v,) and on this road.
+
+        What a tyre damps goes with its slope over the speed. Near the largest torque it damps as at a much higher one.
+        """
+        speed, t = float(self.body @ x), len(self.tyres)
+        if not t:
+            return speed
+        k, r = self.rates.size1_in(1), len(self.inputs)
+        slope = self.outputs(x, np.zeros(k), np.zeros(r), road).full()[2 * t :, 0].min(initial=1.0)
+        return speed / max(slope, SMALLEST_SLOPE)
+
     @property
     def as_planned(self) -> np.ndarray:
         """Road (t + 2,) as planned: friction and mass as in the file, level."""
@@ -141,6 +158,23 @@ class SteppedVehicle:
             second = self.rates(x + h * first, torques, own, road).full()[:, 0] - 2 * first
             x = x + h * (1.5 * first + 0.5 * np.linalg.solve(W, second))
         return x
+
+    def slope_at(self, x: np.ndarray) -> np.ndarray:
+        """Derivatives (v, v) of the rates at a state, no torque acting, as planned."""
+        slopes: np.ndarray = self.slopes(
+            x, np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned
+        ).full()  # fmt: skip
+        return slopes
+
+    def by_tyres(self, x: np.ndarray) -> np.ndarray:
+        """The part (v, v) of the rates' derivatives at a state that the slope of the tyres makes."""
+        zero = np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs))
+        road = np.r_[np.full(len(self.tyres), FIRM), 1.0, 0.0]
+        loose = np.r_[np.full(len(self.tyres), 1 / FIRM), 1.0, 0.0]
+        # a tyre that slides on nothing has no slope, whatever its deflection is
+        slid = x + 1e-3
+        firm, none = (self.slopes(slid, *zero, each).full() for each in (road, loose))
+        return firm - none
 
     def linear(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Matrices of a sample at one state (v,): (v, v), by torques at the cuts (v, k) and by own inputs (v, r)."""
@@ -185,7 +219,7 @@ def stepped_vehicle(
     at_cuts, at_own = ca.SX.sym("T", len(cuts)), ca.SX.sym("w", len(own))
     road = ca.SX.sym("road", len(tyres) + len(ROAD))
     mass, grade = road[len(tyres)], road[len(tyres) + 1]
-    states, rates, body, slips, torques = [], [], [], [], []
+    states, rates, body, slips, torques, steepness = [], [], [], [], [], []
     speeds_by_name: dict[str, tuple[int, np.ndarray]] = {}
     lifts = [_lift(system) for system in first.parts]  # which angles nothing depends on is the same at every speed
     for number, (system, lift) in enumerate(zip(first.parts, lifts, strict=True)):
@@ -209,13 +243,17 @@ def stepped_vehicle(
         named = {name.removeprefix("inertias."): row for name, row in zip(parts.masses, rows, strict=True)}
         speeds_by_name |= {name: (number, row) for name, row in named.items()}
         body.append(sum((named[name] for name in here), np.zeros(lift.shape[1])))
-        through = model.shaft_torques(lift @ x, u, values)
         for at in tyres:
             shaft = next((one for one in system.shafts if f"shafts.{one.name}" == at), None)
             if shaft is not None:
                 inner, outer = (ca.DM(named[end][None]) @ x for end in shaft.between)
                 slips.append((inner - outer) / ca.fmax(ca.fabs(outer), SLOWEST_SLIP))
-                torques.append(through[[one.name for one in system.shafts].index(shaft.name)])
+                all_states = ca.SX.sym("all", len(model.states))
+                through = model.shaft_torques(all_states, u, values)[[one.name for one in system.shafts].index(shaft.name)]
+                by_carcass = ca.jacobian(through, all_states[model.states.index(f"{at}.tyre_slip")])
+                slope = by_carcass / ca.substitute(by_carcass, road[: len(tyres)], ca.SX.ones(len(tyres)) * FIRM)
+                torques.append(ca.substitute(through, all_states, lift @ x))
+                steepness.append(ca.substitute(slope, all_states, lift @ x))
     steady = [
         np.concatenate([lift.T @ operating_motion(system).state for system, lift in zip(one.parts, lifts, strict=True)])
         for one in residuals
@@ -236,7 +274,7 @@ def stepped_vehicle(
     return SteppedVehicle(
         ca.Function("vehicle_rates", arguments, [ca.cse(every)]),
         ca.Function("vehicle_slopes", arguments, [ca.cse(ca.densify(ca.jacobian(every, motion)))]),
-        ca.Function("vehicle_outputs", arguments, [ca.cse(ca.densify(ca.vertcat(*slips, *torques)))]),
+        ca.Function("vehicle_outputs", arguments, [ca.cse(ca.densify(ca.vertcat(*slips, *torques, *steepness)))]),
         by_cut, wheel, np.concatenate(body) / len(bodies), radius, np.stack(steady), own, nonlinear,
         tuple(at.removeprefix("shafts.") for at in tyres), max(int(np.ceil(step / settings.sub_steps - 1e-9)), 1), step,
     )  # fmt: skip
@@ -310,10 +348,15 @@ class SteppedLaw:
 
     Attributes
     ----------
-    laws : tuple of ControlLaw (g)
-        At each speed. Columns of the loads (k) follow those of the known torques: of the rig, then of the vehicle. Those
+    laws : tuple of ControlLaw (d)
+        At each of the ``designed`` speeds. Columns of the rates of the vehicle's states (v) follow those of the known torques: of the rig, then of the vehicle. Those
         whose effect depends on the motion (a brake) are in the vehicle alone, and their columns zero.
-    by_wheel : ndarray (g, v + k, k)
+    likeness : ndarray (d, v, v)
+        Rates of the observer's vehicle by its states.
+    designed : ndarray (d,)
+        rad/s of the vehicle, rising: those of the range, and higher ones at which its tyres damp as they do at the highest
+        with a slope of :data:`SLOPES` (see :meth:`SteppedVehicle.schedule_speed`).
+    by_wheel : ndarray (d, v + k, k)
         Correction of the observer's vehicle and of the loads by wheel speeds that are off by 1 rad/s.
     momentum : ndarray (k, y)
         N·m·s into the vehicle at each cut for a reading that is off by 1.
@@ -338,6 +381,8 @@ class SteppedLaw:
     """
 
     laws: tuple[ControlLaw, ...]
+    designed: np.ndarray
+    likeness: np.ndarray
     by_wheel: np.ndarray
     momentum: np.ndarray
     vehicle: SteppedVehicle
@@ -406,12 +451,12 @@ class SteppedLaw:
     @cached_property
     def _stacked(self) -> dict[str, np.ndarray]:
         stacked = {name: np.stack([getattr(law, name) for law in self.laws]) for name in ("A", "Bw", "Bs", "K", "Dw", "L")}
-        return {**stacked, "by_wheel": self.by_wheel}
+        return {**stacked, "by_wheel": self.by_wheel, "likeness": self.likeness}
 
     def at(self, speed: float) -> dict[str, np.ndarray]:
         """Matrices at a speed of the vehicle, rad/s."""
-        low = int(np.clip(np.searchsorted(self.speeds, speed, side="right") - 1, 0, len(self.speeds) - 2))
-        share = float(np.clip((speed - self.speeds[low]) / (self.speeds[low + 1] - self.speeds[low]), 0.0, 1.0))
+        low = int(np.clip(np.searchsorted(self.designed, speed, side="right") - 1, 0, len(self.designed) - 2))
+        share = float(np.clip((speed - self.designed[low]) / (self.designed[low + 1] - self.designed[low]), 0.0, 1.0))
         return {name: stack[low] + share * (stack[low + 1] - stack[low]) for name, stack in self._stacked.items()}
 
     def begin(self, readings: np.ndarray, sent: np.ndarray) -> tuple[Emulation, np.ndarray]:
@@ -450,7 +495,7 @@ class SteppedLaw:
             rad/s: each rotor's speed as it is read, absolute.
         """
         vehicle, settings, h, v = self.vehicle, self.settings, self.sample_time, self.vehicle_states
-        wheel, made = vehicle.wheel @ now.vehicle, self.at(float(vehicle.body @ now.vehicle))
+        wheel, made = vehicle.wheel @ now.vehicle, self.at(vehicle.schedule_speed(now.vehicle, road))
         angle = (now.angle + h * (turned / self.over - wheel)) / (1 + h * np.abs(wheel) / settings.angle_roll)
         target = wheel - angle / settings.angle_time - vehicle.wheel @ begun.vehicle
         found = made["by_wheel"] @ (target - vehicle.wheel @ now.state[self.observed])
@@ -458,7 +503,10 @@ class SteppedLaw:
         corrected = now.state + made["L"] @ innovation
         corrected[self.observed] += found[:v]
         load = now.load + found[v:]
-        acting = np.concatenate([known, load])
+        off = now.vehicle - begun.vehicle
+        there = own - (1 - vehicle.nonlinear) * known[len(known) - len(own) :]  # plain torques are among the known ones
+        remainder = vehicle.rates(now.vehicle, cut, there, road).full()[:, 0] - made["likeness"] @ off
+        acting = np.concatenate([known, remainder + vehicle.by_cut @ load])
         sent = np.clip(made["K"] @ corrected + made["Dw"] @ acting + added, *limits)
         state = made["A"] @ corrected + made["Bw"] @ acting + made["Bs"] @ sent
         torque = cut + self.cut_torque @ (corrected + state) / 2 + self.momentum @ innovation / h
@@ -486,7 +534,8 @@ class SteppedLaw:
         corrected = state + made["L"] @ innovation
         corrected[self.observed] += found[:v]
         load = np.eye(q, width, x) + found[v:]
-        acting = np.vstack([np.eye(w, width, size + y), load])
+        remainder = (self.vehicle.slope_at(steady) - made["likeness"]) @ np.eye(v, width, x + q)
+        acting = np.vstack([np.eye(w, width, size + y), remainder + self.vehicle.by_cut @ load])
         command = made["K"] @ corrected + made["Dw"] @ acting
         after = made["A"] @ corrected + made["Bw"] @ acting
         torque = self.cut_torque @ (corrected + after) / 2 + self.momentum @ innovation / self.sample_time
@@ -541,18 +590,26 @@ def stepped_law(
     most = max(map(len, modes))
     full = [number for number, each in enumerate(modes) if len(each) == most]
     nearest = [min(full, key=lambda other: abs(other - number)) for number in range(len(modes))]
-    designed = [
-        _design(rig, residual, cuts, vehicle, loop, weights, modes[number], settings)
-        for rig, residual, number in zip(rigs, residuals, nearest, strict=True)
-    ]
-    laws, by_wheel, momenta = zip(*designed, strict=True)
+    turning = [speeds_of(one.vehicle) for one in residuals]
+    speeds = np.array([np.mean([each[name] for name in bodies]) for each in turning])
+    places = [(number, 1.0) for number in range(len(speeds))]
+    if vehicle.tyres:  # tyres that slide, either way
+        backwards = [(0, slope) for slope in SLOPES[::-1]] if speeds[0] < 0 else []
+        places = [*backwards, *places, *((len(speeds) - 1, slope) for slope in SLOPES)]
+    scheduled = np.array([speeds[number] / slope for number, slope in places])
+    found = [
+        _design(
+            rigs[number], residuals[number], cuts, vehicle, loop, weights, modes[nearest[number]], settings, slope,
+            vehicle.steady[number],
+        )
+        for number, slope in places
+    ]  # fmt: skip
+    laws, likeness, by_wheel, momenta = zip(*found, strict=True)
     law, v = laws[0], len(vehicle.body)
     space = bed_model(rigs[0], residuals[0], loop)
     n = space.rig_states + loop.lag_states
     by_state = np.zeros((k, law.states))
     by_state[:, :n] = np.linalg.pinv(vehicle.by_cut) @ space.space.A[n:, :n]
-    turning = [speeds_of(one.vehicle) for one in residuals]
-    speeds = np.array([np.mean([each[name] for name in bodies]) for each in turning])
     rotors = [next(part.on for part in rigs[0].inputs if part.name == one.torque_input) for one in loop.dynamometers]
     by_rig = [speeds_of(one) for one in rigs]
     # what turns the rotor turns the vehicle's end of the cut, by the ratio of their speeds
@@ -568,7 +625,7 @@ def stepped_law(
         else:
             by_reading[j, law.sensors.index(one.torque_sensor)] = torque_signs[j] * over[j]
     return SteppedLaw(
-        laws, np.stack(by_wheel), momenta[0], vehicle, slice(n, n + v), by_state,
+        laws, scheduled, np.stack(likeness), np.stack(by_wheel), momenta[0], vehicle, slice(n, n + v), by_state,
         speeds, turned @ shares, shares, over, by_reading, by_command,
         tuple(law.sensors.index(one.speed_sensor) for one in loop.dynamometers), operating_speed, settings,
     )  # fmt: skip
@@ -576,10 +633,20 @@ def stepped_law(
 
 def _design(
     rig: System, residual: ResidualVehicle, cuts: Sequence[Interface], vehicle: SteppedVehicle, loop: Loop,
-    weights: Mapping[str, float], modes: Sequence[complex], settings: SteppedSettings,
-) -> tuple[ControlLaw, np.ndarray, np.ndarray]:  # fmt: skip
-    """The observer at one speed, its correction by wheel speeds (v + k, k), and the momenta (k, y) of the readings."""
-    model = observer_model(rig, residual, loop, modes, remainders=True)
+    weights: Mapping[str, float], modes: Sequence[complex], settings: SteppedSettings, slope: float,
+    steady: np.ndarray,
+) -> tuple[ControlLaw, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """The observer at one speed, its vehicle (v, v), its correction by wheel speeds (v + k, k), and the momenta (k, y).
+
+    Its tyres have a ``slope`` of that at small slips.
+    """
+    space = bed_model(rig, residual, loop)
+    first = space.rig_states + loop.lag_states
+    if slope < 1:
+        A = space.space.A.copy()
+        A[first:, first:] -= (1 - slope) * vehicle.by_tyres(steady)
+        space = replace(space, space=replace(space.space, A=A))
+    model = observer_model(rig, residual, loop, modes, True, space)
     F = state_feedback(model, weights["command_weight"], weights["command_change_weight"])
     found = filter_of(model, weights)
     inertia = np.array([_inertia(residual, cut) for cut in cuts])
@@ -589,14 +656,15 @@ def _design(
     w, v = len(law.known), len(vehicle.body)
     acts = np.r_[np.ones(w - len(vehicle.inputs)), 1 - vehicle.nonlinear]
 
-    def together(columns: np.ndarray) -> np.ndarray:  # both vehicles, of the observer and ahead of it, have one load
-        return np.hstack([columns[:, :w] * acts, (columns[:, w : w + v] + columns[:, w + v :]) @ vehicle.by_cut])
+    def together(columns: np.ndarray) -> np.ndarray:  # both vehicles, of the observer and ahead of it, have one remainder
+        return np.hstack([columns[:, :w] * acts, columns[:, w : w + v] + columns[:, w + v :]])
 
     law = replace(law, Bw=together(law.Bw), Dw=together(law.Dw))
     n = model.states
     on = model.bed.whole[n : n + v, n : n + v]
     of_loads = model.bed.torques[n : n + v, -v:] @ vehicle.by_cut
-    return law, load_filter(on, of_loads, vehicle.wheel, loop["sample_time"], settings), momentum
+    by_wheel = load_filter(on, of_loads, vehicle.wheel, loop["sample_time"], settings)
+    return law, space.space.A[first:, first:], by_wheel, momentum
 
 
 def load_filter(

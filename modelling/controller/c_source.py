@@ -11,7 +11,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from modelling.bed.bed import ControlLaw
-from modelling.bed.stepped import GAMMA, SteppedLaw
+from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SteppedLaw
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
     GONE,
@@ -106,7 +106,7 @@ def _data(controller: ExportedController) -> str:
         "    const controller_real *value;",
         "} controller_matrix;",
         "",
-        f"#define CONTROLLER_ACTING {laws[0].Bw.shape[1]} /* known torques, then loads of the vehicle's wheels */",
+        f"#define CONTROLLER_ACTING {laws[0].Bw.shape[1]} /* known torques, then rates of the vehicle's states */",
         f"#define CONTROLLER_TURNING {_real(TURNING)} /* rad/s */",
         f"#define CONTROLLER_GONE {_real(GONE)}",
         f"#define CONTROLLER_REMEMBERED {REMEMBERED_SAMPLES}",
@@ -178,13 +178,17 @@ def _vehicle(law: SteppedLaw) -> list[str]:
         f"#define CONTROLLER_ANGLE_ROLL {_real(settings.angle_roll)} /* rad */",
         f"#define GAMMA (controller_real){_real(GAMMA)}",
         f"enum {{ OBSERVED = {law.observed.start} }};",
+        listed("NONLINEAR", np.r_[vehicle.nonlinear, 0], "1 of an own input whose effect depends on the motion"),
         listed("OVER", law.over, "speed of a rotor over its wheel's"),
-        listed("SPEED", law.speeds, "rad/s of the vehicle"),
+        listed("SPEED", law.designed, "rad/s of the vehicle"),
+        f"#define CONTROLLER_DESIGNS {len(law.designed)}",
+        f"#define SMALLEST_SLOPE (controller_real){_real(SMALLEST_SLOPE)}",
         listed("ROTOR_SPEED", law.rotor_speeds, "rad/s there"),
         listed("ROTOR_SHARE", law.rotor_shares, "of each rotor in it"),
         listed("BODY", vehicle.body, "speed by state"),
         "static const controller_real STEADY[CONTROLLER_SPEEDS][CONTROLLER_VEHICLE_STATES] = {", *steady, "};",
-        "", *_at_speeds("BY_WHEEL", list(law.by_wheel)), "", *_rows("MOMENTUM", law.momentum),
+        "", *_at_speeds("BY_WHEEL", list(law.by_wheel)), "", *_at_speeds("LIKENESS", list(law.likeness)),
+        "", *_rows("BY_CUT", vehicle.by_cut), "", *_rows("MOMENTUM", law.momentum),
         "", *_rows("WHEEL", vehicle.wheel), "", *_rows("CUT_TORQUE", law.cut_torque),
         "", *_rows("CUT_BY_READING", law.cut_by_reading), "", *_rows("CUT_BY_COMMAND", law.cut_by_command),
         "", "/* the vehicle: rates of its states, their derivatives by the states, slips and torques of its tyres */",

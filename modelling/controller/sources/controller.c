@@ -296,10 +296,10 @@ static void average(controller *c, const controller_input *in)
 
 #if CONTROLLER_VEHICLE_STATES > 0
 /* where a value stands on a rising grid: number of the lower neighbour and share of the upper one */
-static int32_t place(const controller_real *grid, controller_real value, controller_real *share)
+static int32_t place(const controller_real *grid, int32_t count, controller_real value, controller_real *share)
 {
     int32_t at = 0;
-    for (int32_t n = 1; n < (CONTROLLER_SPEEDS - 1); n++) {
+    for (int32_t n = 1; n < (count - 1); n++) {
         if (value >= grid[n]) {
             at = n;
         }
@@ -316,7 +316,7 @@ static void place_vehicle(controller *c, const controller_real *reading)
         rotor += ROTOR_SHARE[j] * reading[SPEED_READING[j]];
     }
     controller_real share;
-    const int32_t at = place(ROTOR_SPEED, rotor, &share);
+    const int32_t at = place(ROTOR_SPEED, CONTROLLER_SPEEDS, rotor, &share);
     controller_real part = (controller_real)1.0;
     if (ROTOR_SPEED[0] > (controller_real)0.0) {
         part = within(rotor / ROTOR_SPEED[0], (controller_real)-1.0, (controller_real)1.0);
@@ -329,9 +329,9 @@ static void place_vehicle(controller *c, const controller_real *reading)
 static void begin_vehicle(controller *c)
 {
     place_vehicle(c, c->reading_start);
+    (void)memcpy(c->vehicle_start, c->vehicle, sizeof c->vehicle_start);
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         c->at_cut[j] = row(&CUT_BY_READING, j, c->reading_start) + row(&CUT_BY_COMMAND, j, c->sent_start);
-        c->wheel_start[j] = row(&WHEEL, j, c->vehicle);
         c->load[j] = (controller_real)0.0;
         c->angle[j] = (controller_real)0.0;
     }
@@ -450,7 +450,7 @@ static void show_vehicle(const controller *c, controller_output *out)
     controller_real own[CONTROLLER_VEHICLE_INPUTS + 1] = {(controller_real)0.0};
     controller_real torque[DYNAMOMETERS] = {(controller_real)0.0};
     controller_real road[CONTROLLER_TYRES + 2];
-    controller_real found[(2 * CONTROLLER_TYRES) + 1];
+    controller_real found[(3 * CONTROLLER_TYRES) + 1];
     road_of(c, road);
     outputs_of(c->vehicle, torque, own, road, found);
     out->vehicle_speed = (controller_real)CONTROLLER_RADIUS * body_speed(c);
@@ -464,6 +464,45 @@ static void show_vehicle(const controller *c, controller_output *out)
     }
 }
 
+/* the speed at which the vehicle's tyres would damp as they do now: near their largest torque as at a much higher one */
+static controller_real schedule_speed(const controller *c, controller_real speed)
+{
+    controller_real slope = (controller_real)1.0;
+    const controller_real own[CONTROLLER_VEHICLE_INPUTS + 1] = {(controller_real)0.0};
+    const controller_real torque[DYNAMOMETERS] = {(controller_real)0.0};
+    controller_real road[CONTROLLER_TYRES + 2];
+    controller_real found[(3 * CONTROLLER_TYRES) + 1];
+    road_of(c, road);
+    outputs_of(c->vehicle, torque, own, road, found);
+    for (int32_t i = 0; i < CONTROLLER_TYRES; i++) {
+        if (found[(2 * CONTROLLER_TYRES) + i] < slope) {
+            slope = found[(2 * CONTROLLER_TYRES) + i];
+        }
+    }
+    return speed / ((slope > SMALLEST_SLOPE) ? slope : SMALLEST_SLOPE);
+}
+
+/* rates that the observer's vehicle lacks: of what the vehicle does beyond it where it is, and of the loads */
+static void remainder_of(const controller *c, const controller_input *in, int32_t at, controller_real share,
+                         controller_real *found)
+{
+    const int32_t first = KNOWN - CONTROLLER_VEHICLE_INPUTS;
+    controller_real own[CONTROLLER_VEHICLE_INPUTS + 1];
+    controller_real off[VEHICLE];
+    controller_real road[CONTROLLER_TYRES + 2];
+    road_of(c, road);
+    for (int32_t i = 0; i < CONTROLLER_VEHICLE_INPUTS; i++) {
+        own[i] = (NONLINEAR[i] > (controller_real)0.0) ? in->known[first + i] : c->known_start[first + i];
+    }
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        off[i] = c->vehicle[i] - c->vehicle_start[i];
+    }
+    rates_of(c->vehicle, c->at_cut, own, road, found);
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        found[i] += row(&BY_CUT, i, c->load) - between(LIKENESS, at, share, i, off);
+    }
+}
+
 /* wheels of the vehicle less those that the observer expects; the angle between a rotor and a wheel that stands is taken
  * back slowly, and forgotten as the wheel rolls */
 static void compare_wheels(controller *c, const controller_input *in, controller_real *off)
@@ -474,7 +513,7 @@ static void compare_wheels(controller *c, const controller_input *in, controller
         const controller_real apart = (in->reading[SPEED_READING[j]] / OVER[j]) - wheel;
         const controller_real rolled = (controller_real)fabs((double)wheel) / (controller_real)CONTROLLER_ANGLE_ROLL;
         c->angle[j] = (c->angle[j] + (h * apart)) / ((controller_real)1.0 + (h * rolled));
-        off[j] = wheel - (c->angle[j] / (controller_real)CONTROLLER_ANGLE_TIME) - c->wheel_start[j] -
+        off[j] = wheel - (c->angle[j] / (controller_real)CONTROLLER_ANGLE_TIME) - row(&WHEEL, j, c->vehicle_start) -
                  row(&WHEEL, j, c->state + OBSERVED);
     }
 }
@@ -567,7 +606,7 @@ static void emulate(controller *c, const controller_input *in)
     controller_real off[DYNAMOMETERS];
     controller_real torque[DYNAMOMETERS];
     const controller_real speed = body_speed(c);
-    at = place(SPEED, speed, &share);
+    at = place(SPEED, CONTROLLER_DESIGNS, schedule_speed(c, speed), &share);
     compare_wheels(c, in, off);
 #endif
     for (int32_t i = 0; i < READINGS; i++) {
@@ -586,10 +625,10 @@ static void emulate(controller *c, const controller_input *in)
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         c->load[j] += between(BY_WHEEL, at, share, VEHICLE + j, off);
-        z[AT_KNOWN + KNOWN + j] = c->load[j];
         torque[j] = c->at_cut[j] + (row(&CUT_TORQUE, j, z) / (controller_real)2.0) +
                     (row(&MOMENTUM, j, deviation) / (controller_real)CONTROLLER_SAMPLE_TIME);
     }
+    remainder_of(c, in, at, share, z + AT_KNOWN + KNOWN);
 #endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
