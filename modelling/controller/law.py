@@ -369,7 +369,11 @@ class SupervisedController:
         self._sent, self._integral, self._held = np.zeros(k), np.zeros(k), np.zeros(k)
         self._state = np.zeros(self.law.states)
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
-        self._emulation: tuple[Emulation, Emulation, np.ndarray] | None = None  # now, at the begin, torques at the cuts
+        # now, when it began, and the torques at the cuts then
+        self._emulation: tuple[Emulation, Emulation, np.ndarray] | None = None
+        if isinstance(self.law, SteppedLaw):
+            begun, cut = self.law.begin(np.zeros(y), np.zeros(k))
+            self._emulation = begun, begun, cut
         self._last, self._mean, self._averaged = np.zeros(y), np.zeros(y), 0
         self._past_torques = np.zeros((max(KEPT_SAMPLES, WATCHED_SAMPLES), k))
         self._deviations = np.zeros((WATCHED_SAMPLES, y))
@@ -425,6 +429,12 @@ class SupervisedController:
             self._last = readings.copy()
             self._past_torques = np.vstack([self._flange_torques(readings), self._past_torques[:-1]])
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
+
+    @property
+    def vehicle(self) -> Emulation:
+        """What the emulated vehicle does, as the last sample left it."""
+        assert self._emulation is not None
+        return self._emulation[0]
 
     def _follow_trigger(self, trigger: bool) -> None:
         if trigger and not self._triggered:

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from modelling.bed.stepped import Law, SteppedLaw
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import ExportedController
 from modelling.effects.effect import SECOND_STATE
@@ -743,6 +744,7 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     if len(controller.learned):
         meaning = "from 0 to 1: the manoeuvre begins, and what was learned of it is played"
         added.append(Variable("trigger", "input", "1", 0.0, meaning))
+    road, emulated = _vehicle(law)
     outputs = [
         Variable(f"{dynamometer}.command", "output", "N*m", 0.0, "torque command for this sample")
         for dynamometer in law.dynamometers
@@ -755,9 +757,32 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
         ),
     ]  # fmt: skip
     return ControllerContents(
-        xml(controller.title), name, CONTROLLER_ABOUT, (*readings, *known, *hold, *switches, *added), tuple(outputs),
-        tuple(_settings(controller)),
+        xml(controller.title), name, CONTROLLER_ABOUT, (*readings, *known, *hold, *switches, *added, *road),
+        (*outputs, *emulated), tuple(_settings(controller)),
     )  # fmt: skip
+
+
+def _vehicle(law: Law) -> tuple[list[Variable], list[Variable]]:
+    """What the emulated vehicle is told while it drives, and what it does; nothing of a law without one."""
+    if not isinstance(law, SteppedLaw):
+        return [], []
+    tyres = law.vehicle.tyres
+    road = [
+        *(Variable(f"{tyre}.friction", "input", "1", 1.0, "of the tyre's road over the planned one") for tyre in tyres),
+        Variable("vehicle.mass", "input", "1", 1.0, "of the emulated vehicle's bodies over the planned one"),
+        Variable("vehicle.grade", "input", "1", 0.0, "rise of the road over its length on the map"),
+    ]
+    emulated = [
+        Variable("vehicle.speed", "output", "m/s", 0.0, "of the emulated vehicle"),
+        Variable("vehicle.distance", "output", "m", 0.0, "since the emulation began"),
+        *(
+            Variable(f"{dynamometer}.wheel_speed", "output", "rad/s", 0.0, "of the emulated wheel at this cut")
+            for dynamometer in law.dynamometers
+        ),
+        *(Variable(f"{tyre}.slip", "output", "1", 0.0, "of the emulated tyre") for tyre in tyres),
+        *(Variable(f"{tyre}.torque", "output", "N*m", 0.0, "of the emulated tyre on its road") for tyre in tyres),
+    ]
+    return road, emulated
 
 
 def _settings(controller: ExportedController) -> list[Variable]:

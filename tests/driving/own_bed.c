@@ -153,7 +153,7 @@ typedef struct {
 } wrong;
 
 enum { OUT_MOTOR, OUT_SIDE, OUT_WHEEL = 3, OUT_BODY = 5, CAR_OUT = 7 };
-enum { BED_MOTOR, BED_SIDE, BED_ROTOR = 3, BED_FLANGE = 5, BED_SENT = 7, BED_MODE = 9, BED_FAULT, BED_SEEN, BED_OUT = 24 };
+enum { BED_MOTOR, BED_SIDE, BED_ROTOR = 3, BED_FLANGE = 5, BED_SENT = 7, BED_MODE = 9, BED_FAULT, BED_SEEN, BED_OFF = 19, BED_OUT = 24 };
 
 /* The car alone: u (t, INPUTS) a sample, straight between samples, out (t, CAR_OUT). `before` samples are driven with
  * the first inputs and the bodies held at their speed. */
@@ -281,6 +281,9 @@ void run_bed(const double *values, double speed, double held_motor, const double
                 o[BED_SEEN + 6 + i] = sent.wheel_speed[i];
             }
 #endif
+            for (int i = 0; i < 5; i++) {
+                if (channel[i] >= 0) o[BED_OFF + i] = c.deviation[channel[i]];
+            }
         }
         for (int q = 0; q < pieces; q++) {
             const double t = (q + 0.5) / pieces * step - p.delay;
