@@ -19,7 +19,9 @@ from modelling.controller.law import (
     IN_A_ROW,
     KEPT_SAMPLES,
     LARGEST_SHARE,
+    MEAN_OF_OFF,
     MEAN_SAMPLES,
+    MEAN_SHARE,
     REMEMBERED_SAMPLES,
     SAMPLES_IN_A_ROW,
     SLOWEST,
@@ -116,6 +118,8 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_SLOWEST {_real(SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {SAMPLES_IN_A_ROW}",
         f"#define CONTROLLER_MEAN_SAMPLES {MEAN_SAMPLES}",
+        f"#define CONTROLLER_MEAN_OF_OFF {MEAN_OF_OFF}",
+        f"#define CONTROLLER_MEAN_SHARE {_real(MEAN_SHARE)}",
         f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",
         f"#define CONTROLLER_OPENED_IN_A_ROW {IN_A_ROW}",
         f"#define CONTROLLER_LARGEST_SHARE {_real(LARGEST_SHARE)}",
@@ -141,8 +145,8 @@ def _data(controller: ExportedController) -> str:
     lines += [f"    {{{opened}}}, /* opened_torque */", f"    {_real(settings.opened_share)}, /* opened_share */"]
     if isinstance(law, SteppedLaw):
         lines += [f"    {{{', '.join(['1.0'] * (len(law.vehicle.tyres) + 1))}}}, 1.0, 0.0, /* friction, mass, grade */"]
-    lines += [f"    {settings.frozen_samples}, {settings.life_samples}}};"]
-    matrices = {"EXPECTED": law.E, "LOST": controller.watched.lost, "CARRIED": controller.watched.carried}
+    lines += [f"    {settings.frozen_samples}, {settings.life_samples}, {settings.ride_samples}}};"]
+    matrices = {"BY_OTHERS": controller.by_others, "EXPECTED": law.E, "LOST": controller.watched.lost, "CARRIED": controller.watched.carried}
     for name, matrix in matrices.items():
         lines += ["", *_rows(name, matrix)]
     over_speed = {

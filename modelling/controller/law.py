@@ -223,10 +223,14 @@ class ShaftWatch:
 
 ZERO_TORQUE, SPEED_HOLD, EMULATION, CHANNEL_CHECK = 0, 1, 2, 3  # modes
 FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
-TORQUE_GONE = FAULTS.index("torque gone")
+OVERSPEED, TORQUE_GONE, UNEXPECTED = (FAULTS.index(name) for name in ("overspeed", "torque gone", "unexpected"))
 HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
 MEAN_SAMPLES = 8  # that an exponential mean holds, from which an emulation begins: a quarter of one sample's noise
-SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wrong value does not count
+SAMPLES_IN_A_ROW = 2  # in which two readings at once have to be unexpected: then the model does not hold
+MEAN_OF_OFF = 10  # samples that the mean of what a reading is off from what is expected holds
+MEAN_SHARE = 0.25  # of the allowed: how far that mean may be off. Healthy beds reached 0.09 in drives of every kind
+RIDE_THROUGH_S = 0.02  # for which emulation goes on without a reading that is refused. Chosen by trial
+LIFE_S = 0.05  # without a change of the sign of life, after which it counts as missing
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
 SLOWEST = 1e-6  # rad/s: power limits no torque below it
@@ -257,7 +261,10 @@ class Settings:
     opened_torque : ndarray (s,)
         N·m: a watched shaft that carries more and loses it counts as opened, see :class:`ShaftWatch`.
     unexpected : ndarray (y,)
-        How far a reading may be from what the controller's model expects, in its unit.
+        How far a reading may be from what the controller's model expects, in its unit; :data:`MEAN_SHARE` of it as a
+        mean over :data:`MEAN_OF_OFF` samples. A reading that is further off is refused.
+    ride_samples : int
+        So many samples emulation goes on without a reading that is refused; 0 switches refusing off.
     frozen_samples : int
         So many samples with the same readings on a turning bed stop the emulation; 0 switches it off.
     opened_share : float
@@ -282,6 +289,7 @@ class Settings:
     opened_share: float = OPENED_SHARE
     frozen_samples: int = 4
     life_samples: int = 0
+    ride_samples: int = 0
 
 
 # --- When a flange torque counts as gone: a shaft broke, or a clutch at the flange opened.
@@ -322,9 +330,11 @@ def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.nd
 # torques are commanded as they are asked for, whatever sign or unit the channels have. Emulation begins from the mean
 # of the readings before it, and from the torques and commands of its first sample, so it begins without a bump at any
 # steady speed. What goes wrong ends
-# it: readings that are not finite, do not come or do not change, a rotor too fast, a torque that is gone at once, a
-# shaft that opens, or readings that are not what the controller's model expects. Then the speeds are held, or, where
-# they are not known any more, the torque is zero, until zero torque is asked for.
+# it: readings that do not come or do not change, a rotor too fast, a torque that is gone at once, a shaft that opens, or
+# readings that are not what the controller's model expects. A single reading that is not finite or far from what is
+# expected is refused in its first sample, and emulation goes on with what the model says in its place; after a short
+# time it ends, too. Then the speeds are held, by the sensors that are right, or, where they are not known any more, the
+# torque is zero, until zero torque is asked for.
 
 
 @dataclass(frozen=True)
@@ -348,14 +358,18 @@ class SupervisedController:
         Which readings are the dynamometers' flange torques, −1 without a flange, and speeds.
     watched : WatchedShafts
         Shafts whose opening is noticed.
+    by_others : ndarray (k, y), optional
+        See :class:`ExportedController`.
     learned : ndarray (n, k), optional
         See :class:`ExportedController`.
     """
 
     def __init__(
         self, law: Law, settings: Settings, torque_readings: list[int],
-        speed_readings: list[int], watched: WatchedShafts, learned: np.ndarray | None = None,
+        speed_readings: list[int], watched: WatchedShafts, by_others: np.ndarray | None = None,
+        learned: np.ndarray | None = None,
     ):  # fmt: skip
+        self._by_others = np.zeros((len(speed_readings), len(law.sensors))) if by_others is None else by_others
         self._learned = np.zeros((0, 0)) if learned is None else learned
         self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
         self._torques, self._speeds = torque_readings, speed_readings
@@ -380,6 +394,10 @@ class SupervisedController:
         self._watch.reset()
         self._gone = np.zeros(k, bool)
         self._unchanged = self._lifeless = self._surprised = 0
+        self._off_mean, self._lost = np.zeros(y), np.zeros(y, int)  # of what readings are off; samples refused in a row
+        self._refused, self._distrusted = np.zeros(y, bool), np.zeros(y, bool)  # now; since a fault
+        self._seen, self._holdable = np.zeros(y), False  # readings as they are used; the speeds were known at a fault
+        self.sensor = -1  # the reading that led to the last fault, −1 without one
         self._life: int | None = None
         self._triggered, self._played = False, 0  # samples since the trigger, 0 before it
         self.reason = ""  # of the last fault, where one reading led to it: which, and how far it was off
@@ -405,16 +423,18 @@ class SupervisedController:
         """
         added = np.zeros(len(self._sent)) if added is None else added
         fault = self._check(readings, known, np.concatenate([hold, added]), life)
+        readings, below = self._seen, HELD_BELOW_LIMIT * self.settings.speed_limit
         if fault and not self._fault and self._mode != ZERO_TORQUE:
-            self._fault = fault
-            known_speeds = fault in HOLDABLE and self._mode != CHANNEL_CHECK
-            self._fallback = SPEED_HOLD if known_speeds else ZERO_TORQUE
-            below = HELD_BELOW_LIMIT * self.settings.speed_limit
+            self._fault, self._holdable = fault, self._mode != CHANNEL_CHECK
+            self._fallback = SPEED_HOLD if fault in HOLDABLE and self._holdable else ZERO_TORQUE
             self._held = np.clip(readings[self._speeds], -below, below) if fault in HOLDABLE else self._held
         elif fault and fault not in HOLDABLE:
             self._fallback = ZERO_TORQUE
+        elif fault == OVERSPEED and self._fault and self._fallback == ZERO_TORQUE and self._holdable:
+            # without torque the rotors run away, and their speeds are known: they are held
+            self._fallback, self._held = SPEED_HOLD, np.clip(readings[self._speeds], -below, below)
         if not fault and mode == ZERO_TORQUE:
-            self._fault = 0
+            self._fault, self._distrusted = 0, np.zeros(len(readings), bool)
         unknown = bool(fault) and fault not in HOLDABLE
         wanted = self._fallback if self._fault else mode
         self._enter(ZERO_TORQUE if unknown else wanted, readings, known, hold)
@@ -448,13 +468,20 @@ class SupervisedController:
         settings = self.settings
         self._lifeless = self._lifeless + 1 if life == self._life else 0
         self._life = life
-        if not all(np.isfinite(each).all() for each in (readings, known, asked, self.road)):
-            return 1
-        if (self.road[:-1] <= 0).any():  # friction and mass
+        self._refused[:] = False
+        self._seen = readings.copy()
+        if not all(np.isfinite(each).all() for each in (known, asked, self.road)) or (self.road[:-1] <= 0).any():
+            return 1  # friction and mass are above 0
+        if self._mode == EMULATION:
+            self._refuse(readings)
+        elif self._distrusted.any():
+            self._replace_speeds()
+        if not np.isfinite(self._seen).all():
+            self.sensor = int(np.argmin(np.isfinite(self._seen)))
             return 1
         if 0 < settings.life_samples <= self._lifeless:
             return 2
-        speeds = np.abs(readings[self._speeds])
+        speeds = np.abs(self._seen[self._speeds])
         still = np.array_equal(readings, self._last) and (speeds > TURNING).any()
         self._unchanged = self._unchanged + 1 if still else 0
         if 0 < settings.frozen_samples <= self._unchanged:
@@ -462,24 +489,63 @@ class SupervisedController:
         fastest = settings.check_speed if self._mode == CHANNEL_CHECK else settings.speed_limit
         if (speeds > fastest).any():
             at = int(np.argmax(speeds / fastest))
-            self._why(self._speeds[at], readings, fastest[at])
-            return 4
+            self._why(self._speeds[at], self._seen, fastest[at])
+            return OVERSPEED
         if self._mode != EMULATION:
             self._surprised = 0
             return 0
-        deviation = readings - self._start[0] - self.law.E @ self._state
-        self._deviations = np.vstack([deviation, self._deviations[:-1]])
-        if self._has_lost_torque(readings):
+        expected = self._start[0] + self.law.E @ self._state
+        self._deviations = np.vstack([self._seen - expected, self._deviations[:-1]])
+        # a torque that is gone is no wrong reading: it counts as it is read
+        if self._has_lost_torque(np.where(np.isfinite(readings), readings, self._seen)):
             self._why(self._torques[int(np.argmax(self._gone))], readings, None)
             return TORQUE_GONE
-        self._surprised = self._surprised + 1 if (np.abs(deviation) > settings.unexpected).any() else 0
-        if self._surprised:
-            at = int(np.argmax(np.abs(deviation) / settings.unexpected))
-            self._why(at, readings, settings.unexpected[at], readings[at] - deviation[at])
-        return 6 if self._surprised >= SAMPLES_IN_A_ROW else 0
+        off = np.abs(self._deviations[0]) > settings.unexpected
+        together = self._refused.sum() > 1 or off.any()
+        self._surprised = self._surprised + 1 if together else 0
+        wrong = self._refused | off
+        if wrong.any():
+            at = int(np.argmax(np.where(wrong, self._lost, -1)))
+            self._why(at, readings, settings.unexpected[at], expected[at])
+        if self._surprised >= SAMPLES_IN_A_ROW:
+            self._distrusted = self._refused & ~np.isfinite(readings)
+            self._seen = np.where(np.isfinite(readings), readings, self._seen)  # the model does not hold
+            return UNEXPECTED
+        if settings.ride_samples and self._lost.max() >= settings.ride_samples:
+            self._distrusted = self._refused.copy()
+            self._replace_speeds()
+            return UNEXPECTED if np.isfinite(self._seen).all() else 1
+        return 0
+
+    def _refuse(self, readings: np.ndarray) -> None:
+        """Refuse readings that are not finite or far from what the model expects, at once or in the mean."""
+        settings, expected = self.settings, self._start[0] + self.law.E @ self._state
+        finite = np.isfinite(readings)
+        off = np.where(finite, readings, expected) - expected
+        counted = np.clip(off, -settings.unexpected, settings.unexpected)  # a jump that is over leaves the mean soon
+        self._off_mean = self._off_mean + np.where(finite, counted - self._off_mean, 0.0) / MEAN_OF_OFF
+        if not settings.ride_samples:
+            return
+        far = (np.abs(off) > settings.unexpected) | (np.abs(self._off_mean) > MEAN_SHARE * settings.unexpected)
+        self._refused = far | ~finite
+        self._lost = np.where(self._refused, self._lost + 1, 0)
+        self._seen = np.where(self._refused, expected, readings)
+
+    def _replace_speeds(self) -> None:
+        """Speeds of rotors whose sensors are not trusted, by the others; not finite where these do not determine them.
+
+        Other readings that are not trusted count as 0: speed hold does not use them.
+        """
+        others = np.where(self._distrusted, np.nan, self._seen)
+        self._seen = np.where(self._distrusted, 0.0, self._seen)
+        for j, at in enumerate(self._speeds):
+            if self._distrusted[at]:
+                used = self._by_others[j] != 0
+                self._seen[at] = self._by_others[j, used] @ others[used] if used.any() else np.nan
 
     def _why(self, at: int, readings: np.ndarray, limit: float | None, expected: float | None = None) -> None:
         """Note which reading led to a fault, and by how much."""
+        self.sensor = at
         parts = [f"{self.law.sensors[at]} reads {readings[at]:.4g}"]
         if expected is not None:
             parts.append(f"{expected:.4g} ± {limit:.3g} was expected")
@@ -526,6 +592,7 @@ class SupervisedController:
             self._state = np.zeros(self.law.states)
             self._past_torques[:] = self._flange_torques(readings)
             self._surprised = 0
+            self._off_mean[:], self._lost[:] = 0.0, 0
             self._deviations[:] = 0.0
             self._watch.reset()
 
@@ -587,6 +654,8 @@ class ExportedController:
         Shafts whose opening is noticed by what it does to the readings.
     shafts : tuple of OpenedShaft
         How the opening of every shaft of the rig is noticed.
+    by_others : ndarray (k, y)
+        Speed of each rotor by the other readings of speeds where the rig turns as one, 0 where they do not determine it.
     learned : ndarray (n, k)
         Torques, N·m, that emulation adds sample by sample from the trigger of a manoeuvre on; (0, k) without any.
     """
@@ -599,13 +668,14 @@ class ExportedController:
     speed_readings: tuple[int, ...]
     watched: WatchedShafts
     shafts: tuple[OpenedShaft, ...]
+    by_others: np.ndarray
     learned: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def running(self) -> SupervisedController:
         """The same controller in Python, at zero torque."""
         return SupervisedController(
             self.law, self.settings, list(self.torque_readings), list(self.speed_readings), self.watched,
-            self.learned,
+            self.by_others, self.learned,
         )  # fmt: skip
 
 

@@ -745,6 +745,7 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
         meaning = "from 0 to 1: the manoeuvre begins, and what was learned of it is played"
         added.append(Variable("trigger", "input", "1", 0.0, meaning))
     road, emulated = _vehicle(law)
+    numbered = ", ".join(f"{number} {sensor}" for number, sensor in enumerate(law.sensors, 1))
     outputs = [
         Variable(f"{dynamometer}.command", "output", "N*m", 0.0, "torque command for this sample")
         for dynamometer in law.dynamometers
@@ -755,6 +756,7 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
             "fault", "output", "1", 0.0,
             "0 none, 1 not finite, 2 missing, 3 frozen, 4 overspeed, 5 torque gone, 6 unexpected",
         ),
+        Variable("fault_sensor", "output", "1", 0.0, f"that led to it: 0 none; {numbered}"),
     ]  # fmt: skip
     return ControllerContents(
         xml(controller.title), name, CONTROLLER_ABOUT, (*readings, *known, *hold, *switches, *added, *road),
@@ -817,6 +819,7 @@ def _settings(controller: ExportedController) -> list[Variable]:
     for key, meaning in (
         ("frozen_samples", "samples with the same readings on a turning bed that are a fault; 0: no check"),
         ("life_samples", "samples without a change of life that are a fault; 0: no check"),
+        ("ride_samples", "samples that emulation goes on without a reading that is refused; 0: none is refused"),
     ):
         parameters.append(Variable(key, "parameter", "1", float(getattr(settings, key)), meaning, 0.0, MOST_SAMPLES))
     return parameters

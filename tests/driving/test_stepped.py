@@ -36,7 +36,10 @@ def controller(case):
     """With its start weights, and torques that were learned."""
     time = np.arange(700) * 1e-3
     learned = np.stack([20 * np.sin(20 * time), -15 * np.sin(30 * time)], axis=1)
-    return replace(exported_controller(case), learned=learned)
+    made = exported_controller(case)
+    # what is commanded is compared, whatever the readings are: none is refused
+    settings = replace(made.settings, ride_samples=0, unexpected=np.full(len(made.law.sensors), 1e12))
+    return replace(made, learned=learned, settings=settings)
 
 
 def driven(law, samples):

@@ -133,12 +133,14 @@ static controller_real flange_torque(const controller_input *in, int32_t j)
 }
 
 /* a torque is gone at once, or what a break leaves of it swings about zero */
-static bool has_lost_torque(controller *c, const controller_input *in)
+static bool has_lost_torque(controller *c, const controller_input *in, const controller_input *seen)
 {
     bool lost = false;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const double least = (double)c->settings.lost_torque[j];
-        const double now = flange_torque(in, j);
+        /* a torque that is gone is no wrong reading: it counts as it is read */
+        const double read = flange_torque(in, j);
+        const double now = isfinite(read) ? read : (double)flange_torque(seen, j);
         double before = 0.0;
         double earlier = 0.0;
         double sum = now;
@@ -217,16 +219,94 @@ static bool has_opened(controller *c)
     return opened;
 }
 
-static bool is_unexpected(controller *c)
+/* what the controller's model expects of a reading */
+static controller_real expected_reading(const controller *c, int32_t i)
 {
-    bool surprised = false;
+    return c->reading_start[i] + row(&EXPECTED, i, c->state);
+}
+
+/* refuses readings that are not finite or far from what is expected, at once or in the mean; seen gets what is used */
+static void refuse(controller *c, const controller_input *in, controller_input *seen)
+{
     for (int32_t i = 0; i < READINGS; i++) {
-        if (fabs((double)c->deviation[i]) > (double)c->settings.unexpected[i]) {
-            surprised = true;
+        const controller_real expected = expected_reading(c, i);
+        const bool finite = isfinite(in->reading[i]);
+        const controller_real off = finite ? (in->reading[i] - expected) : (controller_real)0.0;
+        if (finite) {
+            /* a jump that is over leaves the mean soon */
+            const controller_real counted = within(off, -c->settings.unexpected[i], c->settings.unexpected[i]);
+            c->off_mean[i] += (counted - c->off_mean[i]) / (controller_real)CONTROLLER_MEAN_OF_OFF;
+        }
+        if (c->settings.ride_samples > 0) {
+            const double most = (double)c->settings.unexpected[i];
+            const bool far = (fabs((double)off) > most) || (fabs((double)c->off_mean[i]) > (CONTROLLER_MEAN_SHARE * most));
+            c->refused[i] = (far || !finite) ? 1 : 0;
+            c->lost[i] = (c->refused[i] != 0) ? (c->lost[i] + 1) : 0;
+            if (c->refused[i] != 0) {
+                seen->reading[i] = expected;
+            }
         }
     }
-    c->surprised = surprised ? (c->surprised + 1) : 0;
-    return c->surprised >= CONTROLLER_IN_A_ROW;
+}
+
+/* speeds of rotors whose sensors are not trusted, by the others; not finite where these do not determine them */
+static void replace_speeds(const controller *c, controller_input *seen)
+{
+    controller_real other[READINGS];
+    for (int32_t i = 0; i < READINGS; i++) {
+        other[i] = (c->distrusted[i] != 0) ? (controller_real)NAN : seen->reading[i];
+        if (c->distrusted[i] != 0) {
+            seen->reading[i] = (controller_real)0.0; /* speed hold does not use it */
+        }
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        if (c->distrusted[SPEED_READING[j]] != 0) {
+            const bool determined = BY_OTHERS.start[j + 1] > BY_OTHERS.start[j];
+            seen->reading[SPEED_READING[j]] = determined ? row(&BY_OTHERS, j, other) : (controller_real)NAN;
+        }
+    }
+}
+
+/* two readings at once that are not what is expected, or one for too long */
+static int32_t judge_unexpected(controller *c, const controller_input *in, controller_input *seen)
+{
+    int32_t fault = CONTROLLER_NO_FAULT;
+    int32_t refused = 0;
+    int32_t longest = -1;
+    bool off = false;
+    bool too_long = false;
+    for (int32_t i = 0; i < READINGS; i++) {
+        const bool far = fabs((double)c->deviation[i]) > (double)c->settings.unexpected[i];
+        off = off || far;
+        refused += c->refused[i];
+        if ((far || (c->refused[i] != 0)) && ((longest < 0) || (c->lost[i] > c->lost[longest]))) {
+            longest = i;
+        }
+        if ((c->settings.ride_samples > 0) && (c->lost[i] >= c->settings.ride_samples)) {
+            too_long = true;
+        }
+    }
+    c->surprised = ((refused > 1) || off) ? (c->surprised + 1) : 0;
+    if (longest >= 0) {
+        c->sensor = longest;
+    }
+    if (c->surprised >= CONTROLLER_IN_A_ROW) { /* the model does not hold: what is read counts */
+        for (int32_t i = 0; i < READINGS; i++) {
+            const bool finite = isfinite(in->reading[i]);
+            c->distrusted[i] = ((c->refused[i] != 0) && !finite) ? 1 : 0;
+            if (finite) {
+                seen->reading[i] = in->reading[i];
+            }
+        }
+        fault = CONTROLLER_UNEXPECTED;
+    } else if (too_long) {
+        (void)memcpy(c->distrusted, c->refused, sizeof c->distrusted);
+        replace_speeds(c, seen);
+        fault = all_finite(seen->reading, READINGS) ? CONTROLLER_UNEXPECTED : CONTROLLER_NOT_FINITE;
+    } else {
+        /* nothing, or one reading that is refused for a short time */
+    }
+    return fault;
 }
 
 /* what the emulated vehicle is told of its road and its mass is possible */
@@ -247,31 +327,56 @@ static bool is_road(const controller *c)
     return possible;
 }
 
-static int32_t check(controller *c, const controller_input *in)
+static bool any_distrusted(const controller *c)
+{
+    bool any = false;
+    for (int32_t i = 0; i < READINGS; i++) {
+        any = any || (c->distrusted[i] != 0);
+    }
+    return any;
+}
+
+/* the fault of this sample; seen are the readings as they are used */
+static int32_t check(controller *c, const controller_input *in, controller_input *seen)
 {
     int32_t fault = CONTROLLER_NO_FAULT;
     const bool lifeless = is_lifeless(c, in);
-    if (!all_finite(in->reading, READINGS) || !all_finite(in->known, KNOWN) || !all_finite(in->hold_speed, DYNAMOMETERS) ||
+    (void)memset(c->refused, 0, sizeof c->refused);
+    if (!all_finite(in->known, KNOWN) || !all_finite(in->hold_speed, DYNAMOMETERS) ||
         !all_finite(in->added_torque, DYNAMOMETERS) || !is_road(c)) {
         fault = CONTROLLER_NOT_FINITE;
-    } else if (lifeless) {
-        fault = CONTROLLER_MISSING;
-    } else if (is_frozen(c, in)) {
-        fault = CONTROLLER_FROZEN;
-    } else if (is_too_fast(c, in)) {
-        fault = CONTROLLER_OVERSPEED;
-    } else if (c->mode != CONTROLLER_EMULATION) {
-        c->surprised = 0;
     } else {
-        note_deviation(c, in);
-        const bool lost = has_lost_torque(c, in);
-        const bool opened = has_opened(c);
-        if (lost || opened) {
-            fault = CONTROLLER_TORQUE_GONE;
-        } else if (is_unexpected(c)) {
-            fault = CONTROLLER_UNEXPECTED;
+        if (c->mode == CONTROLLER_EMULATION) {
+            refuse(c, in, seen);
+        } else if (any_distrusted(c)) {
+            replace_speeds(c, seen);
         } else {
-            fault = CONTROLLER_NO_FAULT;
+            /* readings are used as they are */
+        }
+        if (!all_finite(seen->reading, READINGS)) {
+            for (int32_t i = READINGS - 1; i >= 0; i--) {
+                if (!isfinite(seen->reading[i])) {
+                    c->sensor = i;
+                }
+            }
+            fault = CONTROLLER_NOT_FINITE;
+        } else if (lifeless) {
+            fault = CONTROLLER_MISSING;
+        } else if (is_frozen(c, in)) {
+            fault = CONTROLLER_FROZEN;
+        } else if (is_too_fast(c, seen)) {
+            fault = CONTROLLER_OVERSPEED;
+        } else if (c->mode != CONTROLLER_EMULATION) {
+            c->surprised = 0;
+        } else {
+            note_deviation(c, seen);
+            const bool lost = has_lost_torque(c, in, seen);
+            const bool opened = has_opened(c);
+            if (lost || opened) {
+                fault = CONTROLLER_TORQUE_GONE;
+            } else {
+                fault = judge_unexpected(c, in, seen);
+            }
         }
     }
     return fault;
@@ -550,6 +655,8 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
                 }
             }
             (void)memset(c->deviation, 0, sizeof c->deviation);
+            (void)memset(c->off_mean, 0, sizeof c->off_mean);
+            (void)memset(c->lost, 0, sizeof c->lost);
             (void)memset(c->seems_open, 0, sizeof c->seems_open);
             (void)memset(c->carried_for, 0, sizeof c->carried_for);
             c->surprised = 0;
@@ -672,35 +779,52 @@ static void check_channels(controller *c, const controller_input *in)
     }
 }
 
+static void hold_present_speeds(controller *c, const controller_input *in)
+{
+    c->fallback = CONTROLLER_SPEED_HOLD;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real below = (controller_real)CONTROLLER_HELD_BELOW_LIMIT * c->settings.speed_limit[j];
+        c->held[j] = within(in->reading[SPEED_READING[j]], -below, below);
+    }
+}
+
 static void answer_fault(controller *c, const controller_input *in, int32_t fault)
 {
     if ((fault != CONTROLLER_NO_FAULT) && (c->fault == CONTROLLER_NO_FAULT) && (c->mode != CONTROLLER_ZERO_TORQUE)) {
         c->fault = fault;
+        c->fault_sensor = c->sensor;
         c->fallback = CONTROLLER_ZERO_TORQUE;
-        if (is_holdable(fault) && (c->mode != CONTROLLER_CHANNEL_CHECK)) { /* the speeds are not known before it */
-            c->fallback = CONTROLLER_SPEED_HOLD;
-            for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-                const controller_real below = (controller_real)CONTROLLER_HELD_BELOW_LIMIT * c->settings.speed_limit[j];
-                c->held[j] = within(in->reading[SPEED_READING[j]], -below, below);
-            }
+        c->holdable = (c->mode != CONTROLLER_CHANNEL_CHECK) ? 1 : 0; /* the speeds are not known before it */
+        if (is_holdable(fault) && (c->holdable != 0)) {
+            hold_present_speeds(c, in);
         }
     } else if ((fault != CONTROLLER_NO_FAULT) && !is_holdable(fault)) {
         c->fallback = CONTROLLER_ZERO_TORQUE;
+    } else if ((fault == CONTROLLER_OVERSPEED) && (c->fault != CONTROLLER_NO_FAULT) &&
+               (c->fallback == CONTROLLER_ZERO_TORQUE) && (c->holdable != 0)) {
+        hold_present_speeds(c, in); /* without torque the rotors run away, and their speeds are known */
     } else if ((fault == CONTROLLER_NO_FAULT) && (in->mode == CONTROLLER_ZERO_TORQUE)) {
         c->fault = CONTROLLER_NO_FAULT;
+        (void)memset(c->distrusted, 0, sizeof c->distrusted);
     } else {
         /* nothing changes */
     }
 }
 
-void controller_step(controller *c, const controller_input *in, controller_output *out)
+void controller_step(controller *c, const controller_input *input, controller_output *out)
 {
+    controller_input seen = *input; /* with the readings as they are used */
+    const controller_input *in = &seen;
+    if (c->fault == CONTROLLER_NO_FAULT) {
+        c->sensor = -1;
+        c->fault_sensor = -1;
+    }
 #if CONTROLLER_VEHICLE_STATES > 0
     if (c->mode == CONTROLLER_EMULATION) {
         show_vehicle(c, out); /* as it is when this sample begins */
     }
 #endif
-    const int32_t fault = check(c, in);
+    const int32_t fault = check(c, input, &seen);
     const bool unknown = (fault != CONTROLLER_NO_FAULT) && !is_holdable(fault);
     answer_fault(c, in, fault);
     const int32_t wanted = (c->fault != CONTROLLER_NO_FAULT) ? c->fallback : in->mode;
@@ -746,4 +870,5 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
     }
     out->mode = c->mode;
     out->fault = c->fault;
+    out->fault_sensor = c->fault_sensor;
 }

@@ -82,6 +82,7 @@ static void take_settings(Motion *m) {
     if (CONTROLLER_SHAFTS > 0) own->opened_share = *p++;
     own->frozen_samples = (int32_t)*p++;
     own->life_samples = (int32_t)*p++;
+    own->ride_samples = (int32_t)*p++;
 }
 
 static int advance(Motion *m, double span) {
@@ -110,8 +111,9 @@ static int advance(Motion *m, double span) {
         for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) m->value[OUTPUTS + j] = out.command[j];
         m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS] = out.mode;
         m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS + 1] = out.fault;
+        m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS + 2] = out.fault_sensor + 1;
 #if CONTROLLER_VEHICLE_STATES > 0
-        double *vehicle = m->value + OUTPUTS + CONTROLLER_DYNAMOMETERS + 2;
+        double *vehicle = m->value + OUTPUTS + CONTROLLER_DYNAMOMETERS + 3;
         *vehicle++ = out.vehicle_speed;
         *vehicle++ = out.vehicle_distance;
         for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) *vehicle++ = out.wheel_speed[j];
