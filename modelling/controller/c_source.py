@@ -48,23 +48,15 @@ def memory_bytes(controller: ExportedController) -> int:
     """Size of the controller's structure in double precision, padding aside."""
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
     x, w, s = controller.law.states, len(controller.law.known), len(controller.watched.shafts)
-    v = controller.law.vehicle_states
-    reals = (
-        9 * k
-        + 2 * len(controller.settings.curve_speeds)
-        + y
-        + x
-        + 3 * y
-        + (w + 1)
-        + (v + 1)
-        + 8 * k
-        + 1
-        + KEPT_TORQUES * k
-        + (s + 1)
-        + 1
-        + WATCHED_SAMPLES * y
-    )
-    return 8 * reals + 4 * (13 + k + 2 * (s + 1))
+    v, t = controller.law.vehicle_states, len(tyres_of(controller))
+    settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 1 + (t + 3 if v else 0)
+    state = x + 4 * y + (w + 1) + 7 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
+    return 8 * (settings + state) + 4 * (17 + k + 3 * y + 2 * (s + 1))
+
+
+def tyres_of(controller: ExportedController) -> tuple[str, ...]:
+    """Shafts whose tyres slip in the vehicle that is stepped beside the law."""
+    return controller.law.vehicle.tyres if isinstance(controller.law, SteppedLaw) else ()
 
 
 def _header(controller: ExportedController) -> str:
@@ -83,7 +75,7 @@ def _header(controller: ExportedController) -> str:
             states=law.states,
             speeds=len(law.speeds) if isinstance(law, SteppedLaw) else 0,
             vehicle_states=law.vehicle_states,
-            tyres=[c_comment(name) for name in law.vehicle.tyres] if isinstance(law, SteppedLaw) else [],
+            tyres=[c_comment(name) for name in tyres_of(controller)],
             readings=[c_comment(reading) for reading in readings],
             known=[c_comment(name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],

@@ -226,7 +226,7 @@ static controller_real expected_reading(const controller *c, int32_t i)
 }
 
 /* refuses readings that are not finite or far from what is expected, at once or in the mean; seen gets what is used */
-static void refuse(controller *c, const controller_input *in, controller_input *seen)
+static void refuse_readings(controller *c, const controller_input *in, controller_input *seen)
 {
     for (int32_t i = 0; i < READINGS; i++) {
         const controller_real expected = expected_reading(c, i);
@@ -347,7 +347,7 @@ static int32_t check(controller *c, const controller_input *in, controller_input
         fault = CONTROLLER_NOT_FINITE;
     } else {
         if (c->mode == CONTROLLER_EMULATION) {
-            refuse(c, in, seen);
+            refuse_readings(c, in, seen);
         } else if (any_distrusted(c)) {
             replace_speeds(c, seen);
         } else {
