@@ -275,7 +275,7 @@ def stepped_vehicle(
         ca.Function("vehicle_rates", arguments, [ca.cse(every)]),
         ca.Function("vehicle_slopes", arguments, [ca.cse(ca.densify(ca.jacobian(every, motion)))]),
         ca.Function("vehicle_outputs", arguments, [ca.cse(ca.densify(ca.vertcat(*slips, *torques, *steepness)))]),
-        by_cut, wheel, np.concatenate(body) / len(bodies), radius, np.stack(steady), own, nonlinear,
+        by_cut, wheel, np.concatenate(body) / max(len(bodies), 1), radius, np.stack(steady), own, nonlinear,
         tuple(at.removeprefix("shafts.") for at in tyres), max(int(np.ceil(step / settings.sub_steps - 1e-9)), 1), step,
     )  # fmt: skip
 

@@ -508,11 +508,17 @@ class SupervisedController:
             at = int(np.argmax(np.where(wrong, self._lost, -1)))
             self._why(at, readings, settings.unexpected[at], expected[at])
         if self._surprised >= SAMPLES_IN_A_ROW:
+            # the model does not hold: what is read counts, but for a speed that the others contradict most
             self._distrusted = self._refused & ~np.isfinite(readings)
-            self._seen = np.where(np.isfinite(readings), readings, self._seen)  # the model does not hold
-            return UNEXPECTED
+            self._seen = np.where(np.isfinite(readings), readings, self._seen)
+            self._distrust_contradicted()
+            self._replace_speeds()
+            return UNEXPECTED if np.isfinite(self._seen).all() else 1
         if settings.ride_samples and self._lost.max() >= settings.ride_samples:
             self._distrusted = self._refused.copy()
+            for j, at in enumerate(self._torques):  # a false speed contradicts the torque: hold neither of them true
+                if at >= 0 and self._refused[at] and (self._by_others[j] != 0).any():
+                    self._distrusted[self._speeds[j]] = True
             self._replace_speeds()
             return UNEXPECTED if np.isfinite(self._seen).all() else 1
         return 0
@@ -530,6 +536,13 @@ class SupervisedController:
         self._refused = far | ~finite
         self._lost = np.where(self._refused, self._lost + 1, 0)
         self._seen = np.where(self._refused, expected, readings)
+
+    def _distrust_contradicted(self) -> None:
+        """Trust no rotor's speed any more that is furthest from what the others say, and further than is allowed."""
+        apart = np.abs(self._seen[self._speeds] - self._by_others @ self._seen)
+        apart = np.where((self._by_others != 0).any(axis=1), apart / self.settings.unexpected[self._speeds], 0.0)
+        if len(apart) and apart.max() > 1:
+            self._distrusted[self._speeds[int(np.argmax(apart))]] = True
 
     def _replace_speeds(self) -> None:
         """Speeds of rotors whose sensors are not trusted, by the others; not finite where these do not determine them.

@@ -258,6 +258,7 @@ void run_bed(const double *values, double speed, double held_motor, const double
 #endif
         in.mode = n < 0 ? CONTROLLER_SPEED_HOLD : CONTROLLER_EMULATION;
         in.life = (uint32_t)(n + before);
+        in.trigger = n >= 0;
         if (!(even() < missing && n > 0)) controller_step(&c, &in, &sent);
         for (int k = LONGEST - 1; k > 0; k--) memcpy(queue[k], queue[k - 1], sizeof queue[k]);
         for (int i = 0; i < 2; i++) queue[0][i] = sent.command[i] * (n >= sent_share_from ? sent_share : 1.0);

@@ -267,6 +267,27 @@ static void replace_speeds(const controller *c, controller_input *seen)
     }
 }
 
+/* a rotor's speed that is furthest from what the others say, and further than is allowed, is not trusted any more */
+static void distrust_contradicted(controller *c, const controller_input *seen)
+{
+    int32_t furthest = -1;
+    controller_real most = (controller_real)1.0;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const int32_t at = SPEED_READING[j];
+        if (BY_OTHERS.start[j + 1] > BY_OTHERS.start[j]) {
+            const controller_real apart = seen->reading[at] - row(&BY_OTHERS, j, seen->reading);
+            const controller_real share = (controller_real)fabs((double)apart) / c->settings.unexpected[at];
+            if (share > most) {
+                most = share;
+                furthest = at;
+            }
+        }
+    }
+    if (furthest >= 0) {
+        c->distrusted[furthest] = 1;
+    }
+}
+
 /* two readings at once that are not what is expected, or one for too long */
 static int32_t judge_unexpected(controller *c, const controller_input *in, controller_input *seen)
 {
@@ -290,7 +311,8 @@ static int32_t judge_unexpected(controller *c, const controller_input *in, contr
     if (longest >= 0) {
         c->sensor = longest;
     }
-    if (c->surprised >= CONTROLLER_IN_A_ROW) { /* the model does not hold: what is read counts */
+    if (c->surprised >= CONTROLLER_IN_A_ROW) {
+        /* the model does not hold: what is read counts, but for a speed that the others contradict most */
         for (int32_t i = 0; i < READINGS; i++) {
             const bool finite = isfinite(in->reading[i]);
             c->distrusted[i] = ((c->refused[i] != 0) && !finite) ? 1 : 0;
@@ -298,9 +320,17 @@ static int32_t judge_unexpected(controller *c, const controller_input *in, contr
                 seen->reading[i] = in->reading[i];
             }
         }
-        fault = CONTROLLER_UNEXPECTED;
+        distrust_contradicted(c, seen);
+        replace_speeds(c, seen);
+        fault = all_finite(seen->reading, READINGS) ? CONTROLLER_UNEXPECTED : CONTROLLER_NOT_FINITE;
     } else if (too_long) {
         (void)memcpy(c->distrusted, c->refused, sizeof c->distrusted);
+        for (int32_t j = 0; j < DYNAMOMETERS; j++) { /* a false speed contradicts the torque: hold neither of them true */
+            const bool determined = BY_OTHERS.start[j + 1] > BY_OTHERS.start[j];
+            if (determined && (TORQUE_READING[j] >= 0) && (c->refused[TORQUE_READING[j]] != 0)) {
+                c->distrusted[SPEED_READING[j]] = 1;
+            }
+        }
         replace_speeds(c, seen);
         fault = all_finite(seen->reading, READINGS) ? CONTROLLER_UNEXPECTED : CONTROLLER_NOT_FINITE;
     } else {
