@@ -14,6 +14,7 @@ from modelling.bed.bed import ControlLaw
 from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SteppedLaw
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
+    FADE_S,
     GONE,
     HELD_BELOW_LIMIT,
     IN_A_ROW,
@@ -110,6 +111,7 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_SLOWEST {_real(SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {SAMPLES_IN_A_ROW}",
         f"#define CONTROLLER_MEAN_SAMPLES {MEAN_SAMPLES}",
+        f"#define CONTROLLER_FADE {_real(FADE_S)} /* s */",
         f"#define CONTROLLER_MEAN_OF_OFF {MEAN_OF_OFF}",
         f"#define CONTROLLER_MEAN_SHARE {_real(MEAN_SHARE)}",
         f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",

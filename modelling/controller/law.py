@@ -230,6 +230,7 @@ SAMPLES_IN_A_ROW = 2  # in which two readings at once have to be unexpected: the
 MEAN_OF_OFF = 10  # samples that the mean of what a reading is off from what is expected holds
 MEAN_SHARE = 0.25  # of the allowed: how far that mean may be off. Healthy beds reached 0.09 in drives of every kind
 RIDE_THROUGH_S = 0.02  # for which emulation goes on without a reading that is refused. Chosen by trial
+FADE_S = 0.5  # time constant with which the torque of a rotor ends whose speed is not trusted. Chosen by trial
 LIFE_S = 0.05  # without a change of the sign of life, after which it counts as missing
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
@@ -508,7 +509,7 @@ class SupervisedController:
             at = int(np.argmax(np.where(wrong, self._lost, -1)))
             self._why(at, readings, settings.unexpected[at], expected[at])
         if self._surprised >= SAMPLES_IN_A_ROW:
-            # the model does not hold: what is read counts, but for a speed that the others contradict most
+            # the model does not hold: what is read counts, but for speeds that right ones determine or contradict
             self._distrusted = self._refused & ~np.isfinite(readings)
             self._seen = np.where(np.isfinite(readings), readings, self._seen)
             self._distrust_contradicted()
@@ -538,11 +539,16 @@ class SupervisedController:
         self._seen = np.where(self._refused, expected, readings)
 
     def _distrust_contradicted(self) -> None:
-        """Trust no rotor's speed any more that is furthest from what the others say, and further than is allowed."""
+        """Trust no rotor's speed any more that is furthest from what the others say, and further than is allowed, nor
+        one that was refused where the others were not."""
         apart = np.abs(self._seen[self._speeds] - self._by_others @ self._seen)
         apart = np.where((self._by_others != 0).any(axis=1), apart / self.settings.unexpected[self._speeds], 0.0)
         if len(apart) and apart.max() > 1:
             self._distrusted[self._speeds[int(np.argmax(apart))]] = True
+        for j, at in enumerate(self._speeds):
+            used = self._by_others[j] != 0
+            if self._refused[at] and used.any() and not self._refused[used].any():
+                self._distrusted[at] = True
 
     def _replace_speeds(self) -> None:
         """Speeds of rotors whose sensors are not trusted, by the others; not finite where these do not determine them.
@@ -595,7 +601,9 @@ class SupervisedController:
             wanted = self._held if self._fault else hold
             # a rotor whose load is gone would be swung by the torque that balanced it
             carried = np.where(self._gone & (self._fault == TORQUE_GONE), 0.0, self._sent)
-            self._integral = carried - self.settings.hold_proportional * (wanted - readings[self._speeds])
+            blind = self._distrusted[self._speeds]
+            error = np.where(blind, 0.0, wanted - readings[self._speeds])
+            self._integral = carried - self.settings.hold_proportional * error
         if mode == EMULATION:
             self._average(readings)
             self._start = self._mean.copy(), known.copy(), self._sent.copy()
@@ -636,10 +644,12 @@ class SupervisedController:
             return u0 + sent
         if self._mode == SPEED_HOLD:
             error = (self._held if self._fault else hold) - readings[self._speeds]
-            asked = settings.hold_proportional * error + self._integral + added
+            blind = self._distrusted[self._speeds]  # others hold the speed; their readings would swing this rotor
+            asked = np.where(blind, 0.0, settings.hold_proportional * error) + self._integral + added
             sent = np.clip(asked, -limit, limit)
             within = asked == sent
-            self._integral = self._integral + within * settings.hold_integral * self.law.sample_time * error
+            held = self._integral + within * settings.hold_integral * self.law.sample_time * error
+            self._integral = np.where(blind, self._integral * (1 - self.law.sample_time / FADE_S), held)
             return sent
         if self._mode == CHANNEL_CHECK:
             small = np.minimum(limit, settings.check_torque)
