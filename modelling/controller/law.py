@@ -330,9 +330,8 @@ def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.nd
 # Four modes: zero torque, speed hold, emulation, and the check of the channels, in which no reading is fed back: small
 # torques are commanded as they are asked for, whatever sign or unit the channels have. Emulation begins from the mean
 # of the readings before it, and from the torques and commands of its first sample, so it begins without a bump at any
-# steady speed. What goes wrong ends
-# it: readings that do not come or do not change, a rotor too fast, a torque that is gone at once, a shaft that opens, or
-# readings that are not what the controller's model expects. A single reading that is not finite or far from what is
+# steady speed. What goes wrong ends it: readings that do not come or do not change, a rotor too fast, a torque that is
+# gone at once, a shaft that opens, or readings that are not what the controller's model expects. A single reading that is not finite or far from what is
 # expected is refused in its first sample, and emulation goes on with what the model says in its place; after a short
 # time it ends, too. Then the speeds are held, by the sensors that are right, or, where they are not known any more, the
 # torque is zero, until zero torque is asked for.
@@ -635,8 +634,8 @@ class SupervisedController:
                 assert self._emulation is not None
                 now, begun, cut = self._emulation
                 sent, now = self.law.step(
-                    now, begun, cut, readings - y0, known - w0, known[len(known) - len(self.law.vehicle.inputs) :], limits, self.road,
-                    readings[self._speeds], added,
+                    now, begun, cut, readings - y0, known - w0,
+                    known[len(known) - len(self.law.vehicle.inputs) :], limits, self.road, readings[self._speeds], added,
                 )  # fmt: skip
                 self._emulation, self._state = (now, begun, cut), now.state
             else:
@@ -678,7 +677,7 @@ class ExportedController:
     shafts : tuple of OpenedShaft
         How the opening of every shaft of the rig is noticed.
     by_others : ndarray (k, y)
-        Speed of each rotor by the other readings of speeds where the rig turns as one, 0 where they do not determine it.
+        Speed of each rotor by other readings of speeds where the rig turns as one, 0 where they do not determine it.
     learned : ndarray (n, k)
         Torques, N·m, that emulation adds sample by sample from the trigger of a manoeuvre on; (0, k) without any.
     """
