@@ -36,8 +36,8 @@ from modelling.system import Input, Quantity, System
 # where it is, acts on the likeness as a known torque (the remainder), and a load that wanders at each wheel is
 # estimated next to it: both together make the likeness follow the wheel speeds that the vehicle gives. The bed's
 # readings correct rig and unmeasured torques as always, and what they say of the torque at the cuts goes into the
-# vehicle as momentum. At every speed of a grid rig, lags and likeness are linearised and a controller is designed with the same
-# weights; all have the same physical states, so matrices are interpolated in the vehicle's speed and nothing jumps.
+# vehicle as momentum. At every speed of a grid rig, lags and likeness are linearised and a controller is designed with
+# the same weights; all have the same physical states, so matrices are interpolated in the vehicle's speed.
 # Nothing that the vehicle does fast is held over a sample inside the vehicle: it is as stable as its own integration.
 
 
@@ -358,8 +358,8 @@ class SteppedLaw:
     likeness : ndarray (d, v, v)
         Rates of the observer's vehicle by its states.
     designed : ndarray (d,)
-        rad/s of the vehicle, rising: those of the range, and higher ones at which its tyres damp as at the highest with a
-        slope of :data:`SLOPES` (see :meth:`SteppedVehicle.schedule_speed`).
+        rad/s of the vehicle, rising: those of the range, and higher ones at which its tyres damp as at the highest
+        with a slope of :data:`SLOPES` (see :meth:`SteppedVehicle.schedule_speed`).
     by_wheel : ndarray (d, v + k, k)
         Correction of the observer's vehicle and of the loads by wheel speeds that are off by 1 rad/s.
     momentum : ndarray (k, y)

@@ -331,10 +331,10 @@ def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.nd
 # torques are commanded as they are asked for, whatever sign or unit the channels have. Emulation begins from the mean
 # of the readings before it, and from the torques and commands of its first sample, so it begins without a bump at any
 # steady speed. What goes wrong ends it: readings that do not come or do not change, a rotor too fast, a torque that is
-# gone at once, a shaft that opens, or readings that are not what the controller's model expects. A single reading that is not finite or far from what is
-# expected is refused in its first sample, and emulation goes on with what the model says in its place; after a short
-# time it ends, too. Then the speeds are held, by the sensors that are right, or, where they are not known any more, the
-# torque is zero, until zero torque is asked for.
+# gone at once, a shaft that opens, or readings that are not what the controller's model expects. A single reading that
+# is not finite or far from what is expected is refused in its first sample, and emulation goes on with what the model
+# says in its place; after a short time it ends, too. Then the speeds are held by the sensors that are right, or, where
+# they are not known any more, the torque is zero, until zero torque is asked for.
 
 
 @dataclass(frozen=True)
@@ -635,7 +635,8 @@ class SupervisedController:
                 now, begun, cut = self._emulation
                 sent, now = self.law.step(
                     now, begun, cut, readings - y0, known - w0,
-                    known[len(known) - len(self.law.vehicle.inputs) :], limits, self.road, readings[self._speeds], added,
+                    known[len(known) - len(self.law.vehicle.inputs) :], limits, self.road,
+                    readings[self._speeds], added,
                 )  # fmt: skip
                 self._emulation, self._state = (now, begun, cut), now.state
             else:

@@ -1,4 +1,4 @@
-"""The exported C on a bed and beside a car of equations of the tests' own, through the range, and with what goes wrong."""
+"""The exported C on a bed and beside a car of the tests' own equations: the range, the road, sensors that are wrong."""
 
 from dataclasses import replace
 from pathlib import Path
