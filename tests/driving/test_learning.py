@@ -178,8 +178,12 @@ def recording(error, shift=0, noise=0.0, seed=0, torque=60.0, speed=0.0, samples
 SWING = 0.05 * np.sin(2 * np.pi * 8 * np.arange(1500) * STEP)
 
 
-def test_recordings_are_learned_from_and_played_again(tmp_path):
-    case = load_case(REFERENCE / "observer.toml")
+@pytest.fixture(scope="module")
+def case():
+    return load_case(REFERENCE / "observer.toml")
+
+
+def test_recordings_are_learned_from_and_played_again(case, tmp_path):
     paths = []
     for number in range(2):
         paths.append(tmp_path / f"{number}.csv")
@@ -213,8 +217,7 @@ def test_recordings_are_learned_from_and_played_again(tmp_path):
         ({"rotor_left_speed": np.zeros(1500), "rotor_right_speed": 1e-6 * SWING}, "does not move"),
     ],
 )
-def test_what_is_no_repetition_is_left_out_and_named(broken, said, tmp_path):
-    case = load_case(REFERENCE / "observer.toml")
+def test_what_is_no_repetition_is_left_out_and_named(broken, said, case, tmp_path):
     texts = [recording(SWING, noise=0.3, seed=0), recording(SWING, noise=0.3, **{"seed": 1, **broken})]
     for number, text in enumerate(texts):
         (tmp_path / f"{number}.csv").write_text(text)
@@ -226,8 +229,7 @@ def test_what_is_no_repetition_is_left_out_and_named(broken, said, tmp_path):
     assert "left out" in learned.sentence()
 
 
-def test_emulation_that_ended_inside_is_no_repetition(tmp_path):
-    case = load_case(REFERENCE / "observer.toml")
+def test_emulation_that_ended_inside_is_no_repetition(case, tmp_path):
     time = np.arange(1500) * STEP
     stopped = {f"rotor_{side}_speed": np.where(time < 1.0, 2.0 * time, 20.0) for side in ("left", "right")}
     (tmp_path / "0.csv").write_text(recording(SWING, noise=0.3, seed=0))
@@ -237,8 +239,7 @@ def test_emulation_that_ended_inside_is_no_repetition(tmp_path):
     assert "emulation has ended" in learned.left_out[0]
 
 
-def test_learned_torques_stay_within_the_limit_and_what_is_expected_is_expected_of_these(tmp_path):
-    case = load_case(REFERENCE / "observer.toml")
+def test_learned_torques_stay_within_the_limit_and_what_is_expected_is_expected_of_these(case, tmp_path):
     limit = float(case.limits_of("torque").min())
     (tmp_path / "0.csv").write_text(recording(60 * SWING, noise=0.3, torque=600.0))
     learned = learn(case, [tmp_path / "0.csv"])
@@ -246,8 +247,7 @@ def test_learned_torques_stay_within_the_limit_and_what_is_expected_is_expected_
     assert learned.predicted > 0.1 * learned.error
 
 
-def test_what_cannot_be_learned_is_refused(tmp_path):
-    case = load_case(REFERENCE / "observer.toml")
+def test_what_cannot_be_learned_is_refused(case, tmp_path):
     path = tmp_path / "one.csv"
     path.write_text(recording(np.zeros(1500)))
     with pytest.raises(InputError, match="does not know of torques"):
