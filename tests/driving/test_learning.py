@@ -204,6 +204,7 @@ def test_recordings_are_learned_from_and_played_again(case, tmp_path):
     np.testing.assert_allclose(read_played(folder, case.loop.dynamometers).torques, learned.torques, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("broken", "said"),
     [
@@ -229,6 +230,7 @@ def test_what_is_no_repetition_is_left_out_and_named(broken, said, case, tmp_pat
     assert "left out" in learned.sentence()
 
 
+@pytest.mark.long
 def test_emulation_that_ended_inside_is_no_repetition(case, tmp_path):
     time = np.arange(1500) * STEP
     stopped = {f"rotor_{side}_speed": np.where(time < 1.0, 2.0 * time, 20.0) for side in ("left", "right")}

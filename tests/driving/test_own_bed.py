@@ -79,6 +79,7 @@ def test_drawn_beds_drive_through_the_range(beside):
         assert ranked[-2].max() <= 0.04, ranked
 
 
+@pytest.mark.long
 def test_another_mass_is_told_and_emulated(beside):
     """30 % more of it: the design of the controller knows nothing of it."""
     car = bed()
@@ -90,6 +91,7 @@ def test_another_mass_is_told_and_emulated(beside):
     assert max(run.error(*parts[name]) for name in PARTS) <= 0.025
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("mu", "torque"), [((0.5, 0.5), 100.0), ((1.0, 0.6), 140.0)], ids=["step", "split"])
 def test_a_road_that_changes(beside, mu, torque):
     car, time = bed(), np.arange(4000) * 1e-3
@@ -115,6 +117,7 @@ def test_a_wheel_that_spins_ends_nothing(beside):
     np.testing.assert_allclose(run.bed[:, 13].max(), slip.max(), rtol=0.05)  # the slip it shows
 
 
+@pytest.mark.long
 def test_another_tyre_than_the_design_knows(controller, tmp_path):
     """The vehicle that is stepped has half of the slip stiffness and a flatter curve; the matrices stay."""
     law = controller.law
