@@ -21,6 +21,7 @@ from matching.match.beds import (
 )
 from matching.match.case import Case
 from matching.match.damping import decay_rates, is_stable_loop, rates, stable_loops, without_resting
+from matching.match.kept import ReachedTarget, candidates_of, target_modes_of
 from matching.match.loop import (
     Body,
     LinearBed,
@@ -45,7 +46,6 @@ from matching.match.loop_modes import (
     LoopMode,
     eigenvalue_of,
     emulated,
-    match_mode,
     neutral_motions,
     on_emulated_side,
 )
@@ -727,14 +727,6 @@ def response_deviations(
 FRESH = 1_000_003  # added to the seed: beds that the search has not drawn
 
 
-class ReachedTarget(NamedTuple):
-    """Number of a target mode of the vehicle, the mode that it became, None without one, and their MAC."""
-
-    vehicle_mode: int
-    mode: LoopMode | None
-    mac: float
-
-
 class OwnMode(NamedTuple):
     """A mode of what runs on known torques alone: its frequency, Hz, and rate of decay, 1/s."""
 
@@ -942,19 +934,3 @@ def remarks_on(case: Case, neutral: int) -> list[str]:
         rigid = "1 rigid motion stands" if neutral == 1 else f"{neutral} rigid motions stand"
         remarks.append(f"{rigid} at 0 without drag and coast, as in the vehicle")
     return remarks
-
-
-def candidates_of(case: Case, modes: Sequence[LoopMode]) -> tuple[LoopMode, ...]:
-    """The modes among which a target is looked for: of a model-based feed-forward those that known torques excite."""
-    kind = "feed_forward" if case.loop.structure.has_feed_forward else "feedback"
-    return tuple(mode for mode in modes if mode.belongs_to == kind) or tuple(modes)
-
-
-def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[ReachedTarget, ...]:
-    """For every target the mode that it became."""
-    inertia = {f"inertias.{inertia.name}": inertia.J.value for inertia in case.vehicle.inertias}
-    reached = []
-    for target, (_, wanted) in zip(case.targets, target_modes(case), strict=True):
-        best = match_mode(wanted, candidates, inertia)
-        reached.append(ReachedTarget(target.mode, *(best or (None, 0.0))))
-    return tuple(reached)
