@@ -15,7 +15,8 @@ import numpy as np
 
 from matching.match.box import of_system
 from matching.match.case import Case
-from matching.match.loop_modes import LoopMode, eigenvalue_of, vehicle_modes_in_loop
+from matching.match.damping import rates
+from matching.match.loop_modes import ClosedLoop, LoopMode, eigenvalue_of, vehicle_modes_in_loop
 from matching.match.targets import target_modes
 from modelling.linear.state_space import state_spaces
 from modelling.modal.modes import damped_modes
@@ -103,6 +104,22 @@ class FollowedModes:
                 for name, mode in modes.items() if mode.belongs_to == "feedback"
             },
         )  # fmt: skip
+
+    @classmethod
+    def of_targets(cls, case: Case, loop: ClosedLoop) -> FollowedModes | None:
+        """Prepare to follow the target modes of a planned bed's loop; None where the loop has none of them."""
+        reached = target_modes_of(case, candidates_of(case, loop.modes()))
+        modes = {f"target_mode_{row.vehicle_mode}": row.mode for row in reached if row.mode is not None}
+        step = loop.controller.sample_time
+        return cls.of(case, rates(loop.poles, step), modes) if modes else None
+
+    def errors(
+        self, case: Case, values: Sequence[Mapping[str, float]], poles: np.ndarray
+    ) -> dict[str, np.ndarray]:  # fmt: skip
+        """Errors (b,) of the target modes by name (:func:`errors_of_mode`); arguments as in :meth:`on`."""
+        of_vehicles, of_beds = self.on(case, values, poles)
+        errors = [errors_of_mode(name, s, of_vehicles[self.of_loop[name][1]]) for name, s in of_beds.items()]
+        return {name: error for one in errors for name, error in one.items()}
 
     def on(
         self, case: Case, values: Sequence[Mapping[str, float]], poles: np.ndarray
