@@ -19,7 +19,7 @@ from matching.match.in_time import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_
 from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque
 from matching.match.operating_range import law_over_speed
 from modelling.bed.bed import ControlLaw, delayed_bed
-from modelling.bed.observer import NOISE
+from modelling.bed.observer import sensor_noise
 from modelling.bed.vehicle import Interface, ResidualVehicle, cut
 from modelling.controller.c_source import memory_bytes
 from modelling.controller.law import (
@@ -238,7 +238,7 @@ def _wrong_readings(case: Case, bed: WatchedBed) -> BedEvents:
     count = ANGLE_OF_A_COUNT / law.sample_time / np.sqrt(12.0)  # an angle that is even over a count
     at = WATCHED_SAMPLES - 1
     for i, sensor in enumerate(of_law):
-        events.errors[at, i, 2 * i] = sensor.uncertainty or NOISE[sensor.measures]
+        events.errors[at, i, 2 * i] = sensor_noise(sensor, law.sample_time)
         if sensor.measures == "speed":
             events.errors[at : at + 2, i, 2 * i + 1] = count, -count
     return events

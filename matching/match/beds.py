@@ -29,7 +29,7 @@ from matching.match.loop import (
 from matching.match.loop_modes import ClosedLoop
 from matching.match.opened import SHARES, STAYS_OPEN_S, Opened
 from matching.match.requirements import Requirements
-from modelling.bed.observer import NOISE
+from modelling.bed.observer import sensor_noise
 from modelling.linear.resolvent import Resolvent, resolvent
 
 # --- What a controller does on a set of beds and what it asks of them: the figures that the search works with.
@@ -97,10 +97,10 @@ def loop_frequencies(case: Case) -> np.ndarray:
     return np.geomspace(min(case.band[0], top / 2), top, PLAN_POINTS)
 
 
-def sensor_noise(case: Case, sensors: Sequence[str]) -> np.ndarray:
-    """Standard deviations (y,) of sensors of the rig, SI."""
+def noise_of_sensors(case: Case, sensors: Sequence[str]) -> np.ndarray:
+    """Standard deviations (y,) of sensors of the rig, SI (:func:`modelling.bed.observer.sensor_noise`)."""
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
-    return np.array([by_name[name].uncertainty or NOISE[by_name[name].measures] for name in sensors])
+    return np.array([sensor_noise(by_name[name], case.loop["sample_time"]) for name in sensors])
 
 
 def margins_of(beds: BedSet, controller: SampledController) -> np.ndarray:

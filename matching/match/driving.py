@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from matching.export import exported_controller
-from matching.match.beds import Judge, loop_figures, planned, quantile, sensor_noise
+from matching.match.beds import Judge, loop_figures, noise_of_sensors, planned, quantile
 from matching.match.case import Case, Drive
 from matching.match.in_time import Imperfection, hardware, perturbed_system
 from matching.match.loop import compared_sensors, linear_bed, without_limits
@@ -103,7 +103,7 @@ def at_speeds(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) ->
         judge = Judge(own, controller, neutral_motions(linear_bed(own)), required)
         values = [own.uncertainty.at(position) for position in own.uncertainty.draw(settings.drawn, seed)]
         found = judge.verdicts([{}, *values])
-        figures = loop_figures(planned(own, sensor_noise(own, controller.sensors)), controller, required)
+        figures = loop_figures(planned(own, noise_of_sensors(own, controller.sensors)), controller, required)
         noise = max(figures.command_noise.values())
         noisy = any(
             value > most for value, most in zip(figures.command_noise.values(), required.command_noise, strict=True)

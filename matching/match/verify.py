@@ -16,8 +16,8 @@ from matching.match.beds import (
     loop_figures,
     loop_frequencies,
     margins_of,
+    noise_of_sensors,
     planned,
-    sensor_noise,
 )
 from matching.match.case import Case
 from matching.match.damping import decay_rates, is_stable_loop, rates, stable_loops, without_resting
@@ -857,7 +857,7 @@ def verify(
     controller, required, neutral = controller_on(bed), requirements(case), neutral_motions(bed)
     loop = ClosedLoop.of(bed, controller)
     poles, own_poles, modes = loop.poles, loop.own_poles, loop.modes()
-    figures = loop_figures(planned(case, sensor_noise(case, controller.sensors)), controller, required)
+    figures = loop_figures(planned(case, noise_of_sensors(case, controller.sensors)), controller, required)
     checks = {"sampled loop": is_stable_loop(poles, neutral)}
     if len(own_poles):
         checks["feed-forward poles"] = is_stable_loop(own_poles, neutral)
