@@ -335,7 +335,6 @@ def _of_beds(checked: Verification) -> dict[str, Any]:
     loop, required = checked.loop, checked.required
     return {
         **({} if checked.beds is None else {"beds": checked.beds.to_dict()}),
-        "passivity": None if checked.passivity is None else checked.passivity.to_dict(),
         "command_noise": dict(loop.command_noise),
         "unexpected_torque_of_offsets": dict(loop.unexpected_torque),
         "margin": {

@@ -67,7 +67,7 @@ def solve(
     weights alone come near the end. The cost of a feedback law has several valleys: its gains are tuned alone from
     several starts, then everything from the best end, and from the case's own gains where no end keeps every
     requirement. No answer is worse than the case as given.
-    With ``begins``, values by name (SI), it begins at these instead.
+    With ``begins``, values by name (SI), an observer's search begins at these first, that of a feedback law at these alone.
     """
     settings, of_observer = search.settings, search.case.loop.tunes_observer
     given = end_at(search, search.begin())
@@ -218,9 +218,9 @@ def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int
 
 def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEnd], SearchEnd | None]:
     """Where the starts ended, the best one first, and the best end of a feedback law's gains alone."""
-    settings, starts = search.settings, given or _starts(search)
+    settings, of_observer = search.settings, search.case.loop.tunes_observer
+    starts = [*given, *_starts(search)] if of_observer or not given else given
     ends: list[SearchEnd] = []
-    of_observer = search.case.loop.tunes_observer
     most_rounds, most_steps, gains = settings.rounds, settings.most_steps // 4, None
     if not of_observer:
         (starts, gains), most_rounds = _with_gains(search, starts), settings.joint_rounds

@@ -49,7 +49,6 @@ from matching.match.loop_modes import (
     neutral_motions,
     on_emulated_side,
 )
-from matching.match.passivity import Passivity, passivity_of
 from matching.match.requirements import Requirements, requirements
 from matching.match.responses import ResponseError, error_figures
 from matching.match.running import TOO_LARGE, RunningLaw, grown, run
@@ -775,8 +774,6 @@ class Verification:
         What the user should know.
     beds : BedsCheck or None
         Fresh beds; None where none were drawn.
-    passivity : Passivity or None
-        Of the controlled bed at the cut; None without fresh beds, or where the bed cannot be told from its specimen.
     """
 
     stable: bool
@@ -798,7 +795,6 @@ class Verification:
     traces: Traces | None = field(repr=False)
     notes: tuple[str, ...]
     beds: BedsCheck | None = field(default=None, repr=False)
-    passivity: Passivity | None = None
 
     @property
     def modulus_margin(self) -> float:
@@ -881,7 +877,6 @@ def verify(
         response_deviations(case, controller, required, neutral) if deviations else (), traces,
         (*notes, *remarks_on(case, neutral)),
         check_beds(case, controller, neutral, required, beds, seed + FRESH) if beds else None,
-        passivity_of(case, controller) if beds else None,
     )  # fmt: skip
 
 

@@ -39,6 +39,7 @@ def sensor_noise(sensor: Sensor, sample_time: float) -> float:
     quantum = 2 * np.pi / sensor.counts / sample_time
     return float(np.hypot(sensor.uncertainty or 0.0, quantum / np.sqrt(6.0)))
 
+
 FORGETTING_PER_SAMPLE = 1e-5  # of an estimated or known torque: a random walk without it has no bounded variance
 MODES = 2  # that a swinging torque is estimated for; each adds two states a dynamometer
 SWING_DAMPING = 0.02  # ratio, of such a torque, at least: how far from the mode's frequency it may swing
