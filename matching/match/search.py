@@ -67,7 +67,8 @@ def solve(
     weights alone come near the end. The cost of a feedback law has several valleys: its gains are tuned alone from
     several starts, then everything from the best end, and from the case's own gains where no end keeps every
     requirement. No answer is worse than the case as given.
-    With ``begins``, values by name (SI), an observer's search begins at these first, that of a feedback law at these alone.
+    With ``begins``, values by name (SI), an observer's search begins at these first, that of a feedback law at these
+    alone.
     """
     settings, of_observer = search.settings, search.case.loop.tunes_observer
     given = end_at(search, search.begin())

@@ -60,9 +60,14 @@ class Campbell(Displayed):
         """The content of ``campbell.json``, SI."""
         return {
             "of": self.of, "crossings": [one._asdict() for one in self.crossings], "orders": list(self.orders),
-            "speeds": self.speeds.tolist(), "frequencies": self.frequencies.tolist(),
-            "damping_ratios": self.damping_ratios.tolist(),
+            "speeds": self.speeds.tolist(), "frequencies": _listed(self.frequencies),
+            "damping_ratios": _listed(self.damping_ratios),
         }  # fmt: skip
+
+
+def _listed(values: np.ndarray) -> list[list[float | None]]:
+    """Values (s, m) of modes over speed; None where a mode is not there."""
+    return [[None if np.isnan(value) else value for value in row] for row in values.tolist()]
 
 
 class Critical(NamedTuple):
@@ -188,7 +193,8 @@ def campbell(system: System, speeds: np.ndarray, of: str, orders: Sequence[float
         line = order * speeds / TWO_PI
         for mode in range(frequencies.shape[1]):
             apart = frequencies[:, mode] - line
-            for i in np.flatnonzero(np.diff(np.signbit(apart))):
+            there = np.isfinite(apart[:-1]) & np.isfinite(apart[1:])  # a mode that is not there meets nothing
+            for i in np.flatnonzero(there & (np.diff(np.signbit(apart)))):
                 share = apart[i] / (apart[i] - apart[i + 1])
                 speed = float(speeds[i] + share * (speeds[i + 1] - speeds[i]))
                 crossings.append(Crossing(float(order), mode + 1, speed, order * speed / TWO_PI))
@@ -197,7 +203,7 @@ def campbell(system: System, speeds: np.ndarray, of: str, orders: Sequence[float
 
 
 def _followed(system: System, speeds: np.ndarray, of: str) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies and damping ratios (s, m) of damped modes; NaN where a mode is not there."""
+    """Frequencies and damping ratios (s, m) of damped modes; NaN where a mode is not there or does not swing."""
     found = [damped_modes(turning(system, of, float(speed))) for speed in speeds]
     most = max(len(one) for one in found)
     frequencies, ratios = np.full((len(speeds), most), np.nan), np.full((len(speeds), most), np.nan)
@@ -206,8 +212,11 @@ def _followed(system: System, speeds: np.ndarray, of: str) -> tuple[np.ndarray, 
     for i, now in enumerate(found):
         if i:
             place = _places(found[i - 1], now, place, most, weight)
-        frequencies[i, place], ratios[i, place] = now.frequencies, now.damping_ratios
-    return frequencies, ratios
+        swings = np.abs(now.damping_ratios) < 1  # an overdamped motion has no frequency that an order could meet
+        frequencies[i, place] = np.where(swings, now.frequencies, np.nan)
+        ratios[i, place] = np.where(swings, now.damping_ratios, np.nan)
+    ever = np.isfinite(frequencies).any(axis=0)
+    return frequencies[:, ever], ratios[:, ever]
 
 
 def _places(before: Modes, now: Modes, place: np.ndarray, most: int, weight: np.ndarray) -> np.ndarray:
