@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case
-from matching.match.in_time import OpenLash
+from matching.match.free_play import OpenLash
 from matching.match.opened import WAIVED
 from matching.match.verify import Verification
 

@@ -73,8 +73,8 @@ class NonlinearBeds:
     ----------
     drives, commanded : list of str (d), tuple of str (k)
         Inputs that act from outside, and those of the dynamometers.
-    steady, trim : ndarray (y, b), (k, b)
-        Readings and commands at the operating point, absolute.
+    steady, trim, drive_trim : ndarray (y, b), (k, b), (d, b)
+        Readings, commands and torques from outside at the operating point, absolute.
     start : ndarray (x, b)
         States there.
     step : float
@@ -98,7 +98,7 @@ class NonlinearBeds:
         names = list(self.model.inputs)
         driven = [dynamometer.torque_input for dynamometer in dynamometers]
         self.drives, self.commanded = [name for name in names if name not in driven], tuple(driven)
-        self.trim = held[:, [names.index(name) for name in driven]].T
+        self.trim, self.drive_trim = (held[:, [names.index(name) for name in some]].T for some in (driven, self.drives))
         weights = [[arrivals(delay, step, self.pieces) for delay in bed.delays] for bed in hardware]
         # dynamometers with a flange, by number, and its torque sensor
         self._flanges = {j: one.torque_sensor for j, one in enumerate(dynamometers) if one.torque_sensor is not None}
@@ -172,7 +172,9 @@ class NonlinearBeds:
         # of what acts, as the compiled function has it: one column a bed and fine step
         act = self._sample.acting.T.reshape(x.shape[1], self.pieces, -1)
         torques = before.T[:, None]
-        act[:, :, k:] = torques if after is before else torques + (after - before).T[:, None] * self.middles[None, :, None]
+        act[:, :, k:] = (
+            torques if after is before else torques + (after - before).T[:, None] * self.middles[None, :, None]
+        )
         if k:
             later[n : n + k], later[n + k :] = commands, x[n:-k]
             by_bed = later[n:].reshape(self.longest, k, -1).transpose(2, 1, 0)[..., None]  # (b, k, i, 1)

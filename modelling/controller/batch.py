@@ -56,8 +56,9 @@ C_NAMES = {"curve_speeds": "curve_speed", "curve_torques": "curve_torque"}
 def _source(controller: ExportedController) -> str:
     """C of a controller without its settings, so that all controllers of one law share a library."""
     settings = controller.settings
-    neutral = {name: np.zeros(getattr(settings, name).shape) for name in ARRAYS}
-    files = c_sources(replace(controller, title="", settings=replace(settings, **neutral, opened_share=0.0)))
+    neutral: dict[str, Any] = {name: np.zeros(getattr(settings, name).shape) for name in ARRAYS}
+    neutral |= {"opened_share": 0.0, "frozen_samples": 0, "life_samples": 0}
+    files = c_sources(replace(controller, title="", settings=replace(settings, **neutral)))
     taken = [
         f"        for (int i = 0; i < {len(getattr(settings, name))}; i++) {{ c->settings.{C_NAMES.get(name, name)}[i] "
         "= *next++; }"

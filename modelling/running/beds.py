@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from modelling.bed.nonlinear import NonlinearBeds
-from modelling.running.sensors import SensorErrors, Sensing
+from modelling.running.sensors import Sensing, SensorErrors
 
 
 class BedRows:
@@ -69,9 +69,13 @@ class BedRows:
             raise ValueError(f"these rows step {self.sample_time:g} s, not {span:g} s")
         k, later = len(self.beds.commanded), self._torques.copy()
         self._torques[self._inputs], later[self._inputs] = torques, after
-        self._torques[self._held] = later[self._held] = commands[k:]
+        self._torques[self._held] = later[self._held] = commands[k:] - self.beds.drive_trim[self._held]
         self.x = self.beds.advance(self.x, commands[:k] - self.beds.trim, self._torques, later)
         self._torques = later
+
+    def idle(self) -> np.ndarray:
+        """Commands (k, b) of the operating point, N·m."""
+        return np.vstack([self.beds.trim, self.beds.drive_trim[self._held]])
 
     def stop(self, rows: np.ndarray) -> None:
         """Back to the start with rows (b,), bool: what ran away is out of the batch."""

@@ -6,7 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from modelling.controller.law import EMULATION, NO_LIMIT, SPEED_HOLD, ExportedController
+from modelling.bed.scheduled import Law
+from modelling.controller.law import (
+    EMULATION,
+    NO_LIMIT,
+    SPEED_HOLD,
+    ExportedController,
+    Settings,
+    nothing_watched,
+)
 
 
 @dataclass(frozen=True)
@@ -89,3 +97,16 @@ def unsupervised(controller: ExportedController, limited: bool = True) -> Export
             curve_torques=np.full(1, NO_LIMIT),
         )  # fmt: skip
     return replace(controller, settings=settings)
+
+
+def plain(law: Law, torque_readings: tuple[int, ...], speed_readings: tuple[int, ...]) -> ExportedController:
+    """A law with no limit and nothing that ends it; its speed hold gives what is added, and nothing more."""
+    k, y = len(law.dynamometers), len(law.sensors)
+    none, nothing = np.full(k, NO_LIMIT), np.zeros(k)
+    settings = Settings(
+        none, none, nothing, nothing, none, np.ones(k), np.full(y, NO_LIMIT), none, np.zeros(1), np.full(1, NO_LIMIT),
+        none, none, frozen_samples=0,
+    )  # fmt: skip
+    return ExportedController(
+        "", law, settings, ("",) * y, torque_readings, speed_readings, nothing_watched(y, k), ()
+    )  # fmt: skip

@@ -34,7 +34,7 @@ typedef struct {
     const long long *out_from, *out_until;     /* (b, sensors): samples in which a sensor reads 0 */
     double *angle, *last, *rest;               /* (b, sensors) of encoders */
     const double *noise;                       /* (t, b, sensors) of this span; 0: none */
-    long long drift_from;
+    long long drift_from, drift_samples;
     unsigned char *controllers;
     int *state_of;       /* (b, 2): mode and fault of the controller */
     int *fault;          /* (b): the first fault in emulation */
@@ -76,7 +76,8 @@ static void sense(const rows *r, long long b, long long n, long long first, cons
         }
         value += r->zero[at];
         if (n > r->drift_from) {
-            value += r->drift[at] * ((double)(n - r->drift_from) * r->span);
+            const double share = (double)(n - r->drift_from) / (double)((r->drift_samples > 1) ? r->drift_samples : 1);
+            value += r->drift[at] * ((share < 1.0) ? share : 1.0);
         }
         if (n >= r->out_from[at] && n < r->out_until[at]) {
             value = 0.0;

@@ -173,7 +173,7 @@ def _interpreted(
     chosen = [sensors.index(name) for name in keep]
     needed = [] if controller is None else [plant.sensors.index(name) for name in controller.sensors]
     motion = np.full((kept, own.beds.physical, rows), np.nan) if own is not None and states else None
-    idle = np.zeros((k, rows)) if own is None else np.vstack([own.beds.trim, np.zeros((len(own.held), rows))])
+    idle = np.zeros((k, rows)) if own is None else own.idle()
     lost, lost_at = np.zeros(rows, bool), np.full(rows, count)
     shape = drive.shape[1], rows
     plant.begin(np.broadcast_to(drive[0], shape))
@@ -263,7 +263,7 @@ class _Rows(ctypes.Structure):
             "mode", "trigger", "middle", "sensor", "lagged", "keep", "law", "trim", "gain", "zero", "drift", "count",
             "out_from", "out_until", "angle", "last", "rest", "noise",
         )),
-        ("drift_from", c_longlong),
+        ("drift_from", c_longlong), ("drift_samples", c_longlong),
         *((name, c_void_p) for name in (
             "controllers", "state_of", "fault", "fault_at", "lost_at", "readings", "commands", "states", "work",
             "integers",
@@ -280,7 +280,8 @@ class _Compiled:
         keep: Sequence[str], every: int, states: bool, loop: ctypes.CDLL,
     ):  # fmt: skip
         self.plant, self.controller, self.count, self.loop = plant, controller, count, loop
-        self.keep, self.every, self._kept = tuple(keep), every, []
+        self.keep, self.every = tuple(keep), every
+        self._kept: list[np.ndarray] = []
         self.drive, self.told, self.with_states = drive, told, states
 
     def motion(self) -> Motion | None:
@@ -308,7 +309,8 @@ class _Compiled:
         )  # fmt: skip
         for name, size in zip(_SIZES, sizes, strict=True):
             setattr(r, name, size)
-        r.span, r.largest, r.drift_from = plant.sample_time, TOO_LARGE, errors.drift_from
+        r.span, r.largest = plant.sample_time, TOO_LARGE
+        r.drift_from, r.drift_samples = errors.drift_from, errors.drift_samples
         state = np.ascontiguousarray(beds.start.T)
         readings, commands = np.full((kept, b, len(self.keep)), np.nan), np.full((kept, b, k), np.nan)
         motion = np.full((kept, b, beds.physical), np.nan) if self.with_states else None
@@ -366,7 +368,7 @@ class _Compiled:
 
     def _point(self, r: _Rows, name: str, array: np.ndarray, kind: type) -> None:
         """Point to an array, which is kept; one that C writes to is contiguous and of its kind, so no copy."""
-        given = np.ascontiguousarray(array, dtype=kind)
+        given: np.ndarray = np.ascontiguousarray(array, dtype=kind)
         self._kept.append(given)
         setattr(r, name, given.ctypes.data)
 
@@ -377,6 +379,3 @@ class _Compiled:
                  enumerate(zip(given.shape, given.strides, strict=True))]  # fmt: skip
         self._kept.append(given)
         setattr(r, name, _Shared(given.ctypes.data, *steps))
-
-
-

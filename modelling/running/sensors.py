@@ -23,7 +23,7 @@ class SensorErrors:
     zero : ndarray (b, s)
         SI, constant.
     drift : ndarray (b, s)
-        SI per s, from sample ``drift_from`` on.
+        SI, by which the zero moves from sample ``drift_from`` on, evenly over ``drift_samples``; 0: at once.
     noise : ndarray (b, s)
         Standard deviation of white noise, SI.
     count : ndarray (b, s)
@@ -31,7 +31,7 @@ class SensorErrors:
         and its mean over a sample is half a sample late, which the dead time counts.
     out : ndarray of int (2, b, s)
         First sample in which a sensor reads 0, and the first after it.
-    drift_from : int
+    drift_from, drift_samples : int
     seed : int
         Of noise and of where encoders stand at the begin.
     """
@@ -44,6 +44,7 @@ class SensorErrors:
     count: np.ndarray
     out: np.ndarray
     drift_from: int = 0
+    drift_samples: int = 0
     seed: int = 0
 
     @classmethod
@@ -107,7 +108,7 @@ class Sensing:
             self._used += 1
         read = read + errors.zero
         if n > errors.drift_from:
-            read = read + errors.drift * ((n - errors.drift_from) * self.span)
+            read = read + errors.drift * min((n - errors.drift_from) / max(errors.drift_samples, 1), 1.0)
         read = np.where((n >= errors.out[0]) & (n < errors.out[1]), 0.0, read)
         self._sample += 1
         return read.T

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from matching.cli import main
-from matching.export import exported_controller
 from matching.match.case_file import case_files, load_case
 from matching.match.demands import demands, rig_values
+from matching.match.exported import exported_controller
 from matching.match.in_time import BedRun, Imperfection, bed_motions
 from matching.match.loop import control_law, linear_bed
 from matching.match.requirements import requirements

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.export import exported_controller
 from matching.match import loop as loop_of_match
+from matching.match.exported import exported_controller
 from matching.match.loop import control_law, linear_bed
 from matching.match.minutes import MinuteSettings, minutes
 from matching.match.verify import verify
