@@ -1,10 +1,11 @@
-"""The controller of a tuned case as it leaves the computer: law, limits, speed hold, watchdogs, opened shafts it notices."""
+"""The controller of a tuned case as it leaves the computer: law, limits, speed hold, the opened shafts it notices."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import null_space
@@ -14,6 +15,7 @@ from matching.match.case import Case, once_per_case
 from matching.match.imperfections import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
 from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque
 from matching.match.operating_range import law_over_speed
+from matching.match.requirements import requirements
 from modelling.bed.bed import ControlLaw, delayed_bed
 from modelling.bed.observer import NOISE
 from modelling.controller.law import (
@@ -31,7 +33,10 @@ from modelling.controller.law import (
     hold_gains,
     nothing_watched,
 )
+from modelling.equations.casadi_code import compiled
 from modelling.linear.state_space import StateSpace, state_space
+from modelling.linear.steady_motion import operating_motion, torques_of
+from modelling.running.controllers import ControllerRows, Schedule
 from modelling.system import Input, Sensor, System
 
 # --- What readings of a linear bed under its controller are off from what the controller's model expects.
@@ -425,6 +430,14 @@ LOST_TORQUE = 0.2  # of the torque limit: what has to be on the flange before it
 UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be from what the controller expects
 
 
+class HasTuned(Protocol):
+    """A match's result, as far as it is needed here."""
+
+    @property
+    def tuned(self) -> Case:
+        """The case with the tuned values."""
+
+
 @once_per_case
 def exported_controller(case: Case) -> ExportedController:
     """The controller of a tuned case: over its range of speeds where it has one."""
@@ -459,9 +472,12 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
         for dynamometer in loop.dynamometers
     ]
     inertias = np.array([case.rig.parameters[f"inertias.{rotor}.J"].value for rotor in rotors])
+    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
+    noise = np.array([by_name[one.speed_sensor].uncertainty or NOISE["speed"] for one in loop.dynamometers])
+    allowed = np.array(requirements(case).command_noise)
     proportional, integral = hold_gains(
         speeds, inertias, float(loop.command_delays().max()) + loop["sample_time"] / 2,
-        float(loop.lags("inverter_lag").max()), loop["sample_time"],
+        float(loop.lags("inverter_lag").max()), loop["sample_time"], allowed / noise,
     )  # fmt: skip
     unexpected = np.full(len(law.sensors), NO_LIMIT)
     for at, largest in zip(torques, torque, strict=True):
@@ -483,3 +499,24 @@ def _curve(case: Case) -> tuple[np.ndarray, np.ndarray]:
     if curve is None:
         return np.zeros(1), np.full(1, NO_LIMIT)
     return np.array(curve.speeds), np.array(curve.torques)
+
+
+def controller(case: Case | HasTuned, hold: float = 3.0, rows: int = 1) -> ControllerRows:
+    """The controller of a tuned case or a match's result as rows for :func:`modelling.running.run.run`.
+
+    Parameters
+    ----------
+    case : Case or MatchResult
+    hold : float
+        s of speed hold at the operating point, or at rest, before the emulation begins.
+    rows : int
+        On how many beds.
+    """
+    tuned = case if isinstance(case, Case) else case.tuned
+    made, loop = exported_controller(tuned), tuned.loop
+    before, trim, turning = max(round(hold / made.law.sample_time), 1), torques_of(tuned.rig), compiled(tuned.rig)
+    about = operating_motion(tuned.rig)
+    steady = turning.readings(about.state, about.inputs, turning.p0, 0.0).full()
+    speeds = np.array([steady[turning.sensors.index(one.speed_sensor)] for one in loop.dynamometers])
+    added = np.array([[trim[one.torque_input]] for one in loop.dynamometers])
+    return ControllerRows(made, Schedule.held_first(before, before + 1, speeds, added), rows)

@@ -60,7 +60,7 @@ class Imperfection:
     demand_factor, demand_late : float
         Measured or demanded torques act with this factor, and so much later (s), than the controller assumes.
     poor_sensors : bool
-        Noise of the sensors' uncertainty, a zero of torques that moves by it as the manoeuvre begins, encoders for speeds.
+        Noise of the sensors' uncertainty, zeros of torques that move as the manoeuvre begins, encoders for speeds.
     encoders : bool
         Encoders for speeds alone, without noise and offset.
     """
@@ -249,6 +249,16 @@ def bed_rows(
     return BedRows(beds, sensors, errors)
 
 
+def bed(case: Case, drawn: int = 0, seed: int = 0) -> BedRows:
+    """The bed of a case as planned, then ``drawn`` ones from its box, as rows for :func:`modelling.running.run.run`.
+
+    Of a match's result give ``result.tuned``. Their sensors are those of the rig file, exact but for the lag of torque
+    flanges.
+    """
+    rows = [Imperfection(""), *(Imperfection("", case.uncertainty.at(at)) for at in case.uncertainty.draw(drawn, seed))]
+    return bed_rows(case, [sensor.name for sensor in case.rig.sensors], rows if drawn else rows[:1])
+
+
 def uncertainties(case: Case, sensors: Sequence[str]) -> np.ndarray:
     """Standard uncertainty (s,) of sensors of the rig, SI; the usual one where none is stated."""
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
@@ -269,7 +279,11 @@ def sensor_gains(sensors: Sequence[str], rows: Sequence[Imperfection]) -> np.nda
 def poor_sensors(
     case: Case, sensors: Sequence[str], rows: Sequence[Imperfection], seed: int, begun: int
 ) -> SensorErrors:  # fmt: skip
-    """Sensors of these rows: poor ones, encoders alone, or exact ones; zeros of torques move at sample ``begun``."""
+    """Sensors of these rows: poor ones, encoders alone, or exact ones.
+
+    All that is wrong of them begins at sample ``begun``, with the emulation: what noise of a speed hold makes of the
+    begin is judged by :mod:`matching.match.minutes`.
+    """
     u, speeds = uncertainties(case, sensors), are_speeds(case, sensors)
     poor = np.array([row.poor_sensors for row in rows])[:, None]
     counting = poor | np.array([row.encoders for row in rows])[:, None]
@@ -278,7 +292,7 @@ def poor_sensors(
     return SensorErrors(
         tuple(sensors), sensor_gains(sensors, rows), np.zeros(shape),
         poor * np.where(speeds, 0.0, OFFSET_IN_UNCERTAINTIES * sides * u), np.broadcast_to(poor * u, shape).copy(),
-        np.where(counting & speeds, ANGLE_OF_A_COUNT, 0.0), np.full((2, *shape), NEVER, dtype=np.int64), begun, 0,
+        np.where(counting & speeds, ANGLE_OF_A_COUNT, 0.0), np.full((2, *shape), NEVER, dtype=np.int64), begun, 0, begun,
         seed,
     )  # fmt: skip
 

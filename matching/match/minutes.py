@@ -129,7 +129,8 @@ class Minutes:
     """All runs of an exported controller; ``not_run`` is why there are none.
 
     ``cause`` is the sensors' uncertainty that moves a bed at rest most, ``cause_is`` what these sensors measure, and
-    ``remedy`` a value (SI) of it with which the same controller on the same beds stands; ``interpreted`` is whether there was no C compiler.
+    ``remedy`` a value (SI) of it with which the same controller on the same beds stands; ``interpreted`` is whether
+    there was no C compiler.
     """
 
     seconds: float = 0.0
@@ -474,7 +475,7 @@ def _hold_speeds(case: Case, settings: MinuteSettings) -> float:
 def _pulse(
     case: Case, drives: Sequence[str], start: int, length: int, samples: int, settings: MinuteSettings
 ) -> dict[str, np.ndarray]:  # fmt: skip
-    """A pulse (t,) of the manoeuvre's largest torque, and its opposite, at the input that the manoeuvre drives hardest."""
+    """A pulse (t,) of the manoeuvre's largest torque, and its opposite, where the manoeuvre drives hardest."""
     largest = {
         name: float(np.abs(torque.torque(torque.time())).max())
         for name, torque in case.manoeuvre.items() if name in drives

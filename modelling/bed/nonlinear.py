@@ -189,7 +189,7 @@ class NonlinearBeds:
     def twists(self, states: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
         """Twists (t, s) of the springs of the first bed for its states (t, x), less those at the start, and names."""
         parts, n = elements(self.model, self.model.p0[None]), len(self.model.states)
-        return (states - self.start[:, 0])[:, :n] @ parts.deflection_jacobian.T, parts.springs
+        return (states[:, :n] - self.start[:n, 0]) @ parts.deflection_jacobian.T, parts.springs
 
     def air_gap(self, states: np.ndarray) -> np.ndarray:
         """Air-gap torques (t, k) as commanded, of the first bed, less those at the operating point."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -110,7 +111,7 @@ def error_over_range(
 
 @dataclass(frozen=True)
 class PartSettings:
-    """Into which parts a drive is cut: an error that lasts a second is not to be averaged away by the minutes around it.
+    """Into which parts a drive is cut: minutes around it are not to average away an error that lasts a second.
 
     Attributes
     ----------
@@ -136,7 +137,7 @@ def parts_of(torques: Sequence[np.ndarray], step: float, settings: PartSettings 
     size = max(round(settings.window / step), 1)
     pieces = max(count // size, 1)
     edges = [*(number * size for number in range(pieces)), count]
-    windows = [slice(first, last) for first, last in zip(edges[:-1], edges[1:], strict=True)]
+    windows = [slice(first, last) for first, last in pairwise(edges)]
     changes = np.zeros(count, bool)
     for torque in torques:
         changes[1 : len(torque)] |= np.diff(torque) != 0

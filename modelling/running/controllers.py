@@ -19,7 +19,7 @@ from modelling.controller.law import (
 
 @dataclass(frozen=True)
 class Schedule:
-    """What a controller is asked for; t samples, k dynamometers, b rows or one value for all.
+    """What a controller is asked for; t samples, k dynamometers, b rows or one value for all. The last value stays.
 
     Attributes
     ----------
@@ -39,10 +39,15 @@ class Schedule:
 
     @classmethod
     def held_first(cls, before: int, samples: int, hold: np.ndarray, added: np.ndarray) -> Schedule:
-        """Speed hold (k, b), rad/s, for ``before`` samples, beginning with commands ``added`` (k, b), N·m; emulation."""
+        """Speed hold (k, b), rad/s, for ``before`` samples, which begins with commands (k, b), N·m; then emulation."""
         mode = np.where(np.arange(samples) < before, SPEED_HOLD, EMULATION).astype(np.int32)
         at_hold = (mode == SPEED_HOLD)[:, None, None] * added[None]
         return cls(mode, np.broadcast_to(hold, (samples, *hold.shape)), at_hold, (mode == EMULATION).astype(np.int32))
+
+    def lasting(self, samples: int) -> Schedule:
+        """The same for so many samples: what is asked for last stays."""
+        at = np.minimum(np.arange(samples), len(self.mode) - 1)
+        return self if samples == len(self.mode) else Schedule(*(part[at] for part in vars(self).values()))
 
 
 class ControllerRows:
@@ -70,9 +75,10 @@ class ControllerRows:
     def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray:
         """See :class:`modelling.running.plant.Controller`."""
         asked, rows = self.schedule, self.count
+        at = min(sample, len(asked.mode) - 1)
         shape = len(self.controller.law.dynamometers), rows
-        hold, added = np.broadcast_to(asked.hold[sample], shape), np.broadcast_to(asked.added[sample], shape)
-        mode, trigger = int(asked.mode[sample]), bool(asked.trigger[sample])
+        hold, added = np.broadcast_to(asked.hold[at], shape), np.broadcast_to(asked.added[at], shape)
+        mode, trigger = int(asked.mode[at]), bool(asked.trigger[at])
         answers = [
             one.step(readings[:, b], known[:, b], mode, hold[:, b], sample, added[:, b], trigger)
             for b, one in enumerate(self._each)

@@ -34,7 +34,7 @@ typedef struct {
     const long long *out_from, *out_until;     /* (b, sensors): samples in which a sensor reads 0 */
     double *angle, *last, *rest;               /* (b, sensors) of encoders */
     const double *noise;                       /* (t, b, sensors) of this span; 0: none */
-    long long drift_from, drift_samples;
+    long long drift_from, drift_samples, noise_from;
     unsigned char *controllers;
     int *state_of;       /* (b, 2): mode and fault of the controller */
     int *fault;          /* (b): the first fault in emulation */
@@ -68,10 +68,12 @@ static void sense(const rows *r, long long b, long long n, long long first, cons
             r->angle[at] = r->angle[at] + r->span * (r->last[at] + true_value) / 2;
             r->last[at] = true_value;
             const double rest = whole(r->angle[at], r->count[at]);
-            value += (r->rest[at] - rest) / r->span;
+            if (n >= r->noise_from) {
+                value += (r->rest[at] - rest) / r->span;
+            }
             r->rest[at] = rest;
         }
-        if (r->noise) {
+        if (r->noise && n >= r->noise_from) {
             value += r->noise[((n - first) * r->rows + b) * r->sensors + i];
         }
         value += r->zero[at];

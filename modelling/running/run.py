@@ -263,7 +263,7 @@ class _Rows(ctypes.Structure):
             "mode", "trigger", "middle", "sensor", "lagged", "keep", "law", "trim", "gain", "zero", "drift", "count",
             "out_from", "out_until", "angle", "last", "rest", "noise",
         )),
-        ("drift_from", c_longlong), ("drift_samples", c_longlong),
+        ("drift_from", c_longlong), ("drift_samples", c_longlong), ("noise_from", c_longlong),
         *((name, c_void_p) for name in (
             "controllers", "state_of", "fault", "fault_at", "lost_at", "readings", "commands", "states", "work",
             "integers",
@@ -310,7 +310,7 @@ class _Compiled:
         for name, size in zip(_SIZES, sizes, strict=True):
             setattr(r, name, size)
         r.span, r.largest = plant.sample_time, TOO_LARGE
-        r.drift_from, r.drift_samples = errors.drift_from, errors.drift_samples
+        r.drift_from, r.drift_samples, r.noise_from = errors.drift_from, errors.drift_samples, errors.noise_from
         state = np.ascontiguousarray(beds.start.T)
         readings, commands = np.full((kept, b, len(self.keep)), np.nan), np.full((kept, b, k), np.nan)
         motion = np.full((kept, b, beds.physical), np.nan) if self.with_states else None
@@ -343,7 +343,7 @@ class _Compiled:
         self._point(r, "fault", fault, np.int32)
         self._share(r, "drive", self.drive)
         if batch is not None and controller is not None:
-            asked = controller.schedule
+            asked = controller.schedule.lasting(count)
             self._point(r, "mode", asked.mode, np.int32)
             self._point(r, "trigger", asked.trigger, np.int32)
             self._share(r, "known_torque", self.told)

@@ -32,6 +32,8 @@ class SensorErrors:
     out : ndarray of int (2, b, s)
         First sample in which a sensor reads 0, and the first after it.
     drift_from, drift_samples : int
+    noise_from : int
+        Sample from which on there is noise, and encoders count.
     seed : int
         Of noise and of where encoders stand at the begin.
     """
@@ -45,6 +47,7 @@ class SensorErrors:
     out: np.ndarray
     drift_from: int = 0
     drift_samples: int = 0
+    noise_from: int = 0
     seed: int = 0
 
     @classmethod
@@ -97,14 +100,16 @@ class Sensing:
             size = np.where(errors.count > 0, errors.count, 1.0)
             self.angle = self.angle + self.span * (self.last + exact) / 2
             self.last, rest = exact, np.mod(self.angle, size)
-            read = np.where(errors.count > 0, read + (self.rest - rest) / self.span, read)
+            if n >= errors.noise_from:
+                read = np.where(errors.count > 0, read + (self.rest - rest) / self.span, read)
             self.rest = rest
         if errors.noisy:
             if self._used == len(self._noise):
                 noise = self.drawn(DRAWN_AT_ONCE)
                 assert noise is not None
                 self._noise, self._used = noise, 0
-            read = read + self._noise[self._used]
+            if n >= errors.noise_from:
+                read = read + self._noise[self._used]
             self._used += 1
         read = read + errors.zero
         if n > errors.drift_from:
