@@ -225,9 +225,9 @@ ZERO_TORQUE, SPEED_HOLD, EMULATION, CHANNEL_CHECK = 0, 1, 2, 3  # modes
 FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
 TORQUE_GONE = FAULTS.index("torque gone")
 HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
-# s that the exponential means hold from which an emulation begins: several periods of what the speed hold's noise makes
-# swing, and short enough for a hold that has just come to its speed
-MEAN_S = 0.25
+# s that the exponential means hold from which an emulation begins: a seventh of one sample's noise at 1 kHz, and short
+# enough for a hold that still comes to its speed; what is left of it the observer estimates
+MEAN_S = 0.05
 SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wrong value does not count
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
