@@ -222,6 +222,34 @@ def _play_costs(one: Finding) -> str:
     )
 
 
+def _standstill(one: Finding) -> str:
+    """A standing vehicle whose bed turns: by how much, what causes it, and the value that would do."""
+    said = (
+        f"a standing bed does not stand: within {one.data['seconds']:g} s a wheel turns up to {_number(one.size):.3g} "
+        f"rad/s {one.where}, {_number(one.allowed):.2g} rad/s is allowed"
+    )
+    of_encoders, remedy = one.data["cause_is"] == "speed", one.data["remedy"]
+    if not one.data["cause_is"]:
+        return said
+    said += (
+        f"; the cause is the {'noise of the rotor speeds (encoders)' if of_encoders else 'zero of the flange torques'}"
+    )
+    if remedy is None:
+        return said
+    if not of_encoders:
+        return f"{said}: with an uncertainty of {remedy:.2g} N·m the bed stands"
+    counts = 2 ** np.ceil(np.log2(2 * np.pi / one.data["step"] / np.sqrt(6.0) / remedy) - 1e-6)
+    return f"{said}: with {remedy:.2g} rad/s, an encoder of {counts:.0f} counts a turn, the bed stands"
+
+
+def _emulation_left(one: Finding) -> str:
+    return (
+        f"the exported controller leaves emulation after {_number(one.size):.3g} s of {_number(one.allowed):g} s in "
+        f"{_share(one)} runs ({one.where}), with nothing but the stated noise, a drift of each sensor by its "
+        "uncertainty and a gain error of each encoder"
+    )
+
+
 def _beds_error(one: Finding) -> str:
     """Drawn beds beyond the error that the case allows of the bed as planned."""
     return (
@@ -307,7 +335,8 @@ CAUSES |= {
     "free_play": Cause(_free_play, _IN_TIME),
     "play_costs": Cause(_play_costs, _IN_TIME),
     "open_lash": Cause(lambda one: one.data["words"]),
-    "supervision": Cause(lambda one: one.data["words"]),
+    "standstill": Cause(_standstill, _IN_TIME),
+    "emulation_left": Cause(_emulation_left, _IN_TIME),
     "drive": Cause(lambda one: one.data["words"], "Over the range of speeds"),
 }
 

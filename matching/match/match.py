@@ -13,7 +13,8 @@ from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bo
 from matching.match.case import Case, Move, apply, scaled
 from matching.match.driving import driving
 from matching.match.findings import Finding, stated
-from matching.match.in_time import lashes, simulate_deviations
+from matching.match.free_play import lashes
+from matching.match.in_time import simulate_deviations
 from matching.match.limits import (
     Relaxations,
     Solution,
@@ -174,10 +175,12 @@ def judged(
     problem, simple, settings, short = found.problem, found.simple, found.settings, found.short
     solution, settled, count, seed = found.solution, found.settled, found.fresh.count, found.fresh.seed
     case, tuned = problem.case, solution.tuned
-    in_time = None if aside is None else aside.begin(simulate_deviations, tuned)
-    standing = (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated) if settings.emulated else None
+    in_time = None if aside is None else aside.begin(simulate_deviations, tuned, seed)
+    standing = (
+        (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated, seed) if settings.emulated else None
+    )
     checked = verify(tuned, case.rig, beds=count, seed=seed)
-    play = lashes(tuned) if settings.emulated or checked.required.opened_shafts else None
+    play = lashes(tuned, seed) if settings.emulated or checked.required.opened_shafts else None
     over_range = driving(tuned, seed) if case.operating_range is not None and settings.emulated else None
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
@@ -190,7 +193,7 @@ def judged(
     run = standing.result() if standing is not None and checked.stable else minutes_without("it was not asked for")
     stands += [
         *not_kept(case, checked, play),
-        *stated("supervision", run.sentences()),
+        *run.findings,
         *stated("drive", over_range.sentences(min(case.limits_of("torque"))) if over_range is not None else ()),
         *stated("open_lash", unloaded_lashes(case)),
     ]
@@ -208,6 +211,7 @@ def judged(
             *opened_lashes(tuned, checked.traces),
             *_notes(problem, solution, bool(stands)),
             *checked.notes,
+            *run.notes(),
         ),
         case=case,
         tuned=tuned,

@@ -10,7 +10,8 @@ from typing import Any
 from matching.match.case import Case
 from matching.match.driving import Driving
 from matching.match.findings import Finding
-from matching.match.in_time import InTime, OpenLash, simulate_deviations
+from matching.match.free_play import OpenLash
+from matching.match.in_time import InTime, simulate_deviations
 from matching.match.loop import linear_bed
 from matching.match.loop_modes import LoopMode
 from matching.match.minutes import Minutes

@@ -10,7 +10,7 @@ import numpy as np
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case
 from matching.match.findings import Finding
-from matching.match.in_time import OpenLash
+from matching.match.free_play import OpenLash
 from matching.match.verify import Verification
 
 

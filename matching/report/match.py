@@ -15,7 +15,8 @@ from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case, Compared
 from matching.match.case_file import case_files
-from matching.match.in_time import InTime, OpenLash
+from matching.match.free_play import OpenLash
+from matching.match.in_time import InTime
 from matching.match.loop import bed_set, controller_of, frequency_response, return_difference
 from matching.match.loop_modes import LoopMode
 from matching.match.result import AdapterTrade, MatchResult, TargetResult

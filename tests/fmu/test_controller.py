@@ -12,8 +12,8 @@ from needs import compiles
 from scipy.signal import cont2discrete, dlsim
 
 from matching.cli import main
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.match.loop import linear_bed
 from matching.match.verify import matched_motion
 from modelling.bed.controllers import STRUCTURES

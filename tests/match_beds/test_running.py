@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.export import exported_controller
 from matching.match import loop as loop_of_match
+from matching.match.exported import exported_controller
 from matching.match.loop import control_law, linear_bed
 from matching.match.minutes import MinuteSettings, minutes
 from matching.match.verify import verify
@@ -79,15 +79,21 @@ def test_a_controller_that_stays_in_emulation_and_one_that_does_not(small_result
     assert "(unexpected)" in gives_up.sentences()[0]
 
 
-def test_an_emulation_begins_from_the_mean_of_the_readings(exported):
-    """What one sample's noise makes of the start is a quarter of what it was."""
+def test_an_emulation_begins_from_means_of_readings_and_commands(exported):
+    """What noise makes of the start is that of an exponential mean over 0.05 s, of the command too."""
     law, random = exported.law, np.random.default_rng(4)
-    starts = []
-    for _ in range(200):
+    samples, starts, last = round(0.05 / law.sample_time), [], []
+    for _ in range(60):
         one = exported.running()
-        for n in range(40):
+        for n in range(8 * samples):
             noisy = 50.0 + random.normal(size=len(law.sensors))
-            one.step(noisy, np.zeros(len(law.known)), 1 if n < 39 else 2, np.zeros(len(law.dynamometers)), n)
-        starts.append(one._start[0])
-    assert np.std(starts) == pytest.approx(np.sqrt((1 / 8) / (2 - 1 / 8)), rel=0.15)  # of an exponential mean
-    assert np.mean(starts) == pytest.approx(50.0, abs=0.05)
+            mode = 1 if n < 8 * samples - 1 else 2
+            hold = np.full(len(law.dynamometers), 50.0)
+            answer = one.step(noisy, np.zeros(len(law.known)), mode, hold, n)
+            last += [answer.commands] * (mode == 1 and n > 4 * samples)
+        starts.append(np.concatenate([one._start[0], one._start[2]]))
+    starts, y = np.array(starts), len(law.sensors)
+    expected = np.sqrt((1 / samples) / (2 - 1 / samples))  # of an exponential mean
+    assert np.std(starts[:, :y]) == pytest.approx(expected, rel=0.25)
+    assert np.mean(starts[:, :y]) == pytest.approx(50.0, abs=0.05)
+    assert np.std(starts[:, y:]) < 0.3 * np.std(last)

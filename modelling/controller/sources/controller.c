@@ -265,7 +265,7 @@ static controller_real wanted_speed(const controller *c, const controller_input 
     return (c->fault != CONTROLLER_NO_FAULT) ? c->held[j] : in->hold_speed[j];
 }
 
-/* the readings are averaged while nothing is emulated, so that the noise of one sample is no offset of the emulation */
+/* what an emulation begins from is averaged before it, so that the noise of one sample is no offset of the emulation */
 static void average(controller *c, const controller_input *in)
 {
     if (c->averaged < CONTROLLER_MEAN_SAMPLES) {
@@ -273,6 +273,12 @@ static void average(controller *c, const controller_input *in)
     }
     for (int32_t i = 0; i < READINGS; i++) {
         c->mean[i] += (in->reading[i] - c->mean[i]) / (controller_real)c->averaged;
+    }
+    for (int32_t i = 0; i < KNOWN; i++) {
+        c->known_mean[i] += (in->known[i] - c->known_mean[i]) / (controller_real)c->averaged;
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        c->sent_mean[j] += (c->sent[j] - c->sent_mean[j]) / (controller_real)c->averaged;
     }
 }
 
@@ -360,8 +366,8 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
             (void)memset(c->state, 0, sizeof c->state);
             average(c, in);
             (void)memcpy(c->reading_start, c->mean, sizeof c->reading_start);
-            (void)memcpy(c->known_start, in->known, sizeof c->known_start);
-            (void)memcpy(c->sent_start, c->sent, sizeof c->sent_start);
+            (void)memcpy(c->known_start, c->known_mean, sizeof c->known_start);
+            (void)memcpy(c->sent_start, c->sent_mean, sizeof c->sent_start);
 #if CONTROLLER_VEHICLE_STATES > 0
             begin_vehicle(c);
 #endif
