@@ -194,7 +194,7 @@ def test_better_is_what_gains_more_than_its_scatter():
 
 def test_a_difference_that_has_no_controller_leaves_the_other_slopes():
     """A rig quantity whose larger value has no controller is differenced downwards; the others stay as they are."""
-    whole, search = search_in("observer"), search_in("observer")
+    whole, search = (search_in("observer").members[0] for _ in range(2))
     x = begun(whole)
     cost, rows = whole.slopes(x)
     i = next(number for number, one in enumerate(search.variables) if one.name.startswith("rig."))
@@ -215,7 +215,7 @@ def test_a_difference_that_has_no_controller_leaves_the_other_slopes():
 
 
 def test_a_fault_of_the_program_is_no_missing_controller():
-    search = search_in("observer")
+    search = search_in("observer").members[0]
 
     def wrong(at: np.ndarray):
         raise ValueError("a shape that does not fit")
