@@ -222,6 +222,15 @@ def _play_costs(one: Finding) -> str:
     )
 
 
+def counts_of(noise: float, sample_time: float) -> int:
+    """Counts a turn, a power of two, of an encoder whose speed has no more noise, rad/s, at a sample time, s."""
+    least = 2 * np.pi / sample_time / np.sqrt(6.0) / noise
+    return int(2 ** np.ceil(np.log2(least) - NEARLY_SO_MANY))
+
+
+NEARLY_SO_MANY = 0.05  # of a power of two: 2048 counts where 2100 are needed
+
+
 def _standstill(one: Finding) -> str:
     """A standing vehicle whose bed turns: by how much, what causes it, and the value that would do."""
     said = (
@@ -238,8 +247,8 @@ def _standstill(one: Finding) -> str:
         return said
     if not of_encoders:
         return f"{said}: with an uncertainty of {remedy:.2g} N·m the bed stands"
-    counts = 2 ** np.ceil(np.log2(2 * np.pi / one.data["step"] / np.sqrt(6.0) / remedy) - 1e-6)
-    return f"{said}: with {remedy:.2g} rad/s, an encoder of {counts:.0f} counts a turn, the bed stands"
+    counts = counts_of(remedy, one.data["step"])
+    return f"{said}: with {remedy:.2g} rad/s, an encoder of {counts} counts a turn, the bed stands"
 
 
 def _emulation_left(one: Finding) -> str:

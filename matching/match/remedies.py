@@ -13,6 +13,7 @@ import numpy as np
 
 from matching.match.box import Box, Uncertain
 from matching.match.case import Case, apply
+from matching.match.findings import counts_of
 from matching.match.loop import shaft_torque
 from matching.match.requirements import OPENED_SHAFTS
 from matching.match.result import MatchResult, Remedy
@@ -34,12 +35,15 @@ class RemedySettings:
         Relative, above the error that was found, of the tolerances that are tried: each is a whole match. The search
         keeps the first one by its reserve; where it ends elsewhere, three per cent more are no other bed to an
         engineer.
+    as_coarse : float
+        Times less noise than the coarsest encoder up to which another one is coarse as well.
     most : int
         Matches that are tried at most. Each takes some seconds; a limited case answers within a minute.
     """
 
     factors: tuple[float, ...] = (2.0, 4.0, 8.0)
     above: tuple[float, ...] = (0.01, 0.03)
+    as_coarse: float = 4.0
     most: int = 12
 
 
@@ -51,22 +55,22 @@ Change = Callable[[Case, float], tuple[Case, dict[str, Any], str] | None]  # the
 
 
 def _finer_encoders(case: Case, factor: float) -> tuple[Case, dict[str, Any], str] | None:
-    """More counts of every encoder that reaches the controller; of a stated noise the same share of it."""
+    """More counts of the coarsest encoders that reach the controller; one that states a noise alone gets its counts."""
     step, names = case.loop["sample_time"], set(case.loop.controller_sensors)
-    made, keys = [], {}
-    for one in case.rig.sensors:
-        if one.name in names and one.measures == "speed":
-            noise = sensor_noise(one, step)
-            counts = one.counts or 2 * np.pi / step / np.sqrt(6.0) / noise  # the encoder that has this noise
-            finer = float(2 ** np.ceil(np.log2(counts * factor) - 1e-6))
-            keys[f"rig: sensors.{one.name}.counts"] = int(finer)
-            made.append(replace(one, counts=finer, uncertainty=None))
-        else:
-            made.append(one)
-    if not keys:
+    noise = {
+        one.name: sensor_noise(one, step)
+        for one in case.rig.sensors if one.name in names and one.measures == "speed"
+    }  # fmt: skip
+    if not noise:
         return None
-    fewest = min(keys.values())
-    return _with_rig_sensors(case, made), keys, f"encoders of the speeds with {fewest} counts a turn"
+    coarse = [name for name, size in noise.items() if size > max(noise.values()) / REMEDIES.as_coarse]
+    counts = {name: counts_of(noise[name] / factor, step) for name in coarse}
+    made = [
+        replace(one, counts=float(counts[one.name]), uncertainty=None) if one.name in counts else one
+        for one in case.rig.sensors
+    ]
+    keys = {f"rig: sensors.{name}.counts": many for name, many in counts.items()}
+    return _with_rig_sensors(case, made), keys, f"encoders of {' and '.join(coarse)} with {min(counts.values())} counts"
 
 
 def _with_rig_sensors(case: Case, sensors: Sequence[Sensor]) -> Case:
