@@ -54,7 +54,7 @@ def free_force(final: Hypothesis, screening: Screening, at: str) -> FreeForce:
     best = FreeForce("", 0.0)
     edges = np.linspace(0, len(screening.mask), BLOCKS + 1).astype(int) * screening.mask.shape[1]
     for family, columns in _families(screening.motion, members(at)[0]):
-        if len(columns) * len(screening.residual) > MOST_VALUES:
+        if not columns or len(columns) * len(screening.residual) > MOST_VALUES:
             continue
         place = ".".join(at.split(".")[:2]) if "+" not in at else ""
         places = [place] if place else members(at)

@@ -611,15 +611,10 @@ def simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel
     """Models with simpler kinds, which behave alike at its values, in the place of a cause."""
     cause, fit, system = hypothesis.causes[index], hypothesis.fit, hypothesis.model.base
     rest = hypothesis.model.without_cause(index, fit)
-    present = {(other.kind, other.at) for other in rest.causes}
     for simpler in simpler_kinds(hypothesis, index):
         kind, at = simpler.kind, simpler.at
         fewer = len(simpler.parameters) < len(cause.keys)
-        if (
-            fewer
-            and (kind, at) not in present
-            and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain)
-        ):
+        if fewer and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain):
             yield rest.with_cause(kind, at, simpler.parameters, fit.problem.data.sampling_interval)
 
 
@@ -650,14 +645,15 @@ def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:
     def late(kind: str) -> bool:  # a clock is not also a delay or a lag
         return EFFECTS[kind].only_delays or EFFECTS[kind].is_clock or kind == "lag"
 
+    def alike(kind: str) -> bool:
+        both_rub, both_late = (what(candidate.kind) and what(kind) for what in (rubs, late))
+        return candidate.kind == kind or both_rub or both_late
+
+    places = set(members(candidate.at))
     given = {(effect.kind, place) for effect in hypothesis.model.base.effects for place in effect.places}
-    if any((candidate.kind, place) in given for place in members(candidate.at)):
+    if any((candidate.kind, place) in given for place in places):
         return True
-    return any(
-        (candidate.at == at and (candidate.kind == kind or (rubs(candidate.kind) and rubs(kind))))
-        or (late(candidate.kind) and late(kind) and not set(members(candidate.at)).isdisjoint(members(at)))
-        for kind, at in hypothesis.places
-    )
+    return any(alike(kind) and not places.isdisjoint(members(at)) for kind, at in hypothesis.places)
 
 
 def without(hypothesis: Hypothesis, index: int, iterations: int = 80) -> Hypothesis | None:

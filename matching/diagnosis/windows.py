@@ -79,8 +79,10 @@ def fit_from_windows(
 
 def _segment_starts(windows: Fit, parent: Fit) -> tuple[np.ndarray, ...]:
     """Start states (x,) of a parent's segments, from the windows that begin with them."""
-    at = {(s.name, float(s.time[0])): x for s, x in zip(windows.problem.data.segments, windows.starts, strict=True)}
-    return tuple(at[segment.name, float(segment.time[0])] for segment in parent.problem.data.segments)
+    first: dict[int, np.ndarray] = {}
+    for window, start in zip(windows.problem.data.segments, windows.starts, strict=True):
+        first.setdefault(window.cut_from, start)
+    return tuple(first[number] for number in range(len(parent.problem.data.segments)))
 
 
 def fit_short_windows(model: ExtendedModel, parent: Fit, motion: np.ndarray) -> Fit:
@@ -142,16 +144,11 @@ def window_uncertainties(fit: Fit) -> dict[str, float]:
 
 
 def _pairs(fit: Fit) -> tuple[list[Segment], list[np.ndarray]]:
-    """Windows of a fit joined two by two where one begins at the other's last sample, and their start states (x,)."""
+    """Windows of each segment of a fit joined two by two, and their start states (x,)."""
     windows = list(zip(fit.problem.data.segments, fit.starts, strict=True))
-    run, begins_run = 0, []
-    for i, (segment, _) in enumerate(windows):
-        before = windows[i - 1][0] if i else None
-        run += not (before and before.name == segment.name and before.time[-1] == segment.time[0])
-        begins_run.append(run)
     segments, starts = [], []
-    for _, group in groupby(zip(windows, begins_run, strict=True), key=lambda pair: pair[1]):
-        members = [window for window, _ in group]
+    for _, group in groupby(windows, key=lambda window: window[0].cut_from):
+        members = list(group)
         for i in range(0, len(members), 2):
             segments.append(_joined_segment([segment for segment, _ in members[i : i + 2]]))
             starts.append(members[i][1])
@@ -174,11 +171,12 @@ def _cut(parent: Fit, motion: np.ndarray) -> Fit:
     total = sum(float(np.ptp(segment.time)) for segment in data.segments)
     length = max(SHORTEST_WINDOW, total / MOST_WINDOWS)
     windows, starts, begin = [], [], 0
-    for segment in data.segments:
+    for number, segment in enumerate(data.segments):
         count = max(1, round(float(np.ptp(segment.time)) / length))
         edges = np.linspace(0, len(segment.time), count + 1).astype(int)
         for first, last in pairwise(edges):
-            windows.append(segment.part(int(first), int(last) + 1))  # the last sample is also the next window's first
+            part = segment.part(int(first), int(last) + 1)  # the last sample is also the next window's first
+            windows.append(replace(part, cut_from=number))
             starts.append(motion[begin + first])
         begin += len(segment.time)
     problem = replace(parent.problem, data=replace(data, segments=tuple(windows)), held_states=starts)
