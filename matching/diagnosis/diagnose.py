@@ -287,7 +287,7 @@ def diagnose(
         notes += closed_loop_notes(final, recordings) + scatter_notes(final)
         if judge is not None and any(cause.why_not == "second_recording" for cause in weak):
             notes.append(
-                "the hold-out recording decided which causes the extended model has: it no longer measures their errors "
+                "the hold-out recording decided which causes the extended model has, so it no longer measures the errors "
                 "independently; another recording would"
             )
         rest = remaining_errors(final)

@@ -374,9 +374,14 @@ class Search:
             small = hypothesis.model.negligible(hypothesis.fit)
             if small and not self._explains_much(hypothesis, self.state.best):
                 continue
-            if self.unseen.accepts(hypothesis, self.state.best):
+            if self._all_explained(hypothesis, self.state.best) or self.unseen.accepts(hypothesis, self.state.best):
                 return hypothesis
         return None
+
+    def _all_explained(self, hypothesis: Hypothesis, rest: Hypothesis) -> bool:
+        """Whether a cause leaves noise alone where more is left without it. No unseen data are needed then: nothing is
+        left that could tell it from the truth, and what happens once, in one block, no other block foretells."""
+        return at_noise(hypothesis) and not at_noise(rest)
 
     def _worthwhile(self, child: Hypothesis) -> bool:
         """Whether further causes explain more of the fitted data than noise would, more than their parameters cost, and
@@ -501,6 +506,8 @@ class Search:
         """The rule of acceptance: a cause is told from nothing, and unseen data are met better with it than by the rest
         alone."""
         best, beyond = self.state.best, self.settings.beyond
+        if self._all_explained(best, rest):
+            return True
         if not self._explains_much(best, rest):
             nothing = best.model.negligible(best.fit, index)
             if nothing or not differs_from_nothing(best, best.causes[index], fitted_values(best, [best.fit]), beyond):

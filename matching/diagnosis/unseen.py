@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -91,6 +92,7 @@ PRIOR = 12.0  # over the square of a range: the information of a uniform distrib
 STEPS = 3  # Gauss–Newton steps with the Jacobian of the fit; each is a simulation for every block
 ENOUGH, ENOUGH_SHARE = 3.0, 3e-3  # χ² of the other blocks, and share of it, that is worth no further step
 ITERATIONS = 8  # of a refit
+FEWEST_OF_PIECE = 16  # samples of a block in a segment: fewer are met from some start state, whatever the model
 RESTART_ITERATIONS = 4  # of the fit of the state with which a block begins, nearly linear
 
 
@@ -101,8 +103,19 @@ def unseen_errors(fit: Fit, blocks: Blocks) -> list[np.ndarray]:
     Only the state with which the block begins is fitted to the block itself, as to a recording of its own: else an
     error of the speed long before would speak against what is right within the block.
     """
-    number = [blocks.of(segment) for segment in fit.problem.data.segments]
+    number = [_in_pieces(blocks.of(segment)) for segment in fit.problem.data.segments]
     return _restarted(fit.problem, number, _values_without(fit, number, blocks.count))
+
+
+def _in_pieces(number: np.ndarray) -> np.ndarray:
+    """Numbers of blocks (t,) without pieces of a few samples, which join a neighbour: a window may end with the first
+    samples of the next block."""
+    out = number.copy()
+    edges = [0, *(np.flatnonzero(np.diff(out)) + 1).tolist(), len(out)]
+    for first, last in pairwise(edges):
+        if last - first < FEWEST_OF_PIECE and last - first < len(out):
+            out[first:last] = out[first - 1] if first else out[last]
+    return out
 
 
 def _values_without(fit: Fit, number: Sequence[np.ndarray], count: int) -> np.ndarray:

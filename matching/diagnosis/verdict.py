@@ -320,7 +320,7 @@ def named_causes(
         alike = _all_alike(system, final, judgement)
         same = [name for name in alike if name not in weighed]
         parameters = cause_parameters(system, cause, estimates)
-        differs = differs_from_nothing(final, cause, estimates, settings.beyond)
+        differs = all_explained or differs_from_nothing(final, cause, estimates, settings.beyond)
         there, kind = 1.0, rating.share
         if screening is not None:
             there = unseen.probability(final, judgement.without)
