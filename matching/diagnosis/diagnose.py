@@ -48,6 +48,7 @@ from matching.diagnosis.result import (
     NamedCause,
     Pictured,
     PlotData,
+    correlations,
     discrepancy_curves,
     errors_by_sensor,
     fitted_values,
@@ -287,8 +288,8 @@ def diagnose(
         notes += closed_loop_notes(final, recordings) + scatter_notes(final)
         if judge is not None and any(cause.why_not == "second_recording" for cause in weak):
             notes.append(
-                "the hold-out recording decided which causes the extended model has, so it no longer measures the errors "
-                "independently; another recording would"
+                "the hold-out recording decided which causes the extended model has, so it no longer measures the "
+                "errors independently; another recording would"
             )
         rest = remaining_errors(final)
         if verdict == "unexplained" and not final.causes and at_noise(final):
@@ -308,6 +309,7 @@ def diagnose(
             recording_to_tell_rivals(final, judged), notes,
             _extended(stated, final, kept), plot_data, kept,
             audit.audited(system, base_fit, times, order, kinds, hum),
+            second.kind, correlations(final.fit), tuple(recording.source for recording in recordings),
         )  # fmt: skip
     if ended_early_by():
         diagnosis.notes.append(f"interrupted: {BEST_SO_FAR}")

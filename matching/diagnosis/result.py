@@ -85,6 +85,8 @@ class NamedCause:
         chance; 0 where its values do not differ from those of no effect.
     left : dict of str to (float, float)
         By sensor, root mean square error on unseen data in times the noise, without the cause and with it.
+    beside : (str, float)
+        What the best free force at its place depends on, and the share that it predicts of what the cause leaves.
     in_model : bool
         Whether the extended model has it: it is there, explains a good part of the misfit and harms no second
         recording. Else it only says where something is.
@@ -107,6 +109,7 @@ class NamedCause:
     gain: float
     there: float = 1.0
     left: dict[str, tuple[float, float]] = field(default_factory=dict)
+    beside: tuple[str, float] = ("", 0.0)
     in_model: bool = True
     why_not: str = ""
 
@@ -118,6 +121,7 @@ class NamedCause:
             "alternatives": [vars(rival) | {"at": place_in_file(rival.at)} for rival in self.alternatives],
             "gain": finite(self.gain), "there": self.there, "in_model": self.in_model, "why_not": self.why_not or None,
             "left": {name: {"without": a, "with": b} for name, (a, b) in self.left.items()},
+            "beside": {"over": self.beside[0], "share": self.beside[1]},
         }  # fmt: skip
 
 
@@ -461,6 +465,31 @@ class PooledErrors:
 
 
 @dataclass(frozen=True)
+class Correlation:
+    """Correlation of two fitted values, by name."""
+
+    first: str
+    second: str
+    correlation: float
+
+
+LEAST_CORRELATION = 0.5  # that is told: below, each uncertainty is nearly that with the other value known
+MOST_CORRELATIONS = 12
+
+
+def correlations(fit: Fit) -> list[Correlation]:
+    """Pairs of fitted parameters with a large correlation, the largest first."""
+    k, names = len(fit.problem.free), fit.problem.free
+    own = covariance(fit, inflation(fit))[:k, :k]
+    size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    every = [
+        Correlation(names[i], names[j], float(own[i, j] / (size[i] * size[j]))) for i in range(k) for j in range(i)
+    ]
+    large = [one for one in every if abs(one.correlation) >= LEAST_CORRELATION]
+    return sorted(large, key=lambda one: -abs(one.correlation))[:MOST_CORRELATIONS]
+
+
+@dataclass(frozen=True)
 class RemainingError:
     """Where the error of a sensor that is beyond its noise is largest.
 
@@ -529,6 +558,13 @@ class Diagnosis(Displayed):
         The curve of ``discrepancy`` that the extended model keeps.
     channels : list of AuditedChannel
         The audit of the channels.
+    judged_by : str
+        What decided at last which causes the extended model has: a hold-out (``holdout``), each of several recordings
+        by a fit to the others (``recordings``), or blocks of the one recording (``blocks``).
+    correlations : list of Correlation
+        Of fitted values, the largest first.
+    sources : tuple of str
+        The recordings that were fitted.
     """
 
     verdict: str
@@ -548,6 +584,9 @@ class Diagnosis(Displayed):
     plot_data: PlotData = field(repr=False)
     kept: KeptTable | None = None
     channels: list[AuditedChannel] = field(default_factory=list)
+    judged_by: str = "blocks"
+    correlations: list[Correlation] = field(default_factory=list)
+    sources: tuple[str, ...] = ()
 
     @property
     def pictured(self) -> Pictured:
@@ -568,7 +607,8 @@ class Diagnosis(Displayed):
             "rest": [remaining.to_dict() for remaining in self.rest],
             "discrepancy": [curve.to_dict() for curve in self.discrepancy],
             "kept_discrepancy": self.kept.to_dict() if self.kept else None, "notes": self.notes,
-            "channels": [channel.to_dict() for channel in self.channels],
+            "channels": [channel.to_dict() for channel in self.channels], "judged_by": self.judged_by,
+            "correlations": [vars(one) for one in self.correlations],
         }  # fmt: skip
 
     def _candidates_to_dict(self) -> list[dict[str, Any]]:

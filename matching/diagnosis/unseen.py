@@ -164,7 +164,7 @@ def _restarted(problem: FitProblem, number: Sequence[np.ndarray], v: np.ndarray)
                 pieces.append((i, first, last))
                 begins.append(motion[first])
         k = len(problem.free)
-        values = {n: x for n, x in zip(problem.free, variables[:k].tolist(), strict=True)}
+        values = dict(zip(problem.free, variables[:k].tolist(), strict=True))
         part = replace(
             plain,
             system=plain.system.with_values({n: x for n, x in values.items() if n in plain.system.parameters}),

@@ -321,10 +321,11 @@ def named_causes(
         same = [name for name in alike if name not in weighed]
         parameters = cause_parameters(system, cause, estimates)
         differs = all_explained or differs_from_nothing(final, cause, estimates, settings.beyond)
-        there, kind = 1.0, rating.share
+        there, kind, over, share = 1.0, rating.share, "", 0.0
         if screening is not None:
             there = unseen.probability(final, judgement.without)
-            rest = _rest_of_free_force(final, screening, judgement)
+            over, share = _free_force_beside(final, screening, judgement)
+            rest = share * (1 - judgement.explained) / max(judgement.explained, 1e-300)
             kind = min(kind, max(0.0, 1 - rest / settings.kind_rest), 2 * judgement.explained)
             if any(estimates[name].note.startswith(AT_BOUND) for name in cause.names().values()):
                 kind = min(kind, settings.kind_at_bound)
@@ -341,7 +342,7 @@ def named_causes(
                 [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
                 judgement.without.chi_square / final.chi_square,
                 there if differs else 0.0,
-                _left(system, unseen, judgement.without, final),
+                _left(system, unseen, judgement.without, final), (over, share),
                 1 - there < settings.chance and differs and enough and not harms,
                 _not_in_model(there, differs, enough, harms, settings.chance),
             )
@@ -373,15 +374,18 @@ def _left(system: System, unseen: UnseenData, without: Hypothesis, final: Hypoth
     }
 
 
-def _rest_of_free_force(final: Hypothesis, screening: Screening, judgement: JudgedCause) -> float:
-    """What a free force at the place of a cause predicts of what the cause leaves, over what the cause explains: a kind
-    that leaves little of its own size is right, however much of other origin is left beside it."""
+def _free_force_beside(final: Hypothesis, screening: Screening, judgement: JudgedCause) -> tuple[str, float]:
+    """What a free force at the place of a cause depends on, and which share it predicts of what the cause leaves.
+
+    It is held against what the cause itself explains: a kind that leaves little of its own size is right, however much
+    of another origin is left beside it.
+    """
     left, count = float(final.fit.residual @ final.fit.residual), final.fit.problem.data.readings_count
     left -= count if final.fit.problem.weighting is None else 0
-    if left <= 0 or judgement.explained <= 0:
-        return 0.0 if left <= 0 else np.inf
-    share = free_force(final, screening, judgement.cause.at).decrease / left
-    return max(share, 0.0) * (1 - judgement.explained) / judgement.explained
+    if left <= 0:
+        return "", 0.0
+    force = free_force(final, screening, judgement.cause.at)
+    return force.family, max(force.decrease, 0.0) / left
 
 
 def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause]) -> str | None:

@@ -1,6 +1,5 @@
 """The audit of the channels on perfect models with one fault of a channel; confidence by draws of unseen blocks."""
 
-
 import numpy as np
 import pytest
 
