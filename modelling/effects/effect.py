@@ -726,6 +726,7 @@ class Kind:
         """
         parameter = self.parameters[key]
         if parameter.lower > 0:  # a scale: it may differ much from the guess, but not be 0
+            guess = min(max(guess, parameter.lower), parameter.upper)
             return max(parameter.lower, guess / 20), min(parameter.upper, guess * 20)
         return parameter.lower, parameter.upper
 

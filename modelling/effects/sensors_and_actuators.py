@@ -385,9 +385,11 @@ class RateLimit(Kind):
         return self._at(motion, at, best["rate"] * np.geomspace(0.6, 1.7, 9))
 
     def _at(self, motion: FittedMotion, at: str, rates: Iterable[float]) -> Iterator[Guess]:
+        """Rates with which the signal gets through its range within the recording; of a signal that hardly ever
+        changes, the quantiles of its rate are rounding."""
         signal = motion.signal(at)
         for rate in rates:
-            if rate > 0:
+            if rate * float(np.ptp(motion.time)) > float(np.ptp(signal)):
                 slow = motion.per_segment(partial(_followed, float(rate)), signal)
                 yield Guess(({at: slow - signal},), _known("rate", float(rate)))
 
