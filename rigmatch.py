@@ -29,11 +29,11 @@ HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
     "SimulationError": "modelling.simulation.stepping",
 }
 __all__ = [
-    "BackOut", "Controller", "DiagnosisSettings", "DriveAway", "InputError", "Plant", "SearchSettings", "SimulationError", "Step",
-    "Sweep", "TipIn", "bed", "campbell", "commission", "controller", "diagnose", "excite", "explore", "export",
-    "fidelity", "identify", "learn", "load", "load_case", "load_result", "map", "match", "modes", "new",
-    "order_response", "read_recording", "response", "run", "show", "simulate", "to_ss", "tolerance", "uncertainty",
-    "verify",
+    "BackOut", "Controller", "DiagnosisSettings", "DriveAway", "InputError", "Plant", "SearchSettings",
+    "SimulationError", "Step", "Sweep", "TipIn", "bed", "campbell", "commission", "controller", "diagnose",
+    "excite", "explore", "export", "fidelity", "identify", "learn", "load", "load_case", "load_result", "map",
+    "match", "modes", "new", "order_response", "read_recording", "response", "run", "show", "simulate", "to_ss",
+    "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
