@@ -292,8 +292,8 @@ def poor_sensors(
     return SensorErrors(
         tuple(sensors), sensor_gains(sensors, rows), np.zeros(shape),
         poor * np.where(speeds, 0.0, OFFSET_IN_UNCERTAINTIES * sides * u), np.broadcast_to(poor * u, shape).copy(),
-        np.where(counting & speeds, ANGLE_OF_A_COUNT, 0.0), np.full((2, *shape), NEVER, dtype=np.int64), begun, 0, begun,
-        seed,
+        np.where(counting & speeds, ANGLE_OF_A_COUNT, 0.0), np.full((2, *shape), NEVER, dtype=np.int64),
+        begun, 0, begun, seed,
     )  # fmt: skip
 
 
