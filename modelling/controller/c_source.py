@@ -50,10 +50,10 @@ def memory_bytes(controller: ExportedController) -> int:
         + 2 * len(controller.settings.curve_speeds)
         + y
         + x
-        + 3 * y
-        + 2 * (w + 1)
+        + 4 * y
+        + 3 * (w + 1)
         + (v + 1)
-        + 6 * k
+        + 7 * k
         + KEPT_TORQUES * k
         + (s + 1)
         + 1

@@ -89,28 +89,29 @@ class ControllerRows:
         return np.stack([answer.commands for answer in answers], axis=1)
 
 
-def unsupervised(controller: ExportedController, limited: bool = True) -> ExportedController:
-    """The same controller that never gives up, and, unless ``limited``, has no limit of torque."""
-    own, size = controller.settings, len(controller.settings.torque_limit)
-    without = np.full(size, NO_LIMIT)
+def unsupervised(controller: ExportedController) -> ExportedController:
+    """The same controller that never gives up; what has no limit is not limited by a large number either."""
+    own = controller.settings
+    never = np.full(len(own.torque_limit), np.inf)
+    unlimited = {
+        name: np.where(getattr(own, name) >= NO_LIMIT, np.inf, getattr(own, name))
+        for name in ("torque_limit", "power_limit", "curve_torques")
+    }  # fmt: skip
     settings = replace(
-        own, lost_torque=without, speed_limit=without, unexpected=np.full(len(own.unexpected), NO_LIMIT),
-        opened_torque=np.full(len(own.opened_torque), NO_LIMIT), frozen_samples=0, life_samples=0,
+        own, torque_limit=unlimited["torque_limit"], power_limit=unlimited["power_limit"],
+        curve_torques=unlimited["curve_torques"], lost_torque=never, speed_limit=never,
+        unexpected=np.full(len(own.unexpected), np.inf), opened_torque=np.full(len(own.opened_torque), np.inf),
+        frozen_samples=0, life_samples=0,
     )  # fmt: skip
-    if not limited:
-        settings = replace(
-            settings, torque_limit=without, power_limit=np.full(size, NO_LIMIT), curve_speeds=np.zeros(1),
-            curve_torques=np.full(1, NO_LIMIT),
-        )  # fmt: skip
     return replace(controller, settings=settings)
 
 
 def plain(law: Law, torque_readings: tuple[int, ...], speed_readings: tuple[int, ...]) -> ExportedController:
     """A law with no limit and nothing that ends it; its speed hold gives what is added, and nothing more."""
     k, y = len(law.dynamometers), len(law.sensors)
-    none, nothing = np.full(k, NO_LIMIT), np.zeros(k)
+    none, nothing = np.full(k, np.inf), np.zeros(k)
     settings = Settings(
-        none, none, nothing, nothing, none, np.ones(k), np.full(y, NO_LIMIT), none, np.zeros(1), np.full(1, NO_LIMIT),
+        none, none, nothing, nothing, none, np.ones(k), np.full(y, np.inf), none, np.zeros(1), np.full(1, np.inf),
         none, none, frozen_samples=0,
     )  # fmt: skip
     return ExportedController(

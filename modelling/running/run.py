@@ -311,7 +311,7 @@ class _Compiled:
             setattr(r, name, size)
         r.span, r.largest = plant.sample_time, TOO_LARGE
         r.drift_from, r.drift_samples, r.noise_from = errors.drift_from, errors.drift_samples, errors.noise_from
-        state = np.ascontiguousarray(beds.start.T)
+        state = np.array(beds.start.T, order="C", copy=True)  # C writes to it
         readings, commands = np.full((kept, b, len(self.keep)), np.nan), np.full((kept, b, k), np.nan)
         motion = np.full((kept, b, beds.physical), np.nan) if self.with_states else None
         fault, fault_at, lost_at = np.zeros(b, np.int32), np.full(b, -1, np.int64), np.full(b, -1, np.int64)

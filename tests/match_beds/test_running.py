@@ -80,21 +80,31 @@ def test_a_controller_that_stays_in_emulation_and_one_that_does_not(small_result
     assert "unexpected" in found.sentence()
 
 
-def test_an_emulation_begins_from_means_of_readings_and_commands(exported):
-    """What noise makes of the start is that of an exponential mean over 0.05 s, of the command too."""
+def test_an_emulation_begins_from_means_of_readings_torques_and_commands(exported):
+    """Double exponential means over 0.05 s, of commands too: noise leaves a sixth of one sample's."""
     law, random = exported.law, np.random.default_rng(4)
-    samples, starts, last = round(0.05 / law.sample_time), [], []
-    for _ in range(60):
-        one = exported.running()
-        for n in range(8 * samples):
-            noisy = 50.0 + random.normal(size=len(law.sensors))
-            mode = 1 if n < 8 * samples - 1 else 2
-            hold = np.full(len(law.dynamometers), 50.0)
-            answer = one.step(noisy, np.zeros(len(law.known)), mode, hold, n)
-            last += [answer.commands] * (mode == 1 and n > 4 * samples)
-        starts.append(np.concatenate([one._start[0], one._start[2]]))
-    starts, y = np.array(starts), len(law.sensors)
-    expected = np.sqrt((1 / samples) / (2 - 1 / samples))  # of an exponential mean
-    assert np.std(starts[:, :y]) == pytest.approx(expected, rel=0.25)
-    assert np.mean(starts[:, :y]) == pytest.approx(50.0, abs=0.05)
-    assert np.std(starts[:, y:]) < 0.3 * np.std(last)
+    samples, starts = round(0.05 / law.sample_time), []
+    for _ in range(30):
+        one, sent = exported.running(), np.zeros(len(law.dynamometers))
+        mean, slow = None, None
+        for n in range(6 * samples + 1):
+            noisy, known = 50.0 + random.normal(size=len(law.sensors)), random.normal(size=len(law.known))
+            emulating, held = n == 6 * samples, min(n + 1, samples)
+            answer = one.step(noisy, known, 2 if emulating else 1, np.full(len(law.dynamometers), 50.0), n)
+            now = np.concatenate([noisy, known, sent if emulating else answer.commands])  # those of the last sample
+            mean = now if mean is None else mean + (now - mean) / held
+            slow = mean if slow is None else slow + (mean - slow) / held
+            sent = answer.commands
+        assert np.concatenate(one._start) == pytest.approx(2 * mean - slow, rel=1e-9, abs=1e-9)
+        starts.append(one._start[0])
+    share = 1 / samples  # variance of twice a mean less the mean of the mean, for a small share: 5/4 of it
+    assert np.std(starts) == pytest.approx(np.sqrt(1.25 * share), rel=0.25)
+
+
+def test_an_emulation_begins_where_a_hold_that_still_rises_is(exported):
+    """An even rise of all readings leaves no lag in the start."""
+    one, rise = exported.running(), 1e-3
+    for n in range(2000):
+        readings = np.full(len(exported.law.sensors), rise * n)
+        one.step(readings, np.zeros(len(exported.law.known)), 1 if n < 1999 else 2, np.zeros(1), n)
+    assert one._start[0] == pytest.approx(readings, abs=0.05 * rise)

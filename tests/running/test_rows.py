@@ -14,7 +14,7 @@ from matching.match.exported import exported_controller
 from matching.match.imperfections import Imperfection, bed_rows, vehicle_rows
 from modelling.running import run as loop
 from modelling.running.beds import BedRows
-from modelling.running.controllers import ControllerRows, Schedule
+from modelling.running.controllers import ControllerRows, Schedule, unsupervised
 from modelling.running.sensors import Sensing, SensorErrors
 
 
@@ -86,9 +86,9 @@ def test_a_vehicle_moves_as_scipy_integrates_it(case, compiled, monkeypatch):
     assert found["motor_speed"][:, 0] == pytest.approx(wanted[3], abs=1e-5 * np.ptp(wanted[3]))
 
 
-def sensing(count, **changes):
+def sensing(**changes):
     errors = replace(SensorErrors.none(("n", "M"), 2), **{name: np.array(value) for name, value in changes.items()})
-    return Sensing(replace(errors, drift_from=10, drift_samples=20), 1e-3), count
+    return Sensing(replace(errors, drift_from=10, drift_samples=20), 1e-3)
 
 
 def read(sensors, values):
@@ -98,7 +98,7 @@ def read(sensors, values):
 def test_an_encoder_counts_and_loses_nothing():
     """A steady speed: each reading within a count a sample, the mean exact."""
     count, speed = 2 * np.pi / 8192, 12.34
-    sensors, _ = sensing(4001, count=[[count, 0.0], [0.0, 0.0]])
+    sensors = sensing(count=[[count, 0.0], [0.0, 0.0]])
     found = read(sensors, [[speed, speed], [50.0, 50.0]])
     assert np.abs(found[:, 0, 0] - speed).max() <= 1.001 * count / 1e-3
     assert np.ptp(found[:, 0, 0]) > 0.5
@@ -109,8 +109,8 @@ def test_an_encoder_counts_and_loses_nothing():
 def test_gain_zero_drift_noise_and_a_drop_out_are_what_they_are_called():
     out = np.full((2, 2, 2), 4000)
     out[0, 0, 1] = 3990
-    sensors, _ = sensing(
-        4001, gain=[[1.0, 1.01], [1.0, 1.0]], zero=[[0.0, 0.5], [0.0, 0.0]], drift=[[0.0, 2.0], [0.0, 0.0]],
+    sensors = sensing(
+        gain=[[1.0, 1.01], [1.0, 1.0]], zero=[[0.0, 0.5], [0.0, 0.0]], drift=[[0.0, 2.0], [0.0, 0.0]],
         noise=[[0.3, 0.0], [0.0, 0.0]], out=out,
     )  # fmt: skip
     found = read(sensors, [[7.0, 7.0], [50.0, 50.0]])
@@ -227,16 +227,14 @@ def test_what_is_missing_or_wrong_is_said_in_one_line(call, wrong):
 
 def test_a_row_that_runs_away_is_lost_and_those_beside_it_are_not(case, monkeypatch):
     rows = [Imperfection(""), Imperfection("", {"dynamometers.dyno.torque_gain": -3.0})]
-    controller = exported_controller(replace(case, limits={k: v for k, v in case.limits.items() if "torque" not in k}))
-    settings = replace(
-        controller.settings, torque_limit=np.full(1, 1e12), unexpected=np.full(len(controller.units), 1e12)
-    )
+    free = {name: value for name, value in case.limits.items() if "torque" not in name}
+    controller = unsupervised(exported_controller(replace(case, limits=free)))
     schedule = Schedule.held_first(10, 3000, np.zeros((1, 1)), np.zeros((1, 1)))
     kick = {"motor_torque": np.full(3000, 20.0)}
 
     def done():
         plant = bed_rows(case, controller.law.sensors, rows)
-        return rm.run(plant, ControllerRows(replace(controller, settings=settings), schedule, 2), kick, {})
+        return rm.run(plant, ControllerRows(controller, schedule, 2), kick, {})
 
     for _ in range(2):
         found = done()
