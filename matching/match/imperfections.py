@@ -310,16 +310,10 @@ def poor_sensors(
     shape = len(rows), len(sensors)
     return SensorErrors(
         tuple(sensors), sensor_gains(sensors, rows), np.zeros(shape),
-<<<<<<< HEAD
         poor * np.where(speeds, 0.0, OFFSET_IN_UNCERTAINTIES * sides * u),
         np.broadcast_to(poor * white_noise(case, sensors), shape).copy(),
         np.where(counting, count_angles(case, sensors), 0.0), np.full((2, *shape), NEVER, dtype=np.int64), begun, 0,
         begun, seed,
-=======
-        poor * np.where(speeds, 0.0, OFFSET_IN_UNCERTAINTIES * sides * u), np.broadcast_to(poor * u, shape).copy(),
-        np.where(counting & speeds, ANGLE_OF_A_COUNT, 0.0), np.full((2, *shape), NEVER, dtype=np.int64),
-        begun, 0, begun, seed,
->>>>>>> w71-time
     )  # fmt: skip
 
 
