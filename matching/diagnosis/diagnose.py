@@ -92,7 +92,12 @@ class IdentifiedCauses:
 
 
 def search_causes(
-    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected] = ()
+    system: System,
+    base: Fit,
+    unseen: UnseenData,
+    progress: Progress,
+    suspected: Sequence[Suspected] = (),
+    only_at: str = "",
 ) -> Found:
     """The causes that a base fit lacks.
 
@@ -120,7 +125,7 @@ def search_causes(
             begin = balanced_fit(base, base_problem(system, base.problem.data)[1])
             if not far:
                 judge = UnseenData(unseen.blocks, replace(settings, far_from_noise=settings.left_by_model))
-        other = _searched(system, begin, judge, progress, suspected)
+        other = _searched(system, begin, judge, progress, suspected, only_at)
         right = by_noise and near_noise(other.best)
         found = other if found is None or right or unseen.prefers(other.best, found.best) else found
     assert found is not None
@@ -137,7 +142,7 @@ class Found:
 
 
 def _searched(
-    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected]
+    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected], only_at: str
 ) -> Found:
     """Causes, sensors weighted as in the base fit.
 
@@ -150,13 +155,13 @@ def _searched(
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
         problem, v = base_problem(system, window)
         part = solve(replace(problem, weighting=base.problem.weighting), v)
-        search = Search(system, part, UnseenData(blocks_for(part, settings), settings), progress, suspected)
+        search = Search(system, part, UnseenData(blocks_for(part, settings), settings), progress, suspected, only_at)
         search.run()
         progress("all data")
         best = final_fit_on(search.state.best, base)
         if at_noise(best) or not at_noise(search.state.best) or time_is_over(settings.search_share):
             return Found(search, best, base)
-    search = Search(system, base, unseen, progress, suspected)
+    search = Search(system, base, unseen, progress, suspected, only_at)
     search.run()
     return Found(search, search.state.best, base)
 
@@ -258,6 +263,14 @@ def diagnose(
             with_held = searched(other_base)
             if with_held[-1].best.cost < found.best.cost:
                 kinds, base_fit, (times, unseen, found) = held, other_base, with_held
+        wrong = "" if at_noise(found.best) or time_is_over() else audit.wrong_channel(system, base_fit)
+        if wrong:
+            progress(f"{wrong} alone")
+            found = search_causes(system, base_fit, unseen, progress, (), f"sensors.{wrong}")
+            notes.append(
+                f"without {wrong} the model leaves noise alone in all other channels: the error is in that channel; "
+                "look at its samples over those simulated"
+            )
         data = base_fit.problem.data
         identified = with_rivals(found, progress)
         best = identified.selected.best

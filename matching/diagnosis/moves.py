@@ -111,6 +111,8 @@ class Search:
         Decides what is accepted.
     suspected : sequence of (kind, place, parameters)
         Causes that are fitted in the first round whatever the screening says: what the audit of the channels suspects.
+    only_at : str, optional
+        The one place where causes are looked for; everywhere if not given.
 
     Attributes
     ----------
@@ -124,7 +126,9 @@ class Search:
         unseen: UnseenData,
         progress: Progress,
         suspected: Sequence[Suspected],
+        only_at: str = "",
     ):
+        self.only_at = only_at
         self.suspected, self.unseen, self.progress = suspected, unseen, progress
         self.settings = settings = unseen.settings
         self.left, self.windowed = settings.refits, settings.windowed
@@ -138,10 +142,13 @@ class Search:
         base = Hypothesis(model, base_fit)
         draws = screening.draws = NoiseDraws(screening.mask.ravel(), screening.free)
         # of a model that leaves noise alone no candidate is ever asked for
-        candidates = [] if scatters_only(base) else best_by_candidate(screening.candidates())
+        candidates = [] if scatters_only(base) else self._allowed(best_by_candidate(screening.candidates()))
         screening.draws = None
         self.known: dict[tuple[Cause, ...], tuple[Screening, list[ScreenedCandidate]]] = {(): (screening, candidates)}
         self.state = Selection(base, base, screening, candidates, draws.threshold())
+
+    def _allowed(self, candidates: list[ScreenedCandidate]) -> list[ScreenedCandidate]:
+        return [each for each in candidates if self.only_at in ("", each.at)]
 
     def run(self) -> None:
         """Add while that helps, then share, drop and exchange; add again where that has changed the causes."""
@@ -245,7 +252,7 @@ class Search:
         """The screening of a hypothesis, and its candidates beyond what noise would promise, best first."""
         if hypothesis.causes not in self.known:
             screening = Screening(hypothesis.fit)
-            found = best_by_candidate(screening.candidates(hypothesis.model.system()))
+            found = self._allowed(best_by_candidate(screening.candidates(hypothesis.model.system())))
             self.known[hypothesis.causes] = screening, found
         screening, candidates = self.known[hypothesis.causes]
         least = self.state.noise_threshold

@@ -902,10 +902,15 @@ def cause_parameters(system: System, cause: Cause, estimates: Mapping[str, Estim
 def differs_from_nothing(final: Hypothesis, cause: Cause, estimates: Mapping[str, Estimate], beyond: float) -> bool:
     """Whether the values of a cause, all together, differ from those of no effect by more than their uncertainty.
 
-    Of values that others compensate each may be uncertain where all together are not: their correlations are those of
+    Only sizes count, which may be nothing: no time constant, and of a ripple neither order nor phase. Of values that
+    others compensate each may be uncertain where all together are not: their correlations are those of
     the fit (a Wald test, at the probability that a normal error stays within ``beyond`` standard uncertainties).
     """
-    fit, names = final.fit, list(cause.names().items())
+    kind, fit = EFFECTS[cause.kind], final.fit
+    sizes = [
+        key for key in cause.keys if (key in kind.zero_mean if kind.zero_mean else kind.parameters[key].lower <= 0)
+    ]
+    names = [(key, name) for key, name in cause.names().items() if key in (sizes or cause.keys)]
     away = []
     for key, name in names:
         nothing = 1.0 if key.startswith("factor") else 0.0
