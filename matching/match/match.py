@@ -44,7 +44,7 @@ from matching.match.range_search import RangeSearch
 from matching.match.requirements import OPENED_SHAFTS
 from matching.match.responses import ComparedBed, ResponseError, SimpleVehicle, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult
-from matching.match.robustness import not_kept, noted
+from matching.match.robustness import not_kept, noted, swings_on
 from matching.match.search import solve
 from matching.match.targets import LEAST_SHARE_TO_MOVE, change_weight
 from matching.match.variables import CONTROLLER, RESIDUAL, RIG, SearchSettings
@@ -262,7 +262,7 @@ def _with_larger_tolerances(case: Case, result: MatchResult, again: Callable[[Ca
 
     A search with other tolerances ends elsewhere: where it leaves a larger error than the one before, that is tried.
     """
-    play = any(OPENED_SHAFTS in sentence for sentence in result.limits)
+    play = swings_on(result.verification, result.lash)
     case = replace(case, limits={**case.limits, OPENED_SHAFTS: False}) if play else case
     said = {key: f"response.{key}" for key in ("tolerance", "unmeasured_tolerance")}
     stated: dict[str, float] = {}
