@@ -1109,7 +1109,7 @@ def in_time_table(truth: InTime, lash: OpenLash | None) -> Table:
         cells = {"what is wrong on the bed": row.words}
         for name in truth.sensors:
             for head, errors in ((spaced(name), row.measured), (f"{spaced(name)}, unmeasured", row.unmeasured)):
-                cells[head] = "not stable" if errors is None else percent(errors[name])
+                cells[head] = "not stable" if errors is None else percent(errors[name]) if name in errors else "at rest"
         rows.append(cells)
     return Table(
         rows, HOW_IN_TIME.format(seconds=number(truth.seconds, 3), lash=f"{_lash(lash)} {_standstill(truth)}".strip())
