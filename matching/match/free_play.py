@@ -25,6 +25,7 @@ from matching.match.targets import target_modes
 from matching.match.verify import manoeuvre_torques
 from modelling.controller.law import ExportedController
 from modelling.errors import NoDesign
+from modelling.fidelity.over_range import at_rest
 from modelling.modal.modes import damped_modes
 from modelling.running.controllers import unsupervised
 from modelling.simulation.stepping import SimulationError
@@ -211,10 +212,17 @@ class _Swings:
         return "falls" if (self.bed[above] < settings.falling * self.middle[above]).all() else "swings"
 
 
-def _swings(vehicle: np.ndarray, bed: np.ndarray | None, count: int, settings: FreePlay) -> _Swings:
-    """Of a vehicle (t, s) and a bed (t, s); ``count`` samples of whole periods."""
-    own = swing(vehicle[-count:])
-    allowed = own + settings.rest * np.ptp(vehicle, axis=0)
+def _swings(
+    vehicle: np.ndarray, bed: np.ndarray | None, count: int, torques: int, settings: FreePlay
+) -> _Swings:  # fmt: skip
+    """Of a vehicle (t, s) and a bed (t, s), of which the first are torques; ``count`` samples of whole periods.
+
+    A signal that the pulse leaves at rest is held against the largest range of its kind.
+    """
+    own, span = swing(vehicle[-count:]), np.ptp(vehicle, axis=0)
+    for kind in (slice(None, torques), slice(torques, None)):
+        span[kind] = np.where(at_rest(vehicle[:, kind]), span[kind].max(initial=0.0), span[kind])
+    allowed = own + settings.rest * span
     if bed is None:
         nothing = np.full(len(own), np.inf)
         return _Swings(nothing, own, allowed, nothing)
@@ -239,7 +247,7 @@ def open_lash(
     """
     count = min(window_samples(period, step, settings), len(vehicles[0]) // 4)
     each = [
-        _swings(vehicle[:, at], None if bed is None else bed.readings[:, at], count, settings)
+        _swings(vehicle[:, at], None if bed is None else bed.readings[:, at], count, len(at), settings)
         for vehicle, bed in zip(vehicles, beds, strict=True)
     ]
     return _judged(each, [one.state(settings) == "swings" for one in each], len(at), len(vehicles[0]) * step, settings)
@@ -319,7 +327,7 @@ def played(
         beds = bed_motions(case, controller, chosen, sensors, seed, HOLD_S)
         again = []
         for number, vehicle, bed in zip(left, vehicles, beds, strict=True):
-            ended[number] = _swings(vehicle, None if bed is None else bed.readings, count, settings)
+            ended[number] = _swings(vehicle, None if bed is None else bed.readings, count, len(torque_names), settings)
             state = ended[number].state(settings)
             on[number] = state == "swings"
             if state == "falls" and seconds < settings.longest:

@@ -1085,6 +1085,7 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
         points = [
             Step(f"Change what stands in the way: {one.sentence()}", f"evidence: {one.place}" if one.place else "")
             for one in [one for one in result.findings if one.limits][:MOST_LIMITS]
+            if not result.remedies
         ]
         other = next((row.name for row in result.parameters if row.name.startswith("rig.")), "loop.inverter_lag")
         command = f"rigmatch map {result.case.path or 'CASE'} --x loop.dead_time --y {other} --out {folder}/map"
@@ -1145,7 +1146,7 @@ def in_time_table(truth: InTime, lash: OpenLash | None) -> Table:
         cells = {"what is wrong on the bed": row.words}
         for name in truth.sensors:
             for head, errors in ((spaced(name), row.measured), (f"{spaced(name)}, unmeasured", row.unmeasured)):
-                cells[head] = "not stable" if errors is None else percent(errors[name])
+                cells[head] = "not stable" if errors is None else percent(errors[name]) if name in errors else "at rest"
         rows.append(cells)
     return Table(
         rows, HOW_IN_TIME.format(seconds=number(truth.seconds, 3), lash=f"{_lash(lash)} {_standstill(truth)}".strip())

@@ -44,6 +44,14 @@ void row_step(void *row, const double *own, int mode, unsigned life, int trigger
     state[0] = output.mode;
     state[1] = output.fault;
 }
+void batch_step(unsigned char *all, int count, const double *in, int mode, unsigned life, int trigger, double *out,
+                int *state)
+{
+    for (int b = 0; b < count; b++) {
+        row_step(all + (size_t)b * sizeof(controller), in + b * (READINGS + KNOWN + 2 * DYNAMOMETERS), mode, life,
+                 trigger, out + b * DYNAMOMETERS, state + 2 * b);
+    }
+}
 """
 # of a controller's settings, in the order of their values
 ARRAYS = (
@@ -88,6 +96,7 @@ class ControllerBatch:
         self.row_step: Any = None if library is None else library.row_step
         if library is None:
             return
+        self._batch_step = library.batch_step
         settings = controller.settings
         values = np.concatenate([*(getattr(settings, name) for name in ARRAYS), [settings.opened_share]])
         samples = np.array([settings.frozen_samples, settings.life_samples], np.int32)
@@ -117,8 +126,7 @@ class ControllerBatch:
             return commands, modes, faults
         given = np.ascontiguousarray(np.vstack([readings, known, hold, more]).T, dtype=float)
         sent, state = np.empty((self._count, self._k)), np.empty((self._count, 2), np.int32)
-        for own, row, out, active in zip(self.memory, given, sent, state, strict=True):
-            pointers = (ctypes.c_void_p(part.ctypes.data) for part in (own, row, out, active))
-            memory, numbers, to, found = pointers
-            self.row_step(memory, numbers, mode, ctypes.c_uint(life & 0xFFFFFFFF), int(trigger), to, found)
+        memory, numbers, to, found = (ctypes.c_void_p(part.ctypes.data) for part in (self.memory, given, sent, state))
+        life_sign = ctypes.c_uint(life & 0xFFFFFFFF)
+        self._batch_step(memory, self._count, numbers, mode, life_sign, int(trigger), to, found)
         return sent.T.copy(), state[:, 0].copy(), state[:, 1].copy()
