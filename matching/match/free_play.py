@@ -327,9 +327,7 @@ def played(
         beds = bed_motions(case, controller, chosen, sensors, seed, HOLD_S)
         again = []
         for number, vehicle, bed in zip(left, vehicles, beds, strict=True):
-            ended[number] = _swings(
-                vehicle, None if bed is None else bed.readings, count, len(torque_names), settings
-            )
+            ended[number] = _swings(vehicle, None if bed is None else bed.readings, count, len(torque_names), settings)
             state = ended[number].state(settings)
             on[number] = state == "swings"
             if state == "falls" and seconds < settings.longest:
