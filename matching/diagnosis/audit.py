@@ -16,9 +16,10 @@ import numpy as np
 from scipy import fft
 from scipy.optimize import linear_sum_assignment
 
-from matching.diagnosis.base import fit_base
+from matching.diagnosis.base import as_hypothesis, fit_base
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.descent import Fit
+from matching.diagnosis.descent import Fit, FitOptions, solve
+from matching.diagnosis.hypotheses import at_noise
 from matching.diagnosis.inputs import resolution
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.settings import DiagnosisSettings
@@ -294,6 +295,33 @@ def notes_on_times(system: System, times: Times) -> list[str]:
             "tell, by the parts of the model between them alone"
         )
     return notes
+
+
+ITERATIONS_WITHOUT = 40  # of the fit without a channel, from that with it
+
+
+def wrong_channel(system: System, fit: Fit) -> str:
+    """The one sensor without which the model leaves noise alone in all others; empty where there is none, or several.
+
+    What is wrong with a channel alone, as clipping, a dead band or a speed that enters a torque, has no kind for each;
+    an effect of the drivetrain shows in its neighbours too.
+    """
+    problem, found = fit.problem, list[str]()
+    read = [j for j, count in enumerate(problem.data.readings_by_sensor) if count]
+    for j in read if len(read) > 1 else ():
+        segments = []
+        for segment in problem.data.segments:
+            readings = segment.readings.copy()
+            readings[:, j] = np.nan
+            segments.append(replace(segment, readings=readings))
+        others = replace(problem, data=replace(problem.data, segments=tuple(segments)))
+        try:
+            rest = solve(others, fit.v, None, FitOptions(ITERATIONS_WITHOUT))
+        except FitError:
+            continue
+        if at_noise(as_hypothesis(system, rest)):
+            found.append(system.sensors[j].name)
+    return found[0] if len(found) == 1 else ""
 
 
 def notes_on(system: System, order: Sequence[int], hum: Sequence[Hum]) -> list[str]:

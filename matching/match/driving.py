@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from matching.match.beds import Judge, loop_figures, planned, quantile, sensor_noise
+from matching.match.beds import Judge, loop_figures, noise_of_sensors, planned, quantile
 from matching.match.case import Case, Drive
 from matching.match.exported import exported_controller
 from matching.match.imperfections import (
-    ANGLE_OF_A_COUNT,
     Imperfection,
-    are_speeds,
     bed_rows,
+    count_angles,
     known_at_operating_point,
     sensor_gains,
     uncertainties,
     vehicle_rows,
+    white_noise,
 )
 from matching.match.loop import compared_sensors, linear_bed, without_limits
 from matching.match.loop_modes import neutral_motions
@@ -111,7 +111,7 @@ def at_speeds(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) ->
         judge = Judge(own, controller, neutral_motions(linear_bed(own)), required)
         values = [own.uncertainty.at(position) for position in own.uncertainty.draw(settings.drawn, seed)]
         found = judge.verdicts([{}, *values])
-        figures = loop_figures(planned(own, sensor_noise(own, controller.sensors)), controller, required)
+        figures = loop_figures(planned(own, noise_of_sensors(own, controller.sensors)), controller, required)
         noise = max(figures.command_noise.values())
         noisy = any(
             value > most for value, most in zip(figures.command_noise.values(), required.command_noise, strict=True)
@@ -212,8 +212,8 @@ def _play(
     shape = size, len(names)
     errors = replace(
         SensorErrors.none(names, size), gain=sensor_gains(names, rows),
-        noise=np.broadcast_to(uncertainties(case, names), shape).copy(),
-        count=np.broadcast_to(np.where(are_speeds(case, names), ANGLE_OF_A_COUNT, 0.0), shape).copy(), seed=seed,
+        noise=np.broadcast_to(white_noise(case, names), shape).copy(),
+        count=np.broadcast_to(count_angles(case, names), shape).copy(), seed=seed,
     )  # fmt: skip
     plant = bed_rows(case, names, rows, errors)
     waiting = {name: np.concatenate([np.full(before, torque[0]), torque]) for name, torque in torques.items()}

@@ -12,12 +12,12 @@ from scipy.linalg import null_space
 
 from matching.match.box import of_system
 from matching.match.case import Case, once_per_case
-from matching.match.imperfections import ANGLE_OF_A_COUNT, DEMAND_FACTOR, DEMAND_LATE_S
+from matching.match.imperfections import DEMAND_FACTOR, DEMAND_LATE_S, count_angles
 from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque
 from matching.match.operating_range import law_over_speed
 from matching.match.requirements import requirements
 from modelling.bed.bed import ControlLaw, delayed_bed
-from modelling.bed.observer import NOISE
+from modelling.bed.observer import sensor_noise
 from modelling.controller.law import (
     CHECK_SPEED_SHARE,
     CHECK_TORQUE_SHARE,
@@ -229,12 +229,13 @@ def _wrong_readings(case: Case, bed: WatchedBed) -> BedEvents:
     law, sensors = bed.law, {sensor.name: sensor for sensor in case.rig.sensors}
     of_law = [sensors[name] for name in law.sensors]
     events = no_events(bed, FOLLOWED_SAMPLES, 2 * len(of_law))
-    count = ANGLE_OF_A_COUNT / law.sample_time / np.sqrt(12.0)  # an angle that is even over a count
+    # an angle that is even over a count
+    counts = count_angles(case, law.sensors) / law.sample_time / np.sqrt(12.0)
     at = WATCHED_SAMPLES - 1
     for i, sensor in enumerate(of_law):
-        events.errors[at, i, 2 * i] = sensor.uncertainty or NOISE[sensor.measures]
+        events.errors[at, i, 2 * i] = sensor_noise(sensor, law.sample_time)
         if sensor.measures == "speed":
-            events.errors[at : at + 2, i, 2 * i + 1] = count, -count
+            events.errors[at : at + 2, i, 2 * i + 1] = counts[i], -counts[i]
     return events
 
 
@@ -473,7 +474,7 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
     ]
     inertias = np.array([case.rig.parameters[f"inertias.{rotor}.J"].value for rotor in rotors])
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
-    noise = np.array([by_name[one.speed_sensor].uncertainty or NOISE["speed"] for one in loop.dynamometers])
+    noise = np.array([sensor_noise(by_name[one.speed_sensor], loop["sample_time"]) for one in loop.dynamometers])
     allowed = np.array(requirements(case).command_noise)
     proportional, integral = hold_gains(
         speeds, inertias, float(loop.command_delays().max()) + loop["sample_time"] / 2,

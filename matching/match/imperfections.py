@@ -11,7 +11,7 @@ from matching.match.box import of_system
 from matching.match.case import Case
 from matching.match.loop import interface_speed, shaft_torque
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
-from modelling.bed.observer import NOISE
+from modelling.bed.observer import sensor_noise
 from modelling.controller.law import ExportedController
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind
@@ -164,7 +164,7 @@ def _effect(law: Kind, place: str, size: float) -> Effect:
 
 # --- Rows of beds and vehicles in time; b rows, t samples.
 
-ANGLE_OF_A_COUNT = 2 * np.pi / 8192  # rad, of an encoder
+ANGLE_OF_A_COUNT = 2 * np.pi / 8192  # rad, of an encoder that does not state its counts
 OFFSET_IN_UNCERTAINTIES = 2.0  # of a torque sensor, one way or the other
 
 
@@ -260,9 +260,28 @@ def bed(case: Case, drawn: int = 0, seed: int = 0) -> BedRows:
 
 
 def uncertainties(case: Case, sensors: Sequence[str]) -> np.ndarray:
-    """Standard uncertainty (s,) of sensors of the rig, SI; the usual one where none is stated."""
+    """Standard uncertainty (s,) of a reading of sensors of the rig, SI, counts of encoders that state them included."""
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
-    return np.array([by_name[name].uncertainty or NOISE[by_name[name].measures] for name in sensors])
+    return np.array([sensor_noise(by_name[name], case.loop["sample_time"]) for name in sensors])
+
+
+def white_noise(case: Case, sensors: Sequence[str]) -> np.ndarray:
+    """Standard deviation (s,) of what is white of it, SI: of an encoder that states its counts, none but what is stated
+    in addition."""
+    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
+    every = [by_name[name] for name in sensors]
+    whole = uncertainties(case, sensors)
+    return np.array([u if one.counts is None else one.uncertainty or 0.0 for one, u in zip(every, whole, strict=True)])
+
+
+def count_angles(case: Case, sensors: Sequence[str]) -> np.ndarray:
+    """Angle (s,) of one count of an encoder, rad; 0 of a sensor that measures no speed."""
+    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
+    every = [by_name[name] for name in sensors]
+    return np.array([
+        0.0 if one.measures != "speed" else ANGLE_OF_A_COUNT if one.counts is None else 2 * np.pi / one.counts
+        for one in every
+    ])  # fmt: skip
 
 
 def are_speeds(case: Case, sensors: Sequence[str]) -> np.ndarray:
@@ -291,9 +310,10 @@ def poor_sensors(
     shape = len(rows), len(sensors)
     return SensorErrors(
         tuple(sensors), sensor_gains(sensors, rows), np.zeros(shape),
-        poor * np.where(speeds, 0.0, OFFSET_IN_UNCERTAINTIES * sides * u), np.broadcast_to(poor * u, shape).copy(),
-        np.where(counting & speeds, ANGLE_OF_A_COUNT, 0.0), np.full((2, *shape), NEVER, dtype=np.int64),
-        begun, 0, begun, seed,
+        poor * np.where(speeds, 0.0, OFFSET_IN_UNCERTAINTIES * sides * u),
+        np.broadcast_to(poor * white_noise(case, sensors), shape).copy(),
+        np.where(counting, count_angles(case, sensors), 0.0), np.full((2, *shape), NEVER, dtype=np.int64), begun, 0,
+        begun, seed,
     )  # fmt: skip
 
 

@@ -14,15 +14,17 @@ import numpy as np
 
 from matching.match.case import Case
 from matching.match.exported import exported_controller
+from matching.match.findings import Finding
 from matching.match.imperfections import (
-    ANGLE_OF_A_COUNT,
     Imperfection,
     are_speeds,
     bed_rows,
+    count_angles,
     known_at_operating_point,
     perturbed_system,
     sensor_gains,
     uncertainties,
+    white_noise,
     with_cut_sensors,
 )
 from matching.match.judgements import Judgement
@@ -130,7 +132,7 @@ class Minutes:
 
     ``cause`` is the sensors' uncertainty that moves a bed at rest most, ``cause_is`` what these sensors measure, and
     ``remedy`` a value (SI) of it with which the same controller on the same beds stands; ``interpreted`` is whether
-    there was no C compiler.
+    there was no C compiler, ``step`` the controller's sample time, s.
     """
 
     seconds: float = 0.0
@@ -140,6 +142,7 @@ class Minutes:
     cause_is: str = ""
     remedy: float | None = None
     interpreted: bool = False
+    step: float = 1e-3
 
     @property
     def left(self) -> list[Minute]:
@@ -174,32 +177,18 @@ class Minutes:
             )  # fmt: skip
         return found
 
-    def sentences(self) -> list[str]:
-        """What is said of runs that left emulation, and of beds that do not stand."""
-        said = []
-        for run in self.left:
-            said.append(
-                f"the exported controller leaves emulation {run.where} after {run.emulated:.3g} s of "
-                f"{self.seconds:g} s ({run.fault}), with nothing but the stated noise, a drift of each sensor by its "
-                "uncertainty and a gain error of each encoder"
+    @property
+    def findings(self) -> list[Finding]:
+        """What of it stands in the way of a match."""
+        found = []
+        for one in self.judgements:
+            remedy = one.remedy[1] if one.remedy else None
+            data = {"seconds": self.seconds, "cause_is": self.cause_is, "remedy": remedy, "step": self.step}
+            causes = {"emulation": "emulation_left", "standing": "standstill"}
+            found.append(
+                Finding(causes[one.what], one.size, one.allowed, one.unit, one.where, (one.beds, one.of), data=data)
             )
-        for found in self.judgements:
-            if found.what == "standing":
-                said.append(
-                    f"a standing bed does not stand: within {self.seconds:g} s a wheel turns up to {found.size:.3g} "
-                    f"rad/s {found.where}, {found.allowed:.2g} rad/s is allowed{self._because()}"
-                )
-        return said
-
-    def _because(self) -> str:
-        """The cause in words, and the value that would do."""
-        if not self.cause:
-            return ""
-        speed = self.cause_is == "speed"
-        said = f"; the cause is the {'noise of the rotor speeds (encoders)' if speed else 'zero of the flange torques'}"
-        if self.remedy is not None:
-            said += f": with an uncertainty of {self.remedy:.2g} {'rad/s' if speed else 'N·m'} the bed stands"
-        return said
+        return found
 
     def notes(self) -> list[str]:
         """What else is to be said."""
@@ -288,10 +277,12 @@ def _errors(
             at = sensors.index(dynamometer.torque_sensor)
             for number, row in enumerate(rows):
                 drift[number, at] += row.zeros[j] * uncertainty[at]
-    count = np.broadcast_to(np.where(speeds, ANGLE_OF_A_COUNT, 0.0), shape)
+    share = uncertainty / uncertainties(case, sensors)  # less than 1 where less is tried
+    noise = np.broadcast_to(share * white_noise(case, sensors), shape)
+    count = np.broadcast_to(np.minimum(share, 1.0) * count_angles(case, sensors), shape)
     slow = round(settings.zero_s / step) if not at_speed.any() else samples
     return SensorErrors(
-        tuple(sensors), gains, np.zeros(shape), drift, np.broadcast_to(uncertainty, shape).copy(), count.copy(),
+        tuple(sensors), gains, np.zeros(shape), drift, noise.copy(), count.copy(),
         np.full((2, *shape), NEVER, dtype=np.int64), begun, slow, seed,
     )  # fmt: skip
 
@@ -388,7 +379,8 @@ def _run(case: Case, controller: ExportedController, seed: int, settings: Minute
         if allowed is not None and (moved > allowed).any():
             worst = int((moved - allowed).max(axis=0).argmax())
             cause, cause_is, remedy = _cause(case, controller, some[worst], allowed[:, [worst]], seed, settings)
-    return Minutes(settings.seconds, tuple(runs), "", cause, cause_is, remedy, interpreted)
+    step = controller.law.sample_time
+    return Minutes(settings.seconds, tuple(runs), "", cause, cause_is, remedy, interpreted, step)
 
 
 def _allowed(case: Case, rows: Sequence[_Row], settings: MinuteSettings) -> np.ndarray:

@@ -16,11 +16,12 @@ from matching.match.beds import (
     loop_figures,
     loop_frequencies,
     margins_of,
+    noise_of_sensors,
     planned,
-    sensor_noise,
 )
 from matching.match.case import Case
 from matching.match.damping import decay_rates, is_stable_loop, rates, stable_loops, without_resting
+from matching.match.kept import ReachedTarget, candidates_of, target_modes_of
 from matching.match.loop import (
     Body,
     LinearBed,
@@ -45,11 +46,9 @@ from matching.match.loop_modes import (
     LoopMode,
     eigenvalue_of,
     emulated,
-    match_mode,
     neutral_motions,
     on_emulated_side,
 )
-from matching.match.passivity import Passivity, passivity_of
 from matching.match.requirements import Requirements, requirements
 from matching.match.responses import ResponseError, error_figures
 from matching.match.targets import target_modes
@@ -737,14 +736,6 @@ def response_deviations(
 FRESH = 1_000_003  # added to the seed: beds that the search has not drawn
 
 
-class ReachedTarget(NamedTuple):
-    """Number of a target mode of the vehicle, the mode that it became, None without one, and their MAC."""
-
-    vehicle_mode: int
-    mode: LoopMode | None
-    mac: float
-
-
 class OwnMode(NamedTuple):
     """A mode of what runs on known torques alone: its frequency, Hz, and rate of decay, 1/s."""
 
@@ -793,8 +784,6 @@ class Verification:
         What the user should know.
     beds : BedsCheck or None
         Fresh beds; None where none were drawn.
-    passivity : Passivity or None
-        Of the controlled bed at the cut; None without fresh beds, or where the bed cannot be told from its specimen.
     """
 
     stable: bool
@@ -816,7 +805,6 @@ class Verification:
     traces: Traces | None = field(repr=False)
     notes: tuple[str, ...]
     beds: BedsCheck | None = field(default=None, repr=False)
-    passivity: Passivity | None = None
 
     @property
     def modulus_margin(self) -> float:
@@ -875,7 +863,7 @@ def verify(
     controller, required, neutral = controller_on(bed), requirements(case), neutral_motions(bed)
     loop = ClosedLoop.of(bed, controller)
     poles, own_poles, modes = loop.poles, loop.own_poles, loop.modes()
-    figures = loop_figures(planned(case, sensor_noise(case, controller.sensors)), controller, required)
+    figures = loop_figures(planned(case, noise_of_sensors(case, controller.sensors)), controller, required)
     checks = {"sampled loop": is_stable_loop(poles, neutral)}
     if len(own_poles):
         checks["feed-forward poles"] = is_stable_loop(own_poles, neutral)
@@ -899,7 +887,6 @@ def verify(
         response_deviations(case, controller, required, neutral) if deviations else (), traces,
         (*notes, *remarks_on(case, neutral)),
         check_beds(case, controller, neutral, required, beds, seed + FRESH) if beds else None,
-        passivity_of(case, controller) if beds else None,
     )  # fmt: skip
 
 
@@ -952,19 +939,3 @@ def remarks_on(case: Case, neutral: int) -> list[str]:
         rigid = "1 rigid motion stands" if neutral == 1 else f"{neutral} rigid motions stand"
         remarks.append(f"{rigid} at 0 without drag and coast, as in the vehicle")
     return remarks
-
-
-def candidates_of(case: Case, modes: Sequence[LoopMode]) -> tuple[LoopMode, ...]:
-    """The modes among which a target is looked for: of a model-based feed-forward those that known torques excite."""
-    kind = "feed_forward" if case.loop.structure.has_feed_forward else "feedback"
-    return tuple(mode for mode in modes if mode.belongs_to == kind) or tuple(modes)
-
-
-def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[ReachedTarget, ...]:
-    """For every target the mode that it became."""
-    inertia = {f"inertias.{inertia.name}": inertia.J.value for inertia in case.vehicle.inertias}
-    reached = []
-    for target, (_, wanted) in zip(case.targets, target_modes(case), strict=True):
-        best = match_mode(wanted, candidates, inertia)
-        reached.append(ReachedTarget(target.mode, *(best or (None, 0.0))))
-    return tuple(reached)

@@ -21,11 +21,24 @@ from modelling.bed.bed import (
 from modelling.bed.vehicle import ResidualVehicle
 from modelling.errors import InputError, NoDesign
 from modelling.modal.modes import damped_modes
-from modelling.system import System
+from modelling.system import Sensor, System
 
 # --- What the design of the observer needs of rig, residual vehicle and loop, whatever its weights are.
 
 NOISE = {"torque": 0.3, "speed": 0.08}  # N·m, rad/s of a sensor without uncertainty, as flanges and encoders have
+
+
+def sensor_noise(sensor: Sensor, sample_time: float) -> float:
+    """Standard deviation of a reading, SI.
+
+    A speed that is counted is the difference of two angles, each rounded to a count, over the sample: a quantum is
+    2π/counts/T, and the standard deviation is the quantum over √6, as both roundings are even over a count.
+    """
+    if sensor.counts is None:
+        return sensor.uncertainty or NOISE[sensor.measures]
+    quantum = 2 * np.pi / sensor.counts / sample_time
+    return float(np.hypot(sensor.uncertainty or 0.0, quantum / np.sqrt(6.0)))
+
 
 FORGETTING_PER_SAMPLE = 1e-5  # of an estimated or known torque: a random walk without it has no bounded variance
 MODES = 2  # that a swinging torque is estimated for; each adds two states a dynamometer
@@ -212,7 +225,7 @@ def _readings(model: BedModel, rig: System, loop: Loop) -> Readings:
             raise InputError(
                 "loop.measures", f"{name!r} measures an {sensors[name].measures}", "a speed or torque is needed"
             )
-        noise.append(sensors[name].uncertainty or NOISE[sensors[name].measures])
+        noise.append(sensor_noise(sensors[name], loop["sample_time"]))
     rows = np.stack([model.space.output(name) for name in names])[:, :states]
     return Readings(rows, np.array(noise), tuple(kinds), loop.controller_sensors)
 
@@ -686,7 +699,7 @@ def scaled_starts(rig: System, loop: Loop) -> tuple[dict[str, float], ...]:
         np.log(rig.parameters[f"inertias.{inputs[one.torque_input].on}.J"].value) for one in loop.dynamometers
     ]))  # fmt: skip
     noise = np.exp(np.mean([
-        np.log(sensors[one.speed_sensor].uncertainty or NOISE["speed"]) for one in loop.dynamometers
+        np.log(sensor_noise(sensors[one.speed_sensor], loop["sample_time"])) for one in loop.dynamometers
     ]))  # fmt: skip
     torque = float(inertia * noise / (TUNED_FOR["inertia"] * TUNED_FOR["speed_noise"]))
     light = float((TUNED_FOR["inertia"] / inertia) ** 2)

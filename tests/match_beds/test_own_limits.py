@@ -75,7 +75,8 @@ def test_in_time_each_command_stays_within_its_own_limit(case):
 def test_noise_above_ones_own_limit_names_it(case):
     checked = verify(replace(case, limits={**case.limits, "dynamometers.left.command_noise": 0.5}), beds=4)
     assert checked.loop.command_noise["right"] < 20
-    (sentence,) = [words for words in not_kept(case, checked) if words.startswith("sensor noise")]
+    (found,) = [one for one in not_kept(case, checked) if one.cause == "command_noise"]
+    sentence = found.sentence()
     assert "at dynamometer left, 0.5 N·m is allowed" in sentence
 
 

@@ -69,14 +69,15 @@ def test_a_controller_that_stays_in_emulation_and_one_that_does_not(small_result
     stays = minutes(small_result.tuned, exported, 3, SHORT)
     assert len(stays.runs) == 4
     assert [run.emulated for run in stays.runs] == [SHORT.seconds] * 4
-    assert not stays.sentences()
+    assert not stays.findings
     assert all(0 < run.drift < 5 for run in stays.runs)
     strict = replace(exported.settings, unexpected=np.full(len(exported.settings.unexpected), 1e-2))
     gives_up = minutes(small_result.tuned, replace(exported, settings=strict), 3, SHORT)
     assert {run.fault for run in gives_up.runs} == {"unexpected"}
     assert max(run.emulated for run in gives_up.runs) < SHORT.seconds
-    assert len(gives_up.sentences()) == 4
-    assert "(unexpected)" in gives_up.sentences()[0]
+    (found,) = gives_up.findings
+    assert found.beds == (4, 4)
+    assert "unexpected" in found.sentence()
 
 
 def test_an_emulation_begins_from_means_of_readings_torques_and_commands(exported):

@@ -8,6 +8,7 @@ import pytest
 
 from matching.match.case_file import load_case
 from matching.match.exported import exported_controller
+from matching.match.findings import stated
 from matching.match.in_time import errors_in_time
 from matching.match.loop import linear_bed
 from matching.match.responses import ComparedBed
@@ -71,8 +72,7 @@ def hand_made(case):
     begun = {name: torque[: lead + IN_TIME] for name, torque in torques.items()}
     in_time = errors_in_time(tuned, unsupervised(exported_controller(tuned)), begun, lead)
     return MatchResult(
-        "limited",
-        ("Set by hand: nothing was tuned",),
+        tuple(stated("components_differ", ["Set by hand: nothing was tuned"])),
         seen.notes,
         case,
         tuned,
