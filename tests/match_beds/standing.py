@@ -11,7 +11,7 @@ HOLD_S = 3.0
 
 
 class StandingBeds:
-    """Rigs of a case with values (dict) each, in fine steps of matrix exponentials; states [train, air gap, flanges]."""
+    """Rigs of a case with values (dict) each, in fine exact steps; states [train, air gap, flanges]."""
 
     def __init__(self, case, rows):
         self.case, self.step = case, case.loop["sample_time"]
@@ -95,7 +95,9 @@ def largest_motion(case, controller, rows, zeros, seconds, counts, seed):
         counted = np.floor(turned / safe) * safe
         read = np.where(counts > 0, (counted - before) / beds.step if n else 0.0, true)
         angle, before = turned, counted
-        read = read + noise * random.standard_normal(read.shape) + (n > begun) * offset  # after the sample from which it begins
+        read = (
+            read + noise * random.standard_normal(read.shape) + (n > begun) * offset
+        )  # after the sample from which it begins
         commands, _, faults = batch.step(read.T, told, 1 if n < begun else 2, hold, n)
         assert not faults.any()
         turning = (rotors @ beds.states[..., None])[..., 0]
