@@ -356,6 +356,8 @@ class Search:
         for i, hypothesis in enumerate(out[: self.settings.near_best]):
             if hypothesis.cost < near and not self._late():
                 out[i] = replace(hypothesis, fit=self._finished(with_sharper_friction(self._finished(hypothesis.fit))))
+            if i == 0 and at_noise(out[0]):  # nothing is left that sharper friction could take in another's place
+                break
         out.sort(key=lambda hypothesis: hypothesis.cost)
         out[:1] = [with_sharpest_friction(hypothesis) for hypothesis in out[:1]]
         return sorted(out, key=lambda hypothesis: hypothesis.cost)
