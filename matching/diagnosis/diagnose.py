@@ -205,8 +205,8 @@ def diagnose(
         Its quantities with a range are fitted, those without are taken as known until a wrong one is named.
     recordings : sequence of Recording
     holdout : Recording or sequence of Recording, optional
-        Not fitted and never asked what to accept: it measures the answer. Without it blocks of the recordings do, each
-        predicted by a fit to the others.
+        Not fitted. It decides last which causes the extended model has, and measures the answer. Without it blocks of
+        the recordings measure, each predicted by a fit to the others.
     progress : callable
         Is given the name of each step.
     keep_rest : bool
