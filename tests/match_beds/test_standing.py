@@ -93,14 +93,14 @@ def test_a_bed_that_turns_names_what_turns_it_and_a_value_that_would_do(apart):
     (name, value) = standing.remedy
     assert name == standing.cause
     assert 0 < value < 30.0
-    (sentence,) = found.sentences()
-    assert "encoders" in sentence
-    assert "does not stand" in sentence
+    (finding,) = found.findings
+    assert "an encoder of" in finding.sentence()
+    assert "does not stand" in finding.sentence()
 
 
 def test_what_stands_is_no_limit_and_what_was_not_run_neither():
     still = Minutes(60.0, (Minute("at rest", 60.0, "", 0.2, 0.2, 1.1), Minute("at speed", 60.0, "", 7.0)))
-    assert still.judgements == still.sentences() == still.moved == []
+    assert still.judgements == still.findings == still.moved == []
     moved = replace(still, runs=(*still.runs, Minute("at rest on drawn bed 1", 60.0, "", 5.0, 5.0, 1.1)))
     (found,) = moved.judgements
     assert (found.what, found.size, found.allowed, found.beds, found.of) == ("standing", 5.0, 1.1, 1, 2)
