@@ -37,9 +37,9 @@ TABLE, RESULT, CONTROLLER = "learned.csv", "learned.json", "controller.fmu"
 class Learned(Displayed):
     """What repetitions of a manoeuvre say, and the torques of the next one; n samples, k dynamometers, c sensors.
 
-    The error is that at the cut: the speed there less what the residual vehicle answers to the torque that was measured,
-    over the range of that answer. What the specimen does is in that torque: nothing of it is learned away. Where a
-    dynamometer has no torque flange, it is that of the compared sensors against the vehicle of the file.
+    The error is that at the cut: the speed there less what the residual vehicle answers to the torque that was
+    measured, over the range of that answer. What the specimen does is in that torque: nothing of it is learned away.
+    Where a dynamometer has no torque flange, it is that of the compared sensors against the vehicle of the file.
 
     Attributes
     ----------
@@ -116,7 +116,8 @@ class Learned(Displayed):
     def to_dict(self) -> dict[str, Any]:
         """As ``learned.json`` holds it."""
         return {
-            "repetition": self.repetition, "recordings": self.recordings, "left_out": list(self.left_out), "error": self.error, "noise": self.noise,
+            "repetition": self.repetition, "recordings": self.recordings, "left_out": list(self.left_out),
+            "error": self.error, "noise": self.noise,
             "predicted": self.predicted, "unexplained": self.unexplained, "share": self.share, "worth": self.worth,
             "sentence": self.sentence(), "history": list(self.history), "sensors": list(self.sensors),
             "dynamometers": list(self.dynamometers), "largest_torque": float(np.abs(self.torques).max(initial=0.0)),
@@ -246,7 +247,9 @@ def learn(
         right = "repeat the manoeuvre with emulation on until its end"
         raise InputError(recorded.recordings[0].source, f"is off by {100 * min(over):.3g} % of the range", right)
     sources = [one[2] for one in kept]
-    left_out += [f"{sources[number]}: off by {100 * over[number]:.3g} % of the range, emulation has ended" for number in ended]
+    left_out += [
+        f"{sources[number]}: off by {100 * over[number]:.3g} % of the range, emulation has ended" for number in ended
+    ]
     errors = np.delete(errors, ended, axis=0)
     count = errors.shape[1]
     added = np.zeros((count, len(law.dynamometers)))
@@ -302,7 +305,11 @@ def _residual_speeds(case: Case, torques: np.ndarray, driven: Mapping[str, np.nd
     held = np.array([acting.get(cut.torque, 0.0) for cut in cuts])
     own = np.array([acting.get(name, 0.0) for name in vehicle.inputs])
     rest = np.zeros(len(torques))
-    moved = np.stack([driven.get(name, rest) for name in vehicle.inputs], axis=1) if vehicle.inputs else rest[:, None][:, :0]
+    moved = (
+        np.stack([driven.get(name, rest) for name in vehicle.inputs], axis=1)
+        if vehicle.inputs
+        else rest[:, None][:, :0]
+    )
     x, speeds = vehicle.steady[0], [vehicle.wheel @ vehicle.steady[0]]
     for n in range(len(torques) - 1):
         middle = (torques[n] + torques[n + 1]) / 2
@@ -310,7 +317,9 @@ def _residual_speeds(case: Case, torques: np.ndarray, driven: Mapping[str, np.nd
         speeds.append(vehicle.wheel @ x)
     found = np.array(speeds)
     if not np.isfinite(found).all():
-        raise InputError("recordings", "drive the residual vehicle out of bounds", "check signs and units of the torques")
+        raise InputError(
+            "recordings", "drive the residual vehicle out of bounds", "check signs and units of the torques"
+        )
     difference: np.ndarray = found - found[0]
     return difference
 
@@ -353,16 +362,18 @@ def _repetitions(
         both = np.stack([np.interp(grid, time, column) for column in both.T], axis=1)
         begins.append(both[:begin].mean(axis=0))
         signals.append(both - begins[-1])
-    inputs, turning = len(recorded.inputs), [
-        len(recorded.inputs) + number for number, name in enumerate(sensors) if name in speeds
-    ]
+    inputs, turning = (
+        len(recorded.inputs),
+        [len(recorded.inputs) + number for number, name in enumerate(sensors) if name in speeds],
+    )
     faults = [
         [_no_repetition(signals, begins, one, other, inputs, turning, step) for other in range(len(signals))]
         for one in range(len(signals))
     ]
     like = [sum(not fault for fault in row) for row in faults]
     chosen = int(np.argmax(like))
-    left_out, kept = [], []
+    left_out: list[str] = []
+    kept: list[tuple[int]] = []
     for number, source in enumerate(sources):
         fault = faults[chosen][number] if number != chosen else ""
         twins = [other for other, *_ in kept if np.array_equal(signals[other], signals[number])]
@@ -397,7 +408,8 @@ def _no_repetition(
     sizes = np.ptp(a[:, :inputs], axis=0)
     off = np.sqrt(np.mean((b - a)[:, :inputs] ** 2, axis=0))
     if (off > settings.same_torque * sizes).any():
-        return f"was driven with torques that differ by {100 * (off / np.maximum(sizes, 1e-12)).max():.3g} % of their range"
+        share = 100 * float((off / np.maximum(sizes, 1e-12)).max())
+        return f"was driven with torques that differ by {share:.3g} % of their range"
     ranges = np.ptp(a[:, inputs:], axis=0), np.ptp(b[:, inputs:], axis=0)
     if (ranges[1] < settings.dead * ranges[0]).any():
         return "has a channel that does not move"

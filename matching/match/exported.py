@@ -468,7 +468,7 @@ def exported_controller(case: Case) -> ExportedController:
 
 
 def speeds_by_others(rig: System, sensors: Sequence[str], speeds: Sequence[int]) -> np.ndarray:
-    """Speeds (k, y) of rotors by the other readings of speeds where nothing twists; 0 where these do not determine them.
+    """Speeds (k, y) of rotors by other readings of speeds where nothing twists; 0 where these do not determine them.
 
     Parameters
     ----------

@@ -171,7 +171,9 @@ def residual_response(residual: ResidualVehicle, shafts: Sequence[str], frequenc
         cuts = [_interface(residual, shafts[j]) for j in here]
         columns = np.stack([space.input(cut.torque) for cut in cuts], axis=1)
         rows = np.stack([space.output(cut.speed) for cut in cuts])
-        states = np.linalg.solve(s[:, None, None] * np.eye(len(space.A)) - space.A, np.broadcast_to(columns, (len(s), *columns.shape)))
+        states = np.linalg.solve(
+            s[:, None, None] * np.eye(len(space.A)) - space.A, np.broadcast_to(columns, (len(s), *columns.shape))
+        )
         found[np.ix_(range(len(s)), here, here)] = rows @ states
     return found
 
@@ -192,9 +194,7 @@ def _values(case: Case, settings: LearningSettings) -> list[dict[str, float]]:
     return [{}, *(box.at(position) for position in box.draw(settings.drawn, settings.seed))]
 
 
-def _added(
-    case: Case, law: ControlLaw, beds: BedSet, lines: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, BedSet]:
+def _added(case: Case, law: ControlLaw, beds: BedSet, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray, BedSet]:
     """Commands (b, f, k, k) by added torques, compared sensors (f, c, y) by wrong readings as planned, and the beds."""
     acting = frequency_response(without_limits(with_added_torques(law)), lines)
     own = acting.of_known[:, :, [acting.known.index(added_to(name)) for name in law.dynamometers]]

@@ -32,12 +32,12 @@ from modelling.system import Input, Quantity, System
 # --- The law.
 #
 # The residual vehicle is a nonlinear simulation of its own: it takes the torque at each cut and gives the speed of the
-# wheel there, one sample later. The observer has a linear likeness of it. What the vehicle does beyond the likeness, at
-# the state at which it is, acts on the likeness as a known torque (the remainder), and a load that wanders at each wheel
-# is estimated beside it: both together make the likeness follow the wheel speeds that the vehicle gives. The bed's
-# readings correct rig and unmeasured torques as always, and what they say of the torque at the cuts goes into the vehicle
-# as momentum. At every speed of a grid rig, lags and likeness are linearised and a controller is designed with the same
-# weights; all have the same physical states, so matrices are interpolated in the vehicle's speed and nothing jumps.
+# wheel there, one sample later. The observer has a linear likeness of it. What the vehicle does beyond the likeness,
+# where it is, acts on the likeness as a known torque (the remainder), and a load that wanders at each wheel is
+# estimated next to it: both together make the likeness follow the wheel speeds that the vehicle gives. The bed's
+# readings correct rig and unmeasured torques as always, and what they say of the torque at the cuts goes into the
+# vehicle as momentum. At every speed of a grid rig, lags and likeness are linearised and a controller is designed with
+# the same weights; all have the same physical states, so matrices are interpolated in the vehicle's speed.
 # Nothing that the vehicle does fast is held over a sample inside the vehicle: it is as stable as its own integration.
 
 
@@ -48,7 +48,8 @@ class SteppedSettings:
     Attributes
     ----------
     load_drift : float
-        N·m/√s: how fast the load of a wheel may wander beside what is computed. Chosen by trial: 1000 changes no error by more than a tenth.
+        N·m/√s: how fast the load of a wheel may wander beside what is computed. Chosen by
+        trial: 1000 changes no error by more than a tenth.
     wheel_noise : float
         rad/s: how far the speed that the vehicle gives is trusted. Chosen by trial: less of it makes commands jump
         (10⁻⁴ by 400 N·m from sample to sample), and gains nothing.
@@ -218,7 +219,7 @@ def stepped_vehicle(
     tyres = tuple(effect.at for system in first.parts for effect in system.effects if effect.kind == "tyre_slip")
     at_cuts, at_own = ca.SX.sym("T", len(cuts)), ca.SX.sym("w", len(own))
     road = ca.SX.sym("road", len(tyres) + len(ROAD))
-    mass, grade = road[len(tyres)], road[len(tyres) + 1]
+    grade = road[len(tyres) + 1]
     states, rates, body, slips, torques, steepness = [], [], [], [], [], []
     speeds_by_name: dict[str, tuple[int, np.ndarray]] = {}
     lifts = [_lift(system) for system in first.parts]  # which angles nothing depends on is the same at every speed
@@ -249,7 +250,9 @@ def stepped_vehicle(
                 inner, outer = (ca.DM(named[end][None]) @ x for end in shaft.between)
                 slips.append((inner - outer) / ca.fmax(ca.fabs(outer), SLOWEST_SLIP))
                 all_states = ca.SX.sym("all", len(model.states))
-                through = model.shaft_torques(all_states, u, values)[[one.name for one in system.shafts].index(shaft.name)]
+                through = model.shaft_torques(all_states, u, values)[
+                    [one.name for one in system.shafts].index(shaft.name)
+                ]
                 by_carcass = ca.jacobian(through, all_states[model.states.index(f"{at}.tyre_slip")])
                 slope = by_carcass / ca.substitute(by_carcass, road[: len(tyres)], ca.SX.ones(len(tyres)) * FIRM)
                 torques.append(ca.substitute(through, all_states, lift @ x))
@@ -349,12 +352,13 @@ class SteppedLaw:
     Attributes
     ----------
     laws : tuple of ControlLaw (d)
-        At each of the ``designed`` speeds. Columns of the rates of the vehicle's states (v) follow those of the known torques: of the rig, then of the vehicle. Those
-        whose effect depends on the motion (a brake) are in the vehicle alone, and their columns zero.
+        At each of the ``designed`` speeds. Columns of the rates of the vehicle's states (v) follow those of the known
+        torques: of the rig, then of the vehicle. Those whose effect depends on the motion (a brake) are in the vehicle
+        alone, and their columns zero.
     likeness : ndarray (d, v, v)
         Rates of the observer's vehicle by its states.
     designed : ndarray (d,)
-        rad/s of the vehicle, rising: those of the range, and higher ones at which its tyres damp as they do at the highest
+        rad/s of the vehicle, rising: those of the range, and higher ones at which its tyres damp as at the highest
         with a slope of :data:`SLOPES` (see :meth:`SteppedVehicle.schedule_speed`).
     by_wheel : ndarray (d, v + k, k)
         Correction of the observer's vehicle and of the loads by wheel speeds that are off by 1 rad/s.
@@ -450,7 +454,9 @@ class SteppedLaw:
 
     @cached_property
     def _stacked(self) -> dict[str, np.ndarray]:
-        stacked = {name: np.stack([getattr(law, name) for law in self.laws]) for name in ("A", "Bw", "Bs", "K", "Dw", "L")}
+        stacked = {
+            name: np.stack([getattr(law, name) for law in self.laws]) for name in ("A", "Bw", "Bs", "K", "Dw", "L")
+        }
         return {**stacked, "by_wheel": self.by_wheel, "likeness": self.likeness}
 
     def at(self, speed: float) -> dict[str, np.ndarray]:
@@ -542,7 +548,9 @@ class SteppedLaw:
         own = np.eye(r, width, width - r)
         vehicle = on @ np.eye(v, width, x + q) + by_cut @ torque + by_own @ own
         rows = np.vstack([after, load, vehicle])
-        sending = np.vstack([made["Bs"], np.zeros((q, len(self.dynamometers))), by_cut @ self.cut_torque @ made["Bs"] / 2])
+        sending = np.vstack(
+            [made["Bs"], np.zeros((q, len(self.dynamometers))), by_cut @ self.cut_torque @ made["Bs"] / 2]
+        )
         # by corrected states and readings in place of states and innovation: innovation = N·(y − E·xc)
         L, E = np.zeros((size, y)), np.zeros((y, size))
         L[:x], E[:, :x] = made["L"], self.E
@@ -613,9 +621,7 @@ def stepped_law(
     rotors = [next(part.on for part in rigs[0].inputs if part.name == one.torque_input) for one in loop.dynamometers]
     by_rig = [speeds_of(one) for one in rigs]
     # what turns the rotor turns the vehicle's end of the cut, by the ratio of their speeds
-    over = np.array([
-        by_rig[-1][rotor] / turning[-1][cut.vehicle_end] for rotor, cut in zip(rotors, cuts, strict=True)
-    ])
+    over = np.array([by_rig[-1][rotor] / turning[-1][cut.vehicle_end] for rotor, cut in zip(rotors, cuts, strict=True)])
     turned = np.array([[each[name] for name in rotors] for each in by_rig])  # (g, k)
     shares = np.sign(turned[-1]) / k
     by_reading, by_command = np.zeros((k, len(law.sensors))), np.zeros((k, k))
@@ -656,7 +662,9 @@ def _design(
     w, v = len(law.known), len(vehicle.body)
     acts = np.r_[np.ones(w - len(vehicle.inputs)), 1 - vehicle.nonlinear]
 
-    def together(columns: np.ndarray) -> np.ndarray:  # both vehicles, of the observer and ahead of it, have one remainder
+    def together(
+        columns: np.ndarray,
+    ) -> np.ndarray:  # both vehicles, of the observer and ahead of it, have one remainder
         return np.hstack([columns[:, :w] * acts, columns[:, w : w + v] + columns[:, w + v :]])
 
     law = replace(law, Bw=together(law.Bw), Dw=together(law.Dw))

@@ -14,6 +14,7 @@ from modelling.bed.bed import ControlLaw
 from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SteppedLaw
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
+    FADE_S,
     GONE,
     HELD_BELOW_LIMIT,
     IN_A_ROW,
@@ -110,6 +111,7 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_SLOWEST {_real(SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {SAMPLES_IN_A_ROW}",
         f"#define CONTROLLER_MEAN_SAMPLES {mean_samples(law.sample_time)}",
+        f"#define CONTROLLER_FADE {_real(FADE_S)} /* s */",
         f"#define CONTROLLER_MEAN_OF_OFF {MEAN_OF_OFF}",
         f"#define CONTROLLER_MEAN_SHARE {_real(MEAN_SHARE)}",
         f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",
@@ -138,7 +140,12 @@ def _data(controller: ExportedController) -> str:
     if isinstance(law, SteppedLaw):
         lines += [f"    {{{', '.join(['1.0'] * (len(law.vehicle.tyres) + 1))}}}, 1.0, 0.0, /* friction, mass, grade */"]
     lines += [f"    {settings.frozen_samples}, {settings.life_samples}, {settings.ride_samples}}};"]
-    matrices = {"BY_OTHERS": controller.by_others, "EXPECTED": law.E, "LOST": controller.watched.lost, "CARRIED": controller.watched.carried}
+    matrices = {
+        "BY_OTHERS": controller.by_others,
+        "EXPECTED": law.E,
+        "LOST": controller.watched.lost,
+        "CARRIED": controller.watched.carried,
+    }
     for name, matrix in matrices.items():
         lines += ["", *_rows(name, matrix)]
     over_speed = {
@@ -220,7 +227,11 @@ def _functions(functions: dict[str, ca.Function]) -> list[str]:
         lines += [f"static void {name}_of({parameters}, controller_real *found)", "{", body + unused + "}"]
     helpers = []
     for name in sorted(used):
-        parameters = "controller_real x, controller_real y" if "y" in re.findall(r"\b\w\b", HELPERS[name]) else "controller_real x"
+        parameters = (
+            "controller_real x, controller_real y"
+            if "y" in re.findall(r"\b\w\b", HELPERS[name])
+            else "controller_real x"
+        )
         helpers.append(f"static controller_real vehicle_{name}({parameters}) {{ return {HELPERS[name]}; }}")
     return [*helpers, *lines]
 

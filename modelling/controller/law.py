@@ -233,6 +233,7 @@ SAMPLES_IN_A_ROW = 2  # in which two readings at once have to be unexpected: the
 MEAN_OF_OFF = 10  # samples that the mean of what a reading is off from what is expected holds
 MEAN_SHARE = 0.25  # of the allowed: how far that mean may be off. Healthy beds reached 0.09 in drives of every kind
 RIDE_THROUGH_S = 0.02  # for which emulation goes on without a reading that is refused. Chosen by trial
+FADE_S = 0.5  # time constant with which the torque of a rotor ends whose speed is not trusted. Chosen by trial
 LIFE_S = 0.05  # without a change of the sign of life, after which it counts as missing
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
@@ -332,12 +333,11 @@ def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.nd
 # Four modes: zero torque, speed hold, emulation, and the check of the channels, in which no reading is fed back: small
 # torques are commanded as they are asked for, whatever sign or unit the channels have. Emulation begins from the mean
 # of the readings before it, and from the torques and commands of its first sample, so it begins without a bump at any
-# steady speed. What goes wrong ends
-# it: readings that do not come or do not change, a rotor too fast, a torque that is gone at once, a shaft that opens, or
-# readings that are not what the controller's model expects. A single reading that is not finite or far from what is
-# expected is refused in its first sample, and emulation goes on with what the model says in its place; after a short
-# time it ends, too. Then the speeds are held, by the sensors that are right, or, where they are not known any more, the
-# torque is zero, until zero torque is asked for.
+# steady speed. What goes wrong ends it: readings that do not come or do not change, a rotor too fast, a torque that is
+# gone at once, a shaft that opens, or readings that are not what the controller's model expects. A single reading that
+# is not finite or far from what is expected is refused in its first sample, and emulation goes on with what the model
+# says in its place; after a short time it ends, too. Then the speeds are held by the sensors that are right, or, where
+# they are not known any more, the torque is zero, until zero torque is asked for.
 
 
 @dataclass(frozen=True)
@@ -519,7 +519,7 @@ class SupervisedController:
             at = int(np.argmax(np.where(wrong, self._lost, -1)))
             self._why(at, readings, settings.unexpected[at], expected[at])
         if self._surprised >= SAMPLES_IN_A_ROW:
-            # the model does not hold: what is read counts, but for a speed that the others contradict most
+            # the model does not hold: what is read counts, but for speeds that right ones determine or contradict
             self._distrusted = self._refused & ~np.isfinite(readings)
             self._seen = np.where(np.isfinite(readings), readings, self._seen)
             self._distrust_contradicted()
@@ -549,11 +549,16 @@ class SupervisedController:
         self._seen = np.where(self._refused, expected, readings)
 
     def _distrust_contradicted(self) -> None:
-        """Trust no rotor's speed any more that is furthest from what the others say, and further than is allowed."""
+        """Trust no rotor's speed any more that is furthest from what the others say, and further than is allowed, nor
+        one that was refused where the others were not."""
         apart = np.abs(self._seen[self._speeds] - self._by_others @ self._seen)
         apart = np.where((self._by_others != 0).any(axis=1), apart / self.settings.unexpected[self._speeds], 0.0)
         if len(apart) and apart.max() > 1:
             self._distrusted[self._speeds[int(np.argmax(apart))]] = True
+        for j, at in enumerate(self._speeds):
+            used = self._by_others[j] != 0
+            if self._refused[at] and used.any() and not self._refused[used].any():
+                self._distrusted[at] = True
 
     def _replace_speeds(self) -> None:
         """Speeds of rotors whose sensors are not trusted, by the others; not finite where these do not determine them.
@@ -608,7 +613,9 @@ class SupervisedController:
             wanted = self._held if self._fault else hold
             # a rotor whose load is gone would be swung by the torque that balanced it
             carried = np.where(self._gone & (self._fault == TORQUE_GONE), 0.0, self._sent)
-            self._integral = carried - self.settings.hold_proportional * (wanted - readings[self._speeds])
+            blind = self._distrusted[self._speeds]
+            error = np.where(blind, 0.0, wanted - readings[self._speeds])
+            self._integral = carried - self.settings.hold_proportional * error
         if mode == EMULATION:
             self._average(readings, known)
             readings_start, known_start, sent_start = (
@@ -643,7 +650,8 @@ class SupervisedController:
                 assert self._emulation is not None
                 now, begun, cut = self._emulation
                 sent, now = self.law.step(
-                    now, begun, cut, readings - y0, known - w0, known[len(known) - len(self.law.vehicle.inputs) :], limits, self.road,
+                    now, begun, cut, readings - y0, known - w0,
+                    known[len(known) - len(self.law.vehicle.inputs) :], limits, self.road,
                     readings[self._speeds], added,
                 )  # fmt: skip
                 self._emulation, self._state = (now, begun, cut), now.state
@@ -652,10 +660,12 @@ class SupervisedController:
             return u0 + sent
         if self._mode == SPEED_HOLD:
             error = (self._held if self._fault else hold) - readings[self._speeds]
-            asked = settings.hold_proportional * error + self._integral + added
+            blind = self._distrusted[self._speeds]  # others hold the speed; their readings would swing this rotor
+            asked = np.where(blind, 0.0, settings.hold_proportional * error) + self._integral + added
             sent = np.clip(asked, -limit, limit)
             within = asked == sent
-            self._integral = self._integral + within * settings.hold_integral * self.law.sample_time * error
+            held = self._integral + within * settings.hold_integral * self.law.sample_time * error
+            self._integral = np.where(blind, self._integral * (1 - self.law.sample_time / FADE_S), held)
             return sent
         if self._mode == CHANNEL_CHECK:
             small = np.minimum(limit, settings.check_torque)
@@ -684,7 +694,7 @@ class ExportedController:
     shafts : tuple of OpenedShaft
         How the opening of every shaft of the rig is noticed.
     by_others : ndarray (k, y)
-        Speed of each rotor by the other readings of speeds where the rig turns as one, 0 where they do not determine it.
+        Speed of each rotor by other readings of speeds where the rig turns as one, 0 where they do not determine it.
     learned : ndarray (n, k)
         Torques, N·m, that emulation adds sample by sample from the trigger of a manoeuvre on; (0, k) without any.
     """

@@ -52,8 +52,10 @@ class Wrong(ctypes.Structure):
 def plant(vehicle: Path, rig: Path, dead_time: float, draw=None, brush=False, extra=None) -> Plant:
     """Car and bed of these files; ``draw`` (a generator) makes the bed and its specimen one within the case's box."""
     car, bed = (tomllib.loads(path.read_text()) for path in (vehicle, rig))
-    sides = {key: [f"{key}_{side}" for side in SIDES] for key in
-             ("side", "wheel", "tyre", "body", "wheel_tyre", "tyre_body", "adapter", "rotor", "flange")}
+    sides = {
+        key: [f"{key}_{side}" for side in SIDES]
+        for key in ("side", "wheel", "tyre", "body", "wheel_tyre", "tyre_body", "adapter", "rotor", "flange")
+    }
 
     def off(most):
         return 1.0 if draw is None else 1.0 + most * draw.uniform(-1, 1)
@@ -215,7 +217,7 @@ def up_and_down(kmh: float, motor: float = 150.0, brake: float = 750.0, of: Plan
 
     The times follow from a car that is one mass; they need not be exact.
     """
-    J = (sum(of.J_body) + sum(of.J_wheel) + sum(of.J_tyre) + (of.J_motor + of.J_gear) * of.ratio**2)
+    J = sum(of.J_body) + sum(of.J_wheel) + sum(of.J_tyre) + (of.J_motor + of.J_gear) * of.ratio**2
     w, t, reach = 0.0, 0.0, kmh / 3.6 / radius
     while w < reach and t < 100:
         w += 0.01 * (motor * of.ratio - 2 * of.roll[0] - 2 * of.air[0] * w * w) / J
@@ -226,11 +228,14 @@ def up_and_down(kmh: float, motor: float = 150.0, brake: float = 750.0, of: Plan
     stop = end + reach * J / (2 * brake) * 0.4 + 1.5
     away = stop + 5.0
     time = np.arange(round((away + 3.0) / 1e-3)) * 1e-3
-    torque = motor * (ramp(time, 0.5, 0.3) - ramp(time, up, 0.1)) - 30 * (ramp(time, over, 0.1) - ramp(time, tip - 0.8, 0.1))
+    torque = motor * (ramp(time, 0.5, 0.3) - ramp(time, up, 0.1)) - 30 * (
+        ramp(time, over, 0.1) - ramp(time, tip - 0.8, 0.1)
+    )
     torque += 100 * (ramp(time, tip, 0.05) - ramp(time, tip + 1.2, 0.1)) + motor * ramp(time, away, 0.3)
     brakes = brake * (ramp(time, tip + 1.5, 0.2) - ramp(time, away - 0.3, 0.2))
     marks = {
         "drive away": (0, up), "overrun": (over - 0.1, tip), "tip-in": (tip, tip + 1.2),
-        "braked": (tip + 1.5, end), "stopping": (tip + 1.5, stop), "held": (stop + 0.5, away - 0.4), "away again": (away, away + 3.0),
+        "braked": (tip + 1.5, end), "stopping": (tip + 1.5, stop), "held": (stop + 0.5, away - 0.4),
+        "away again": (away, away + 3.0),
     }  # fmt: skip
     return inputs(time, torque, brakes), {name: (round(a * 1e3), round(b * 1e3)) for name, (a, b) in marks.items()}

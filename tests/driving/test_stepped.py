@@ -103,7 +103,9 @@ def test_its_fmu_does_what_python_does(controller, tmp_path):
             sent = fmu.get([f"{name}.command" for name in law.dynamometers])
             np.testing.assert_allclose(sent, wanted.commands, atol=1e-7)
             if n > 40:
-                shown = fmu.get(["vehicle.speed", "vehicle.distance", *(f"{name}.wheel_speed" for name in law.dynamometers)])
+                shown = fmu.get(
+                    ["vehicle.speed", "vehicle.distance", *(f"{name}.wheel_speed" for name in law.dynamometers)]
+                )
                 np.testing.assert_allclose(shown[0], 0.3 * law.vehicle.body @ before.vehicle, atol=1e-9)
                 np.testing.assert_allclose(shown[1], before.distance, atol=1e-9)
                 np.testing.assert_allclose(shown[2:], law.vehicle.wheel @ before.vehicle, atol=1e-9)
@@ -147,7 +149,11 @@ def test_about_a_steady_speed_the_linear_law_does_what_the_law_does(controller):
     linear, k = law.frozen(speed), len(law.dynamometers)
     steady = np.array([np.interp(speed, law.speeds, each) for each in law.vehicle.steady.T])
     begun = Emulation(np.zeros(law.states), np.zeros(k), np.zeros(k), steady)
-    balance = np.linalg.lstsq(law.vehicle.by_cut, -law.vehicle.rates(steady, np.zeros(k), np.zeros(4), law.vehicle.as_planned).full()[:, 0], rcond=None)[0]
+    balance = np.linalg.lstsq(
+        law.vehicle.by_cut,
+        -law.vehicle.rates(steady, np.zeros(k), np.zeros(4), law.vehicle.as_planned).full()[:, 0],
+        rcond=None,
+    )[0]
     now, state, wide = begun, np.zeros(linear.states), (np.full(k, -1e9), np.full(k, 1e9))
     for _ in range(60):
         readings, known = 1e-3 * random.standard_normal(len(law.sensors)), np.zeros(len(law.known))

@@ -176,7 +176,7 @@ def test_python_notices_it_at_the_same_sample(stand, path):
 
 @pytest.mark.parametrize("wrong", ["a reading is no number", "a torque sensor jumps", "an encoder is dead"])
 def test_a_sensor_that_is_wrong_is_ridden_through_and_named(wrong, stand, path):
-    """Refused in its first sample, by what the model expects; then the speeds are held by the sensors that are right."""
+    """Refused in its first sample by what the model expects; then the speeds are held by right sensors."""
     healthy, sent, _, _ = stand.run(path)
     readings, commands, mode, faults = stand.run(path, wrong)
     name, at = ended(mode, faults)

@@ -267,7 +267,8 @@ static void replace_speeds(const controller *c, controller_input *seen)
     }
 }
 
-/* a rotor's speed that is furthest from what the others say, and further than is allowed, is not trusted any more */
+/* a rotor's speed that is furthest from what the others say, and further than is allowed, is not trusted any more, nor one
+ * that was refused where the others were not */
 static void distrust_contradicted(controller *c, const controller_input *seen)
 {
     int32_t furthest = -1;
@@ -285,6 +286,15 @@ static void distrust_contradicted(controller *c, const controller_input *seen)
     }
     if (furthest >= 0) {
         c->distrusted[furthest] = 1;
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        bool right = BY_OTHERS.start[j + 1] > BY_OTHERS.start[j];
+        for (uint32_t k = BY_OTHERS.start[j]; k < BY_OTHERS.start[j + 1]; k++) {
+            right = right && (c->refused[BY_OTHERS.column[k]] == 0);
+        }
+        if (right && (c->refused[SPEED_READING[j]] != 0)) {
+            c->distrusted[SPEED_READING[j]] = 1;
+        }
     }
 }
 
@@ -312,7 +322,7 @@ static int32_t judge_unexpected(controller *c, const controller_input *in, contr
         c->sensor = longest;
     }
     if (c->surprised >= CONTROLLER_IN_A_ROW) {
-        /* the model does not hold: what is read counts, but for a speed that the others contradict most */
+        /* the model does not hold: what is read counts, but for speeds that right ones determine or contradict */
         for (int32_t i = 0; i < READINGS; i++) {
             const bool finite = isfinite(in->reading[i]);
             c->distrusted[i] = ((c->refused[i] != 0) && !finite) ? 1 : 0;
@@ -682,8 +692,10 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
                 /* a rotor whose load is gone would be swung by the torque that balanced it */
                 const bool gone = (c->fault == CONTROLLER_TORQUE_GONE) && (c->gone[j] != 0);
                 const controller_real carried = gone ? (controller_real)0.0 : c->sent[j];
-                c->integral[j] = carried - (c->settings.hold_proportional[j] *
-                                            (wanted_speed(c, in, j) - in->reading[SPEED_READING[j]]));
+                const bool blind = c->distrusted[SPEED_READING[j]] != 0;
+                const controller_real error =
+                    blind ? (controller_real)0.0 : (wanted_speed(c, in, j) - in->reading[SPEED_READING[j]]);
+                c->integral[j] = carried - (c->settings.hold_proportional[j] * error);
             }
         }
         if (mode == CONTROLLER_EMULATION) {
@@ -807,11 +819,18 @@ static void hold(controller *c, const controller_input *in)
 {
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
+        /* of a rotor whose speed is not trusted others hold the speed; their readings would swing it */
+        const bool blind = c->distrusted[SPEED_READING[j]] != 0;
         const controller_real error = wanted_speed(c, in, j) - in->reading[SPEED_READING[j]];
-        const controller_real asked = (c->settings.hold_proportional[j] * error) + c->integral[j] + in->added_torque[j];
+        const controller_real proportional = blind ? (controller_real)0.0 : (c->settings.hold_proportional[j] * error);
+        const controller_real asked = proportional + c->integral[j] + in->added_torque[j];
         c->sent[j] = within(asked, -limit, limit);
-        if (c->sent[j] == asked) {
+        if (blind) {
+            c->integral[j] *= (controller_real)1.0 - (controller_real)(CONTROLLER_SAMPLE_TIME / CONTROLLER_FADE);
+        } else if (c->sent[j] == asked) {
             c->integral[j] += c->settings.hold_integral[j] * (controller_real)CONTROLLER_SAMPLE_TIME * error;
+        } else {
+            /* at its limit nothing winds up */
         }
     }
 }
