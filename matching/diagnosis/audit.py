@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from matching.diagnosis.base import as_hypothesis, fit_base
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit, FitOptions, solve
-from matching.diagnosis.hypotheses import at_noise
+from matching.diagnosis.hypotheses import at_noise, rms_errors
 from matching.diagnosis.inputs import resolution
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.settings import DiagnosisSettings
@@ -300,15 +300,16 @@ def notes_on_times(system: System, times: Times) -> list[str]:
 ITERATIONS_WITHOUT = 40  # of the fit without a channel, from that with it
 
 
-def wrong_channel(system: System, fit: Fit) -> str:
+def wrong_channel(system: System, fit: Fit, settings: DiagnosisSettings) -> str:
     """The one sensor without which the model leaves noise alone in all others; empty where there is none, or several.
 
     What is wrong with a channel alone, as clipping, a dead band or a speed that enters a torque, has no kind for each;
     an effect of the drivetrain shows in its neighbours too.
     """
     problem, found = fit.problem, list[str]()
-    read = [j for j, count in enumerate(problem.data.readings_by_sensor) if count]
-    for j in read if len(read) > 1 else ():
+    several = np.count_nonzero(problem.data.readings_by_sensor) > 1
+    beyond = np.flatnonzero(rms_errors(fit) > settings.clearly_beyond).tolist() if several else []
+    for j in beyond:
         segments = []
         for segment in problem.data.segments:
             readings = segment.readings.copy()

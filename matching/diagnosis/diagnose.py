@@ -263,7 +263,7 @@ def diagnose(
             with_held = searched(other_base)
             if with_held[-1].best.cost < found.best.cost:
                 kinds, base_fit, (times, unseen, found) = held, other_base, with_held
-        wrong = "" if at_noise(found.best) or time_is_over() else audit.wrong_channel(system, base_fit)
+        wrong = "" if at_noise(found.best) or time_is_over() else audit.wrong_channel(system, base_fit, settings)
         if wrong:
             progress(f"{wrong} alone")
             found = search_causes(system, base_fit, unseen, progress, (), f"sensors.{wrong}")
