@@ -173,13 +173,15 @@ class Input:
 class Sensor:
     """Measures the angle, speed or acceleration ``of`` an inertia, or the torque of a shaft.
 
-    ``uncertainty`` is the standard uncertainty (k = 1) in the SI unit of the reading, or None.
+    ``uncertainty`` is the standard uncertainty (k = 1) in the SI unit of the reading, or None; ``counts`` are those of
+    a turn of an encoder whose speed is the counts of a sample over its duration, or None.
     """
 
     name: str
     measures: str
     of: str
     uncertainty: float | None = None
+    counts: float | None = None
 
     @property
     def unit(self) -> str:

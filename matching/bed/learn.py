@@ -14,10 +14,10 @@ from matching.bed.excite import bed_inputs
 from matching.bed.simulated_bed import FmuBed, emulated_recording
 from matching.bed.verify import BedRecordings, read_recordings
 from matching.dry_run import computing
-from matching.export import exported_controller
 from matching.match.case import Case
 from matching.match.driving import vehicles_in
-from matching.match.in_time import Imperfection
+from matching.match.exported import exported_controller
+from matching.match.imperfections import Imperfection
 from matching.match.learning import LEARNING, Learner, added_to
 from matching.match.operating_range import at_speed, body_speed
 from modelling.bed.bed import Dynamometer
@@ -25,6 +25,7 @@ from modelling.bed.scheduled import ScheduledLaw
 from modelling.controller.law import ExportedController
 from modelling.display import Displayed
 from modelling.errors import InputError
+from modelling.fidelity.over_range import at_rest
 from modelling.fmu.export import controller_fmu
 from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.recordings.read import Channel, csv_text, read_signals
@@ -218,8 +219,8 @@ def learn(
     driven = dict(zip(recorded.inputs, torques.mean(axis=0).T, strict=True))
     vehicle = vehicles_in(own, driven, [Imperfection("")], recorded.sensors)[:, :, 0]
     ranges = np.ptp(vehicle, axis=0)
-    if not (ranges > 0).all():
-        still = recorded.sensors[int(np.argmin(ranges))]
+    if (resting := at_rest(vehicle)).any():
+        still = recorded.sensors[int(np.argmax(resting))]
         right = "record the manoeuvre from its trigger on"
         raise InputError(Path(recordings[0]).name, f"moves nothing that {still} reads", right)
     errors = readings - vehicle

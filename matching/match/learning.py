@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from matching.match.beds import sensor_noise
+from matching.match.beds import noise_of_sensors
 from matching.match.case import Case
 from matching.match.loop import bed_set, compared_sensors, frequency_response, return_difference, without_limits
 from modelling.bed.bed import ControlLaw
@@ -122,8 +122,8 @@ class Learner:
         difference = return_difference(beds, acting)
         commands = np.linalg.solve(difference, np.broadcast_to(own, (len(values), *own.shape)))
         by_reading = beds.commanded[0] @ np.linalg.solve(difference[0], acting.of_readings)
-        sensors = sensor_noise(case, case.loop.controller_sensors)
-        noise = samples * ((np.abs(by_reading) ** 2) @ sensors**2 + sensor_noise(case, compared_sensors(case)) ** 2)
+        sensors = noise_of_sensors(case, case.loop.controller_sensors)
+        noise = samples * ((np.abs(by_reading) ** 2) @ sensors**2 + noise_of_sensors(case, compared_sensors(case)) ** 2)
         return cls(step, padded, beds.commanded @ commands, noise, settings)
 
     def correction(self, errors: np.ndarray, ranges: np.ndarray) -> Correction:

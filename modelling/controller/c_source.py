@@ -17,13 +17,13 @@ from modelling.controller.law import (
     IN_A_ROW,
     KEPT_SAMPLES,
     LARGEST_SHARE,
-    MEAN_SAMPLES,
     REMEMBERED_SAMPLES,
     SAMPLES_IN_A_ROW,
     SLOWEST,
     TURNING,
     WATCHED_SAMPLES,
     ExportedController,
+    mean_samples,
 )
 from modelling.escape import c_comment
 
@@ -50,10 +50,10 @@ def memory_bytes(controller: ExportedController) -> int:
         + 2 * len(controller.settings.curve_speeds)
         + y
         + x
-        + 3 * y
-        + (w + 1)
+        + 4 * y
+        + 3 * (w + 1)
         + (v + 1)
-        + 5 * k
+        + 7 * k
         + KEPT_TORQUES * k
         + (s + 1)
         + 1
@@ -109,7 +109,7 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_HELD_BELOW_LIMIT {_real(HELD_BELOW_LIMIT)}",
         f"#define CONTROLLER_SLOWEST {_real(SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {SAMPLES_IN_A_ROW}",
-        f"#define CONTROLLER_MEAN_SAMPLES {MEAN_SAMPLES}",
+        f"#define CONTROLLER_MEAN_SAMPLES {mean_samples(law.sample_time)}",
         f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",
         f"#define CONTROLLER_OPENED_IN_A_ROW {IN_A_ROW}",
         f"#define CONTROLLER_LARGEST_SHARE {_real(LARGEST_SHARE)}",

@@ -11,7 +11,7 @@ from scipy.linalg import solve_discrete_are
 from modelling.bed.bed import Begin, ControlLaw
 from modelling.bed.scheduled import Law
 from modelling.bed.vehicle import FeedForward
-from modelling.errors import InputError
+from modelling.errors import NoDesign
 from modelling.linear.state_space import StateSpace
 
 # --- The sampled laws of feedback and of a feed-forward next to it.
@@ -225,7 +225,10 @@ ZERO_TORQUE, SPEED_HOLD, EMULATION, CHANNEL_CHECK = 0, 1, 2, 3  # modes
 FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
 TORQUE_GONE = FAULTS.index("torque gone")
 HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
-MEAN_SAMPLES = 8  # that an exponential mean holds, from which an emulation begins: a quarter of one sample's noise
+# s that the exponential means hold from which an emulation begins. Twice the mean less the mean of the mean follows a
+# hold that still comes to its speed without a lag (double exponential smoothing), and leaves a sixth of one sample's
+# noise at 1 kHz; what is left of it the observer estimates. Chosen by trial.
+MEAN_S = 0.05
 SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wrong value does not count
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
@@ -337,6 +340,11 @@ class Answer:
     fault: int
 
 
+def mean_samples(sample_time: float) -> int:
+    """Samples that the means hold from which an emulation begins; ``sample_time`` in s."""
+    return max(round(MEAN_S / sample_time), 1)
+
+
 class SupervisedController:
     """A control law with its supervision.
 
@@ -369,7 +377,10 @@ class SupervisedController:
         self._state = np.zeros(self.law.states)
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
         self._begin: Begin | None = None
-        self._last, self._mean, self._averaged = np.zeros(y), np.zeros(y), 0
+        self._last, self._averaged = np.zeros(y), 0
+        # of readings, known torques and commands, and the means of these means
+        self._means, self._slow = ((np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)) for _ in range(2))
+        self._mean_samples = mean_samples(self.law.sample_time)
         self._past_torques = np.zeros((max(KEPT_SAMPLES, WATCHED_SAMPLES), k))
         self._deviations = np.zeros((WATCHED_SAMPLES, y))
         self._watch.reset()
@@ -420,7 +431,7 @@ class SupervisedController:
             self._sent = np.zeros(len(self._sent))
         if not unknown:
             if self._mode != EMULATION:
-                self._average(readings)
+                self._average(readings, known)
             self._last = readings.copy()
             self._past_torques = np.vstack([self._flange_torques(readings), self._past_torques[:-1]])
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
@@ -488,10 +499,12 @@ class SupervisedController:
         self._gone |= (self._watch.watched.carried[opened] != 0).any(axis=0)  # the rotors that it loaded
         return bool(self._gone.any())
 
-    def _average(self, readings: np.ndarray) -> None:
-        """Readings are averaged while nothing is emulated: the noise of one sample is no offset of the emulation."""
-        self._averaged = min(self._averaged + 1, MEAN_SAMPLES)
-        self._mean += (readings - self._mean) / self._averaged
+    def _average(self, readings: np.ndarray, known: np.ndarray) -> None:
+        """What an emulation begins from is averaged before it: noise of one sample is no offset of the emulation."""
+        self._averaged = min(self._averaged + 1, self._mean_samples)
+        for mean, slow, value in zip(self._means, self._slow, (readings, known, self._sent), strict=True):
+            mean += (value - mean) / self._averaged
+            slow += (mean - slow) / self._averaged
 
     def _enter(self, mode: int, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> None:
         if mode == self._mode:
@@ -505,8 +518,11 @@ class SupervisedController:
             carried = np.where(self._gone & (self._fault == TORQUE_GONE), 0.0, self._sent)
             self._integral = carried - self.settings.hold_proportional * (wanted - readings[self._speeds])
         if mode == EMULATION:
-            self._average(readings)
-            self._start = self._mean.copy(), known.copy(), self._sent.copy()
+            self._average(readings, known)
+            readings_start, known_start, sent_start = (
+                2 * mean - slow for mean, slow in zip(self._means, self._slow, strict=True)
+            )
+            self._start = readings_start, known_start, sent_start
             self._begin = self.law.begin(*self._start)
             self._state = np.zeros(self.law.states)
             self._past_torques[:] = self._flange_torques(readings)
@@ -595,7 +611,12 @@ ON_THE_CIRCLE = 1e-6  # of |z|: poles this near 1 are angles that nothing depend
 
 
 def hold_gains(
-    bed: StateSpace, rotor_inertias: np.ndarray, dead_time: float, lag: float, sample_time: float
+    bed: StateSpace,
+    rotor_inertias: np.ndarray,
+    dead_time: float,
+    lag: float,
+    sample_time: float,
+    largest: np.ndarray | float = np.inf,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Proportional (k,) and integral (k,) gains, N·m·s/rad and N·m/rad, of a speed hold that is stable on the rig.
 
@@ -607,22 +628,22 @@ def hold_gains(
         kg·m².
     dead_time, lag, sample_time : float
         s; the lag of inverter and sensor together.
+    largest : ndarray (k,) or float
+        N·m·s/rad: a larger proportional gain would make more command of a speed's noise than is allowed.
 
     Raises
     ------
-    InputError
+    NoDesign
         If no such gains are stable.
     """
     crossover = CROSSOVER_TIMES_DELAY / (dead_time + lag + sample_time)
-    proportional = rotor_inertias * crossover
-    integral = proportional * crossover / INTEGRAL_BELOW
+    proportional = np.minimum(rotor_inertias * crossover, largest)
+    integral = proportional**2 / rotor_inertias / INTEGRAL_BELOW  # its crossover is the gain over the inertia
     for _ in range(HALVINGS):
         if _is_stable(bed, proportional, integral, dead_time, sample_time):
             return proportional, integral
         proportional, integral = proportional / 2, integral / 4
-    raise InputError(
-        "controller", "no speed hold is stable on this rig", "check dead time, lags and the rotors' inertias"
-    )
+    raise NoDesign("no speed hold is stable on this rig; check dead time, lags and the rotors' inertias")
 
 
 def _is_stable(bed: StateSpace, proportional: np.ndarray, integral: np.ndarray, dead: float, step: float) -> bool:

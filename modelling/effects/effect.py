@@ -338,6 +338,10 @@ class EquationBuilder(Protocol):
     def sign(self, speed: sm.Expr) -> sm.Expr:
         """Sign of a speed (rad/s), smoothed over a stick speed that the simulation keeps small."""
 
+    @property
+    def follow_time(self) -> sm.Symbol:
+        """Time (s) in which a limited rate follows where it may, which the simulation keeps small."""
+
 
 @dataclass(frozen=True)
 class Motion:

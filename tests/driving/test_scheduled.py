@@ -11,8 +11,8 @@ from driving.own_car import FINE, Bed, Car, steady, step
 from fmu.slave import slave
 from needs import compiles
 
-from matching.export import exported_controller
 from matching.match.case_file import case_files, case_from_tables, load_case
+from matching.match.exported import exported_controller
 from matching.match.loop import bed_of, closed_poles, side_by_side, without_limits
 from matching.match.operating_range import at_speed, grid
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
