@@ -370,12 +370,12 @@ def _repetitions(
         [_no_repetition(signals, begins, one, other, inputs, turning, step) for other in range(len(signals))]
         for one in range(len(signals))
     ]
-    like = [sum(not fault for fault in row) for row in faults]
+    like = [sum(not (row[other] or faults[other][one]) for other in range(len(row))) for one, row in enumerate(faults)]
     chosen = int(np.argmax(like))
     left_out: list[str] = []
     kept: list[tuple[int]] = []
     for number, source in enumerate(sources):
-        fault = faults[chosen][number] if number != chosen else ""
+        fault = faults[chosen][number] or faults[number][chosen] if number != chosen else ""
         twins = [other for other, *_ in kept if np.array_equal(signals[other], signals[number])]
         if not fault and twins:
             fault = f"holds the same values as {sources[twins[0]]}: they are one recording"
