@@ -643,7 +643,8 @@ def diagnose(
     recordings : Recording, path or a sequence of them
         Recordings of the system (CSV, MDF, .mat, Parquet).
     holdout : Recording, path or a sequence of them, optional
-        Recording that is not fitted and measures the answer; by default blocks of the recordings do; repeatable.
+        Recording that is not fitted, decides last which causes are kept, and measures the answer; by default blocks of
+        the recordings do; repeatable.
     channels : path, optional
         File that says what the channels are called in the recordings (TOML).
     keep_rest : bool

@@ -205,8 +205,8 @@ def diagnose(
         Its quantities with a range are fitted, those without are taken as known until a wrong one is named.
     recordings : sequence of Recording
     holdout : Recording or sequence of Recording, optional
-        Not fitted and never asked what to accept: it measures the answer. Without it blocks of the recordings do, each
-        predicted by a fit to the others.
+        Not fitted. It decides last which causes the extended model has, and measures the answer. Without it blocks of
+        the recordings measure, each predicted by a fit to the others.
     progress : callable
         Is given the name of each step.
     keep_rest : bool
@@ -291,10 +291,14 @@ def diagnose(
             doubtful = [index for index, cause in enumerate(named) if not cause.in_model]
             if not doubtful and named and second.ratio(final, base) > 1 + settings.harms:
                 doubtful = list(range(len(named)))  # each helps beside the others, all together harm
+            why = "second_recording"
+            unsure = [index for index, cause in enumerate(named) if cause.confidence < settings.named]
+            if keep_rest and not doubtful and unsure and _table_is_better(identified, unsure, final, unseen):
+                doubtful, why = unsure, "table"
             if not doubtful:
                 break
             least = min(doubtful, key=lambda index: (named[index].in_model, named[index].confidence))
-            weak.append(as_harmful(named[least]) if named[least].in_model else named[least])
+            weak.append(replace(named[least], in_model=False, why_not=named[least].why_not or why))
             weighed += refitted_candidates([judged[least]])
             identified = _without(identified, least)
             best = identified.selected.best
@@ -470,9 +474,15 @@ class SecondRecording:
         return self.error(hypothesis) / before if before > 0 else np.nan
 
 
-def as_harmful(cause: NamedCause) -> NamedCause:
-    """A cause that stays out of the extended model since all causes together harm a second recording."""
-    return replace(cause, in_model=False, why_not="second_recording")
+def _table_is_better(
+    identified: IdentifiedCauses, unsure: Sequence[int], final: Hypothesis, unseen: UnseenData
+) -> bool:
+    """Whether a table of the remaining torque in the place of causes whose kind is open meets unseen data better."""
+    for index in reversed(unsure):
+        identified = _without(identified, index)
+    bare = identified.selected.best
+    kept = kept_table(bare, discrepancy_curves(bare), unseen)
+    return kept is not None and kept.nrmse_after < unseen.pooled(final)
 
 
 def _judged_causes(

@@ -1,5 +1,4 @@
-"""A hold-out recording, which measures fitted models and decides nothing; and the fidelity of both models on unseen
-data."""
+"""A hold-out recording: what fitted models leave of it; and the fidelity of both models on unseen data."""
 
 from __future__ import annotations
 

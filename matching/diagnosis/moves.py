@@ -79,6 +79,9 @@ class Selection:
         All that were fitted, taken or not, best first.
     failed : dict of (str, str) to str
         Kind and place of candidates whose fit does not exist, and why.
+    refused : dict of (str, str) to str
+        Kind and place of candidates that were refused by themselves, and the reason that decided, in the words of
+        ``diagnosis.json``.
     """
 
     base: Hypothesis
@@ -90,6 +93,7 @@ class Selection:
     compared: list[Hypothesis] = field(default_factory=list)
     with_one_cause: list[Hypothesis] = field(default_factory=list)
     failed: dict[tuple[str, str], str] = field(default_factory=dict)
+    refused: dict[tuple[str, str], str] = field(default_factory=dict)
 
 
 def best_by_candidate(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
@@ -356,6 +360,8 @@ class Search:
         for i, hypothesis in enumerate(out[: self.settings.near_best]):
             if hypothesis.cost < near and not self._late():
                 out[i] = replace(hypothesis, fit=self._finished(with_sharper_friction(self._finished(hypothesis.fit))))
+            if i == 0 and at_noise(out[0]):  # nothing is left that sharper friction could take in another's place
+                break
         out.sort(key=lambda hypothesis: hypothesis.cost)
         out[:1] = [with_sharpest_friction(hypothesis) for hypothesis in out[:1]]
         return sorted(out, key=lambda hypothesis: hypothesis.cost)
@@ -380,10 +386,18 @@ class Search:
                 continue
             small = hypothesis.model.negligible(hypothesis.fit)
             if small and not self._explains_much(hypothesis, self.state.best):
+                self._refuse(hypothesis, "negligible")
                 continue
             if self._all_explained(hypothesis, self.state.best) or self.unseen.accepts(hypothesis, self.state.best):
                 return hypothesis
+            worse = self.unseen.misfit(hypothesis) > self.unseen.misfit(self.state.best)
+            self._refuse(hypothesis, "worse_unseen" if worse else "by_chance")
         return None
+
+    def _refuse(self, hypothesis: Hypothesis, reason: str) -> None:
+        """Put on record why a single cause was refused; the last reason stands."""
+        if len(hypothesis.causes) == 1:
+            self.state.refused[hypothesis.causes[0].kind, hypothesis.causes[0].at] = reason
 
     def _all_explained(self, hypothesis: Hypothesis, rest: Hypothesis) -> bool:
         """Whether a cause leaves noise alone where more is left without it. No unseen data are needed then: nothing is
@@ -506,6 +520,7 @@ class Search:
             rest = self._without(index)
             if rest is not None and not self._stands(index, rest):
                 self.dropped.add(frozenset(best.places))
+                self._refuse(best, "within_uncertainty" if self.unseen.keeps(best, rest) else "by_chance")
                 return rest
         return None
 

@@ -91,8 +91,8 @@ class NamedCause:
         Whether the extended model has it: it is there, explains a good part of the misfit and harms no second
         recording. Else it only says where something is.
     why_not : str
-        Why the extended model does not have it: ``by_chance``, ``within_uncertainty``, ``explains_little`` or
-        ``second_recording``; else empty.
+        Why the extended model does not have it: ``by_chance``, ``within_uncertainty``, ``explains_little``,
+        ``second_recording`` or ``table``; else empty.
     evidence : str
         One sentence that can be checked in the figures.
     alternatives : list of Alternative
@@ -161,8 +161,9 @@ class FittedCandidate:
     chi_square : float
         On fitted data.
     not_taken : str
-        Why it was not taken: ``not_better``, ``not_physical``, ``beyond_recording``, ``worse_unseen``, ``at_bound``,
-        ``rival`` or ``no_fit``; empty if it was.
+        The reason that decided: ``not_better``, ``not_physical``, ``beyond_recording``, ``worse_unseen``,
+        ``by_chance``, ``within_uncertainty``, ``negligible``, ``at_bound``, ``rival`` or ``no_fit``; empty if it was
+        taken.
     why : str
         Why it has no fit, where it has none; its numbers are then NaN.
     """

@@ -127,7 +127,10 @@ def fitted_candidates(selected: Selection, unseen: UnseenData) -> list[FittedCan
 
 
 def _reason(selected: Selection, hypothesis: Hypothesis, left: float, before: float) -> str:
-    """Why a candidate was not taken, in the words of ``diagnosis.json``."""
+    """Why a candidate was not taken, in the words of ``diagnosis.json``: the reason that decided, where one did."""
+    (cause,) = hypothesis.causes
+    if refused := selected.refused.get((cause.kind, cause.at)):
+        return refused
     least = selected.noise_threshold * hypothesis.chi_square_per_reading
     too_little = hypothesis.chi_square > selected.base.chi_square - least
     if too_little or hypothesis.model.negligible(hypothesis.fit):
@@ -137,7 +140,6 @@ def _reason(selected: Selection, hypothesis: Hypothesis, left: float, before: fl
         return impossible
     if left > before:
         return "worse_unseen"
-    (cause,) = hypothesis.causes
     notes = estimates(hypothesis.fit)
     if any(notes[name].note.startswith("at the bound") for name in cause.names().values()):
         return "at_bound"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
@@ -61,6 +61,7 @@ from matching.match.variables import (
     block,
     variables_of,
 )
+from modelling.bed.observer import sensor_noise
 from modelling.errors import NoDesign
 from modelling.linear.resolvent import resolvent
 
@@ -787,16 +788,32 @@ class Search:
     members : sequence of SpeedSearch
         With the same variables, one of each speed; a plain case has one. The first one, at the operating point of the
         case, gives targets and drawn beds.
+    of : callable
+        The same search of another case.
     """
 
-    def __init__(self, members: Sequence[SpeedSearch]):
-        self.members = tuple(members)
+    def __init__(self, members: Sequence[SpeedSearch], of: Callable[[Case], Search]):
+        self.members, self._of = tuple(members), of
         first = self.members[0]
         self.case, self.required, self.settings = first.case, first.required, first.settings
         self.variables = first.variables
         self.begin, self.values, self.bounds = first.begin, first.values, first.bounds
         self.controller, self.hardware, self.names = first.controller, first.hardware, first.names
         self.known: dict[tuple[float, ...], Evaluation] = {}
+
+    def with_less_noise(self, factor: float) -> Search:
+        """The same search, every sensor of the controller with so many times less noise; for 1 the search itself."""
+        if factor == 1:
+            return self
+        case, read = self.case, set(self.case.loop.controller_sensors)
+        sensors = tuple(
+            replace(one, uncertainty=sensor_noise(one, case.loop["sample_time"]) / factor, counts=None)
+            if one.name in read else one
+            for one in case.rig.sensors
+        )  # fmt: skip
+        quiet = self._of(replace(case, rig=replace(case.rig, sensors=sensors)))
+        quiet.free = self.free
+        return quiet
 
     @property
     def of_errors(self) -> int:
@@ -910,7 +927,10 @@ def search_for(
     """
     settings = settings or SearchSettings()
     speeds = [] if case.operating_range is None else [at_speed(case, speed) for speed in ends_of(case)]
-    return Search([_at_one_speed(one, moves, shares, asked, settings) for one in (case, *speeds)])
+    return Search(
+        [_at_one_speed(one, moves, shares, asked, settings) for one in (case, *speeds)],
+        lambda other: search_for(other, moves, shares, asked, settings),
+    )
 
 
 def _at_one_speed(

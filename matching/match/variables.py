@@ -67,6 +67,10 @@ class SearchSettings:
     play_is_worth : float
         Relative increase of an error beyond its tolerance at which a controller that keeps beds with free play at rest
         is delivered rather than one that does not.
+    less_noise, noise_step : float
+        Where beds with free play are not kept: times less noise of the sensors from which the search comes back, and by
+        which factor from step to step. On drawn beds with encoders of 512 to 4096 counts steps of 1.4 stayed in the
+        valley.
     scenarios : int
         Times that the least damped beds of the whole box are added to the pool.
     blind : int
@@ -139,6 +143,8 @@ class SearchSettings:
     restarts: int = 3
     opened: bool = True
     play_is_worth: float = 0.05
+    less_noise: float = 8.0
+    noise_step: float = 1.4
     scenarios: int = 2
     blind: int = 64
     followed: int = 4

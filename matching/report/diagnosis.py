@@ -709,6 +709,7 @@ WHY_NOT = {
     "within_uncertainty": "its values are no larger than their uncertainty",
     "explains_little": "it explains little of what is left",
     "second_recording": "a second recording is met worse with it",
+    "table": "a table of the torque takes its place",
 }
 
 
@@ -873,6 +874,7 @@ REASONS = {
     "worse_unseen": "held-out data are met worse with it",
     "at_bound": "it ends at the bound of its range",
     "rival": "another explains more",
+    "within_uncertainty": "its values do not differ from those of no effect",
     "negligible": "its torque is too small to matter",
     "by_chance": "held-out data are not met better with it beyond chance",
     "no_fit": "it has no fit",

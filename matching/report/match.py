@@ -1085,6 +1085,7 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
         points = [
             Step(f"Change what stands in the way: {one.sentence()}", f"evidence: {one.place}" if one.place else "")
             for one in [one for one in result.findings if one.limits][:MOST_LIMITS]
+            if not result.remedies
         ]
         other = next((row.name for row in result.parameters if row.name.startswith("rig.")), "loop.inverter_lag")
         command = f"rigmatch map {result.case.path or 'CASE'} --x loop.dead_time --y {other} --out {folder}/map"

@@ -389,7 +389,7 @@ class RateLimit(Kind):
         changes, the quantiles of its rate are rounding."""
         signal = motion.signal(at)
         for rate in rates:
-            if rate * float(np.ptp(motion.time)) > float(np.ptp(signal)):
+            if rate * float(np.ptp(motion.time)) > float(np.ptp(signal)) > 0:
                 slow = motion.per_segment(partial(_followed, float(rate)), signal)
                 yield Guess(({at: slow - signal},), _known("rate", float(rate)))
 
