@@ -76,7 +76,8 @@ _TIMES = re.compile(r"(?<=[0-9)])\s*[.-]\s*(?=[u(])|(?<=[0-9)])\s+(?=[u1(])|(?<=
 _JOINED = re.compile(r"([ckMmµμu]?N)([cm]?m)(s?)|(kg)([cm]?m)")  # Nm, kNm, cNm, Ncm, Nms, kgm2, kgcm2
 _ALIASES = {
     "rpm": "turn/minute", "rev": "turn", "revs": "turn", "sec": "second", "secs": "second", "metre": "meter",
-    "metres": "meter", "newtonmetre": "newton*meter", "mph": "mile/hour", "kph": "kilometer/hour", "kmh": "kilometer/hour",
+    "metres": "meter", "newtonmetre": "newton*meter", "mph": "mile/hour",
+    "kph": "kilometer/hour", "kmh": "kilometer/hour",
     "lbm": "pound", "ozf": "force_ounce", "lbin": "force_pound*inch", "inlb": "inch*force_pound",
     "ftlb": "foot*force_pound", "lbft": "force_pound*foot",
 }  # fmt: skip
@@ -387,7 +388,8 @@ _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", r
 _KINDS = {
     "newton": "force", "force_pound": "force", "force_ounce": "force", "force_kilogram": "force", "gram": "mass",
     "pound": "mass", "ounce": "mass", "slug": "mass", "pascal": "pressure", "bar": "pressure",
-    "pound_force_per_square_inch": "pressure", "meter": "length", "foot": "length", "inch": "length", "mile": "length", "second": "time", "minute": "time", "hour": "time",
+    "pound_force_per_square_inch": "pressure", "meter": "length", "foot": "length", "inch": "length",
+    "mile": "length", "second": "time", "minute": "time", "hour": "time",
     "radian": "angle", "degree": "angle", "turn": "angle", "arcminute": "angle", "arcsecond": "angle",
     "hertz": "frequency", "watt": "power", "horsepower": "power", "metric_horsepower": "power",
     "percent": "number", "permille": "number", "ppm": "number",

@@ -73,6 +73,7 @@ from matching.diagnosis.verdict import (
     recording_to_tell_rivals,
     refitted_candidates,
 )
+from modelling.effects.effect import members
 from modelling.errors import FitError, InputError
 from modelling.recordings.recording import Recording
 from modelling.resources import ended_early_by, ends_early, is_limited, limited, time_is_over
@@ -263,7 +264,7 @@ def diagnose(
             with_held = searched(other_base)
             if with_held[-1].best.cost < found.best.cost:
                 kinds, base_fit, (times, unseen, found) = held, other_base, with_held
-        wrong = "" if at_noise(found.best) or time_is_over() else audit.wrong_channel(system, base_fit)
+        wrong = "" if at_noise(found.best) or time_is_over() else audit.wrong_channel(system, base_fit, settings)
         if wrong:
             progress(f"{wrong} alone")
             found = search_causes(system, base_fit, unseen, progress, (), f"sensors.{wrong}")
@@ -274,7 +275,7 @@ def diagnose(
         data = base_fit.problem.data
         identified = with_rivals(found, progress)
         best = identified.selected.best
-        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times)
+        notes += inputs.note_on(system, kinds)
         judge = Holdout(inputs.as_taken(other, kinds)) if other.segments else None
         second = SecondRecording(judge, data, settings)
         weak, weighed = list[NamedCause](), list[Candidate]()
@@ -302,6 +303,8 @@ def diagnose(
             weighed += refitted_candidates([judged[least]])
             identified = _without(identified, least)
             best = identified.selected.best
+        places = {place for at in (*(c.at for c in final.causes), *(c.at for c in weak)) for place in members(at)}
+        notes += audit.notes_on_times(system, times, places)
         notes += closed_loop_notes(final, recordings) + scatter_notes(final)
         if judge is not None and any(cause.why_not == "second_recording" for cause in weak):
             notes.append(

@@ -400,9 +400,10 @@ class Search:
             self.state.refused[hypothesis.causes[0].kind, hypothesis.causes[0].at] = reason
 
     def _all_explained(self, hypothesis: Hypothesis, rest: Hypothesis) -> bool:
-        """Whether a cause leaves noise alone where more is left without it. No unseen data are needed then: nothing is
-        left that could tell it from the truth, and what happens once, in one block, no other block foretells."""
-        return at_noise(hypothesis) and not at_noise(rest)
+        """Whether a cause leaves noise alone where clearly more is left without it. No unseen data are needed then:
+        nothing is left that could tell it from the truth, and what happens once, in one block, no other block
+        foretells."""
+        return at_noise(hypothesis) and largest_error(rest.fit) > self.settings.clearly_beyond
 
     def _worthwhile(self, child: Hypothesis) -> bool:
         """Whether further causes explain more of the fitted data than noise would, more than their parameters cost, and

@@ -99,6 +99,9 @@ class DiagnosisSettings:
     left_by_model : float
         Times the noise that the best hypothesis leaves in a sensor, from which the model is taken as
         imperfect and sensors are weighted by what it leaves: more than a noise that is stated too small.
+    clearly_beyond : float
+        Times the noise that is left in a sensor without a cause, from which one that leaves noise alone needs no unseen
+        data: uneven steps and rounded channels leave a few per cent. Trial.
     far_from_noise : float
         Times the noise that a model leaves in a sensor, from which weights by noise are not worth more than one cause:
         an encoder that is said to be precise would decide everything. Trial.
@@ -157,6 +160,7 @@ class DiagnosisSettings:
     processor_seconds: float = 120.0
     reserved: float = 0.2
     left_by_model: float = 3.0
+    clearly_beyond: float = 1.2
     far_from_noise: float = 100.0
     base_iterations: int = 80
     base_starts: int = 32

@@ -113,10 +113,10 @@ def fitted_candidates(selected: Selection, unseen: UnseenData) -> list[FittedCan
     near = 0.0 if at_noise(selected.best) else unseen.settings.near_ratio * selected.best.chi_square
     for hypothesis in selected.with_one_cause:
         (cause,) = hypothesis.causes
-        asked = hypothesis.chi_square < near or unseen.knows(hypothesis)
+        taken = (cause.kind, cause.at) in selected.best.places
+        asked = taken or hypothesis.chi_square < near or unseen.knows(hypothesis)
         left = unseen.misfit(hypothesis) if asked else np.nan
         before = unseen.misfit(selected.base) if asked else before
-        taken = (cause.kind, cause.at) in selected.best.places
         reason = "" if taken else _reason(selected, hypothesis, left, before)
         out.append(FittedCandidate(cause.kind, cause.at, hypothesis.misfit, left, hypothesis.chi_square, reason))
     fitted = {(one.kind, one.at) for one in out}
