@@ -20,13 +20,20 @@ MANOEUVRES = ("BackOut", "DriveAway", "Step", "Sweep", "TipIn")
 HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
     "DiagnosisSettings": "matching.diagnosis.settings",
     "InputError": "modelling.errors",
+    "SearchSettings": "matching.match.variables",
+    "Controller": "modelling.running.plant",
+    "Plant": "modelling.running.plant",
+    "bed": "matching.match.imperfections",
+    "controller": "matching.match.exported",
+    "run": "modelling.running.run",
     "SimulationError": "modelling.simulation.stepping",
 }
 __all__ = [
-    "BackOut", "DiagnosisSettings", "DriveAway", "InputError", "SimulationError", "Step", "Sweep", "TipIn",
-    "campbell", "commission", "diagnose", "excite", "explore", "export", "fidelity", "identify", "learn", "load",
-    "load_case", "load_result", "map", "match", "modes", "new", "order_response", "read_recording", "response", "show",
-    "simulate", "to_ss", "tolerance", "uncertainty", "verify",
+    "BackOut", "Controller", "DiagnosisSettings", "DriveAway", "InputError", "Plant", "SearchSettings",
+    "SimulationError", "Step", "Sweep", "TipIn", "bed", "campbell", "commission", "controller", "diagnose",
+    "excite", "explore", "export", "fidelity", "identify", "learn", "load", "load_case", "load_result", "map",
+    "match", "modes", "new", "order_response", "read_recording", "response", "run", "show", "simulate", "to_ss",
+    "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -58,8 +65,13 @@ if TYPE_CHECKING:
         verify,
     )
     from matching.diagnosis.settings import DiagnosisSettings
+    from matching.match.exported import controller
+    from matching.match.imperfections import bed
+    from matching.match.variables import SearchSettings
     from modelling.bed.manoeuvres import BackOut, DriveAway, Step, Sweep, TipIn
     from modelling.errors import InputError
+    from modelling.running.plant import Controller, Plant
+    from modelling.running.run import run
     from modelling.simulation.stepping import SimulationError
 
 PACKAGES = ("modelling", "matching")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -42,8 +43,22 @@ def generators() -> dict[str, Callable[[], Any]]:
     figures |= {f"docs/gallery/{name}.svg": make for name, make in gallery().items()}
     figures["docs/gallery/dead_time.svg"] = dead_time
     figures |= {f"docs/gallery/explorer_{tab.lower()}.png": lambda tab=tab: explorer(tab) for tab in TABS}
+    shown = {"channels": "play", "unseen": "play", "discrepancy": "shaken_from_outside"}
+    figures |= {f"docs/gallery/diagnosis_{k}.png": lambda k=k, of=of: diagnosed(of, k) for k, of in shown.items()}
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
     return figures | {f"notebooks/{path.name}": lambda path=path: run_notebook(path) for path in notebooks}
+
+
+def diagnosed(recording: str, picture: str) -> Any:
+    """A picture of the diagnosis of a recording of the example."""
+    import rigmatch as rm
+    from matching.report.diagnosis import pictures
+
+    folder = ROOT / "out" / "diagnosis"
+    if not (folder / f"{recording}.csv").exists():
+        subprocess.run([sys.executable, str(ROOT / "examples" / "diagnosis" / "record.py"), str(folder)], check=True)
+    found = rm.diagnose(ROOT / "examples" / "diagnosis" / "model.toml", folder / f"{recording}.csv")
+    return pictures(found)[picture].draw()
 
 
 def gallery() -> dict[str, Callable[[], Any]]:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from matching.match.map import Axis, Map
     from matching.match.result import MatchResult
     from matching.match.tolerance import Tolerance
+    from matching.match.variables import SearchSettings
     from matching.saved import SavedCurves, SavedResult
     from matching.uncertainty.result import Uncertainty
     from modelling.bed.manoeuvres import Manoeuvre
@@ -642,7 +643,8 @@ def diagnose(
     recordings : Recording, path or a sequence of them
         Recordings of the system (CSV, MDF, .mat, Parquet).
     holdout : Recording, path or a sequence of them, optional
-        Recording that is not fitted and measures the answer; by default blocks of the recordings do; repeatable.
+        Recording that is not fitted, decides last which causes are kept, and measures the answer; by default blocks of
+        the recordings do; repeatable.
     channels : path, optional
         File that says what the channels are called in the recordings (TOML).
     keep_rest : bool
@@ -1188,6 +1190,7 @@ def _files_read(case: Case, bed: Path, order: CommissionOrder) -> dict[str, str]
 def match(
     case: Case | File, seed: int = 0, starts: int = 4, workers: int | None = None,
     progress: Callable[[str], None] | None = None, *, beds: int | None = None,
+    settings: SearchSettings | None = None,
 ) -> MatchResult:  # fmt: skip
     """Tune what the case lets move until the rig reproduces the vehicle's response, and verify the result.
 
@@ -1210,6 +1213,8 @@ def match(
         Is called with a line of text at every step; by default a terminal or a notebook shows it.
     beds : int, optional
         Fresh beds drawn from [uncertainty] that judge the result; 200 unless given.
+    settings : SearchSettings, optional
+        Numbers of the search, as ``rm.SearchSettings(pool=300)``; each has its meaning and origin there.
 
     Returns
     -------
@@ -1229,7 +1234,7 @@ def match(
     case = case_of(case)
     computing()
     with beside(workers or cores()) as aside, shown("match", progress, OF_A_MATCH) as tell:
-        return run(case, seed, starts, tell, beds=beds, aside=aside)
+        return run(case, seed, starts, tell, beds=beds, aside=aside, settings=settings)
 
 
 def map(  # noqa: A001

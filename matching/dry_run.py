@@ -66,7 +66,7 @@ def model_words(system: System) -> str:
 def case_words(case: Case) -> str:
     """What a case holds, its target modes checked; which limits the manoeuvre exceeds on the bed as planned."""
     from matching.match.demands import demands, rig_values
-    from matching.match.limits import asks
+    from matching.match.findings import asks
     from matching.match.targets import target_modes
 
     broken = {one.limit: one for one in reversed(demands(case).broken(rig_values(case)))}

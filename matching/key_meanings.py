@@ -48,6 +48,8 @@ MODEL_TABLES = {
         "measures": "`angle`, `speed` or `acceleration` of an inertia, `torque` of a shaft",
         "of": "the inertia or the shaft",
         "uncertainty": "standard uncertainty (k = 1): also the noise that a fit assumes",
+        "counts": "counts a turn of an encoder whose speed is counts over a sample: the noise of a match follows from "
+        "them and the loop's sample time, in addition to `uncertainty`",
     },
 }
 CASE = {

@@ -88,6 +88,7 @@ def _component(name: str) -> Schema:
         "between": PAIR,
         "measures": {"enum": list(SENSOR_UNITS if name == "sensors" else INPUT_UNITS)},
         "uncertainty": VALUE,
+        "counts": VALUE,
     }
     keys = {
         key: special.get(key) or (quantity(QUANTITY_UNITS[key]) if key in QUANTITY_UNITS else TEXT)

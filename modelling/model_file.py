@@ -38,7 +38,7 @@ KEYS = {
     "differentials": {"cage", "left", "right"},
     "planetary_gears": {"sun", "carrier", "ring", "ratio"},
     "inputs": {"on", "measures", "reference"},
-    "sensors": {"measures", "of", "uncertainty"},
+    "sensors": {"measures", "of", "uncertainty", "counts"},
 }
 BY_DRAWING: dict[str, dict[str, tuple[str, float | None]]] = {
     "shafts": OF_A_SHAFT,
@@ -168,7 +168,11 @@ def _sensor(name: str, table: dict, place: str) -> Sensor:
         raise unknown(measures, list(SENSOR_UNITS), f"{place}.measures")
     unit = SENSOR_UNITS[measures]
     uncertainty = to_si(table["uncertainty"], unit, f"{place}.uncertainty") if "uncertainty" in table else None
-    return Sensor(name, measures, text(table, "of", place), uncertainty)
+    counts = to_si(table["counts"], "1", f"{place}.counts") if "counts" in table else None
+    if counts is not None and (measures != "speed" or not counts >= 1):
+        wrong = f"{counts:g} is no number of counts" if measures == "speed" else f"a sensor of {measures} has no counts"
+        raise InputError(f"{place}.counts", wrong, "an encoder that measures a speed has 1 a turn or more")
+    return Sensor(name, measures, text(table, "of", place), uncertainty, counts)
 
 
 def _mirror(table: Any, place: str) -> tuple[tuple[str, str], ...]:
@@ -347,7 +351,7 @@ def dumps(system: System) -> str:
 
 def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
     members = ("between", "cage", "left", "right", "sun", "carrier", "ring")
-    order = (*members, "on", "measures", "reference", "of", "uncertainty", *QUANTITY_UNITS)
+    order = (*members, "on", "measures", "reference", "of", "uncertainty", "counts", *QUANTITY_UNITS)
     fields = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
     return {
         key: value.written() if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value

@@ -173,13 +173,15 @@ class Input:
 class Sensor:
     """Measures the angle, speed or acceleration ``of`` an inertia, or the torque of a shaft.
 
-    ``uncertainty`` is the standard uncertainty (k = 1) in the SI unit of the reading, or None.
+    ``uncertainty`` is the standard uncertainty (k = 1) in the SI unit of the reading, or None; ``counts`` are those of
+    a turn of an encoder whose speed is the counts of a sample over its duration, or None.
     """
 
     name: str
     measures: str
     of: str
     uncertainty: float | None = None
+    counts: float | None = None
 
     @property
     def unit(self) -> str:
@@ -671,6 +673,18 @@ class System(Components):
         }
         effects = tuple(_effect_with_values(effect, values) for effect in self.effects)
         return dataclasses.replace(self, effects=effects, **tables)
+
+    def with_ranges(self, ranges: Mapping[str, tuple[float, float]]) -> System:
+        """The same system with other ranges (lower, upper), SI, of quantities by name; values stay."""
+        tables: dict[str, Any] = {}
+        for table in TABLES_WITH_QUANTITIES:
+            parts = []
+            for part in getattr(self, table):
+                own = {key: ranges[name] for key in QUANTITY_UNITS if (name := f"{table}.{part.name}.{key}") in ranges}
+                moved = {key: Quantity(getattr(part, key).value, *ends) for key, ends in own.items()}
+                parts.append(dataclasses.replace(part, **moved) if moved else part)
+            tables[table] = tuple(parts)
+        return dataclasses.replace(self, **tables)
 
     def with_effects(self, *effects: Effect) -> System:
         """The same system with further effects."""

@@ -14,7 +14,7 @@ KINDS = {dict: "table", str: "text", bool: "truth", int: "number", float: "numbe
 # Tables whose keys are names of the user; an entry whose name has a point is one in every table.
 BY_NAME = [
     "allowed", "alone", "asked", "by_origin", "checks", "command_noise", "dimensions", "domains", "errors",
-    "integration_error", "judged_seconds", "kinetic", "largest_difference", "limits_used", "measured", "misfit",
+    "integration_error", "judged_seconds", "kinetic", "largest_difference", "left", "limits_used", "measured", "misfit",
     "operating_point", "operating_torques", "parameters", "potential", "settings_without_controller", "speed_hold",
     "states", "together", "torque_gains", "uncertainty", "unexpected_torque_of_offsets", "unmeasured", "yield",
 ]  # fmt: skip

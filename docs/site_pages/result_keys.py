@@ -30,13 +30,16 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "damped_too_little": "modes that drawn beds damp by less than they are asked for, with the beds that do",
         "unexpected_torque_of_offsets": "flange torque that the observer does not expect, a minute after every sensor "
         "is off by its uncertainty, N·m, by dynamometer",
-        "passivity": "of the controlled bed at the cut, without its specimen, whose own readings count as held; `null` "
-        "where rig and vehicle share what lies beyond the cut",
-        "stable_alone": "with the cut shafts free",
-        "passive_to": "up to which frequency, Hz, the bed gives no energy; `null` where it never does",
-        "any_specimen": "whether the bed is stable with any passive specimen",
-        "worst": "least real part of the admittance at the cut over its size, −1 to 1",
-        "worst_at": "where that is, Hz", "looked_at": "between which frequencies, Hz",
+        "findings": "what limits the match and what is to be known of drawn beds, as data",
+        "cause": "which of the causes that rigmatch knows; its sentence follows from it",
+        "size": "what it is, in `unit`", "allowed": "what is allowed of it",
+        "where": "component, dynamometer, mode or kind of torque", "sentence": "the same in words",
+        "limits": "of a match: what stands in the way, in sentences; of a finding: whether it does",
+        "place": "the part of the page that holds the evidence",
+        "remedies": "single changes of the case, each of which was solved and matched, the smallest first",
+        "change": "keys of the case, or of its rig file, with their values, SI",
+        "factor": "how far the change goes; 1 for what is waived or added",
+        "kept": "drawn beds that are stable, damped and within the tolerances of errors and target modes",
         "rated_torque": "torque that a shaft to be ordered has to carry, N·m",
         "twist": "what it twists by then, rad",
         "minutes": "the exported controller with its supervision, at rest and at speed, with noise, a drift of every "

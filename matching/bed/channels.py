@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from matching.bed.excite import bed_inputs, torques_csv
-from matching.bed.simulated_bed import FmuBed, FmuController, bed_system, held_as_linear, run_csv
+from matching.bed.simulated_bed import FmuBed, FmuController, FmuPlant, bed_system, held_as_linear, run_csv
 from matching.match.case import Case
 from modelling.bed.stepped import Law
 from modelling.controller.law import (
@@ -37,6 +37,7 @@ from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError, listed
 from modelling.modal.modes import damped_modes
 from modelling.recordings.recording import Recording
+from modelling.running.run import run
 from modelling.simulation.simulate import simulate
 from modelling.simulation.stepping import SimulationError
 from modelling.system import Effect, Quantity, System
@@ -217,26 +218,40 @@ def channel_recording(
 
     No reading is fed back: the controller's mode for it commands the planned torques, within its limits.
     """
-    k, at = len(law.dynamometers), [bed.sensors.index(name) for name in law.sensors]
-    readings, sent = np.zeros((len(plan.torques), len(bed.sensors))), np.zeros_like(plan.torques)
-    bed.begin(0.0)
-    tripped, last = "", len(plan.torques)
-    for i, torque in enumerate(plan.torques):
-        readings[i] = bed.readings()
-        known = np.zeros(len(law.known))
-        mode = ZERO_TORQUE if tripped else CHANNEL_CHECK
-        answer = controller.step(readings[i, at], known, mode, np.zeros(k), i, torque[:k])
-        if answer.fault and not tripped:
-            fault = FAULTS[answer.fault]
-            tripped = f"{fault}, {i * plan.step:.3f} s after the start{_fastest(bed, case, readings[i])}"
-            last = i + round(COAST_SECONDS / plan.step)
-        sent[i, :k] = answer.commands
-        sent[i, k:] = 0.0 if tripped else torque[k:]
-        bed.step(sent[i], plan.step)
-        if i >= last:
-            break
-    count = min(last + 1, len(plan.torques))
-    return run_csv(case, bed, plan.step, held_as_linear(sent[:count]), readings[:count], plan.inputs), tripped
+    asks = _Check(controller, tuple(law.sensors), tuple(law.known), plan, len(law.dynamometers))
+    plant = FmuPlant(bed, bed.inputs, 0.0)
+    found = run(plant, asks, samples=len(plan.torques), sample_time=plan.step)
+    sent, readings = found.commands[:, :, 0], found.readings[:, :, 0]
+    text = run_csv(case, bed, plan.step, held_as_linear(sent), readings, plan.inputs)
+    if not asks.fault:
+        return text, ""
+    fastest = _fastest(bed, case, readings[asks.fault_at])
+    return text, f"{FAULTS[asks.fault]}, {asks.fault_at * plan.step:.3f} s after the start{fastest}"
+
+
+@dataclass
+class _Check:
+    """The check of the channels as a controller of all inputs; it ends the run a moment after a fault."""
+
+    controller: FmuController | SupervisedController
+    sensors: tuple[str, ...]
+    known: tuple[str, ...]
+    plan: ChannelPlan
+    dynamometers: int
+    fault: int = 0
+    fault_at: int = -1
+
+    def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray | None:
+        """See :class:`modelling.running.plant.Controller`."""
+        k, torque = self.dynamometers, self.plan.torques[sample]
+        if self.fault and sample > self.fault_at + round(COAST_SECONDS / self.plan.step):
+            return None
+        mode = ZERO_TORQUE if self.fault else CHANNEL_CHECK
+        answer = self.controller.step(readings[:, 0], known[:, 0], mode, np.zeros(k), sample, torque[:k])
+        if answer.fault and not self.fault:
+            self.fault, self.fault_at = answer.fault, sample
+        others = np.zeros(len(torque) - k) if self.fault else torque[k:]
+        return np.concatenate([answer.commands, others])[:, None]
 
 
 def _fastest(bed: FmuBed, case: Case, readings: np.ndarray) -> str:

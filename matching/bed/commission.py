@@ -45,9 +45,10 @@ from matching.bed.simulated_bed import (
     so_far,
 )
 from matching.bed.verify import COVERAGE_FACTOR, NEGLIGIBLE, BedVerification, judge, read_recordings
-from matching.export import exported_controller, tuned_case
+from matching.export import tuned_case
 from matching.match.case import Case
 from matching.match.case_file import case_files, load_case
+from matching.match.exported import exported_controller
 from matching.match.match import match
 from matching.studies import append, rows
 from modelling.display import Displayed

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from matching.export import exported_controller
 from matching.match.box import Box
 from matching.match.case import Case, Compared
+from matching.match.exported import exported_controller
 from matching.match.loop import (
     Bed,
     bed_of,

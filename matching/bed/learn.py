@@ -14,10 +14,10 @@ from matching.bed.excite import bed_inputs
 from matching.bed.simulated_bed import FmuBed, emulated_recording
 from matching.bed.verify import BedRecordings, read_recordings
 from matching.dry_run import computing
-from matching.export import exported_controller
 from matching.match.case import Case
 from matching.match.driving import vehicles_in
-from matching.match.in_time import Imperfection
+from matching.match.exported import exported_controller
+from matching.match.imperfections import Imperfection
 from matching.match.learning import LEARNING, CutReadings, Learner, added_to, cut_readings
 from matching.match.operating_range import at_speed, body_speed
 from modelling.bed.bed import Dynamometer

@@ -38,8 +38,8 @@ from matching.bed.verify import (
     standard_uncertainty,
     together_variance,
 )
-from matching.export import exported_controller
 from matching.match.case import Case
+from matching.match.exported import exported_controller
 from matching.match.responses import ComparedBed
 from matching.match.targets import target_modes
 from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, Settings, has_gone

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self
@@ -37,6 +37,7 @@ from modelling.errors import InputError
 from modelling.recordings.read import csv_text
 from modelling.recordings.readers import READERS
 from modelling.recordings.text import LARGEST_FILE, WINDOWS
+from modelling.running.run import run
 from modelling.system import Effect, Quantity, System
 from modelling.writing import write_all
 
@@ -506,22 +507,72 @@ def columns(names: Sequence[str], values: np.ndarray) -> Mapping[str, np.ndarray
 SETTLING_SECONDS = 2.0  # of speed hold before anything is recorded
 
 
+class FmuPlant:
+    """A bed's FMU as a :class:`modelling.running.plant.Plant`; ``commands`` are those inputs that a controller gives.
+
+    Parameters
+    ----------
+    bed : FmuBed
+    commands : sequence of str
+    speed : float
+        rad/s of the rotors at the start, where the FMU lets that be chosen.
+    """
+
+    count = 1
+
+    def __init__(self, bed: FmuBed, commands: Sequence[str], speed: float):
+        self.bed, self.speed, self.sensors, self.commands = bed, speed, bed.sensors, tuple(commands)
+        self.inputs = tuple(name for name in bed.inputs if name not in commands)
+        self.last = np.zeros(len(bed.sensors))  # what was read last
+
+    def begin(self, torques: np.ndarray) -> None:
+        """See :class:`modelling.running.plant.Plant`."""
+        self.bed.begin(self.speed)
+
+    def readings(self) -> np.ndarray:
+        """See :class:`modelling.running.plant.Plant`."""
+        self.last = self.bed.readings()
+        return self.last[:, None]
+
+    def step(self, commands: np.ndarray, torques: np.ndarray, after: np.ndarray, span: float) -> None:
+        """See :class:`modelling.running.plant.Plant`; an FMU holds all its inputs over a step."""
+        given = dict(zip((*self.commands, *self.inputs), (*commands[:, 0], *torques[:, 0]), strict=True))
+        self.bed.step(np.array([given[name] for name in self.bed.inputs]), span)
+
+
+@dataclass
+class _Excitation:
+    """Planned torques (t, u) on all inputs of a bed, and a PI speed hold of the rotors beside them."""
+
+    sensors: tuple[str, ...]
+    demands: np.ndarray
+    proportional: np.ndarray
+    integral: np.ndarray
+    speed: float
+    span: float
+    known: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self._total = np.zeros(len(self.proportional))
+
+    def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """See :class:`modelling.running.plant.Controller`."""
+        error, sent = self.speed - readings[:, 0], self.demands[sample].copy()
+        sent[: len(error)] += self.proportional * error + self._total
+        self._total = self._total + self.integral * self.span * error
+        return sent[:, None]
+
+
 def excited_recording(bed: FmuBed, case: Case, plan: ExcitationPlan) -> str:
     """Text of the CSV recording of a planned excitation on a bed."""
-    step, k = case.loop["sample_time"], len(case.loop.dynamometers)
-    speeds = [bed.sensors.index(dynamometer.speed_sensor) for dynamometer in case.loop.dynamometers]
+    step = case.loop["sample_time"]
     proportional, integral = (np.array([hold[i] for hold in plan.hold.values()]) for i in (0, 1))
     before = round(SETTLING_SECONDS / step)
     demands = np.vstack([np.zeros((before, len(plan.inputs))), plan.torques])
-    bed.begin(plan.speed)
-    sent, readings, total = np.zeros_like(demands), np.zeros((len(demands), len(bed.sensors))), np.zeros(k)
-    for i, demand in enumerate(demands):
-        readings[i] = bed.readings()
-        error = plan.speed - readings[i, speeds]
-        sent[i] = demand
-        sent[i, :k] += proportional * error + total
-        total += integral * step * error
-        bed.step(sent[i], step)
+    speeds = tuple(dynamometer.speed_sensor for dynamometer in case.loop.dynamometers)
+    hold = _Excitation(speeds, demands, proportional, integral, plan.speed, step)
+    found = run(FmuPlant(bed, bed.inputs, plan.speed), hold, samples=len(demands), sample_time=step)
+    sent, readings = found.commands[:, :, 0], found.readings[:, :, 0]
     return run_csv(case, bed, step, held_as_linear(sent)[before:], readings[before:], plan.inputs)
 
 
@@ -572,38 +623,51 @@ def emulated_recording(
         If the controller gives up.
     """
     (inputs, asked), step = driven, case.loop["sample_time"]
-    k, before = len(law.dynamometers), round(SETTLING_SECONDS / step)
+    before = round(SETTLING_SECONDS / step)
     commanded = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
-    drives = [name for name in bed.inputs if name not in commanded]
-    at = [bed.sensors.index(name) for name in law.sensors]
     # mean torques, which keep free play closed, rise in speed hold
     rising = np.minimum(np.arange(before) / max(before // 4, 1), 1.0)[:, None] * asked[0]
     torques = np.vstack([rising, asked])
-    readings, hold = np.zeros((len(torques), len(bed.sensors))), np.full(k, speed)
-    sent = np.zeros((len(torques), k))
-    bed.begin(speed)
+    plant = FmuPlant(bed, commanded, speed)
     # the bed holds a motor's torque over a sample; one of the road is only read by the controller, at the sample
-    as_linear = np.where([name in drives for name in inputs], held_as_linear(torques), torques)
-    given = []  # what the controller got
-    for i, torque in enumerate(torques):
-        now, meant = (dict(zip(inputs, values, strict=True)) for values in (torque, as_linear[i]))
-        readings[i] = bed.readings()
-        known = np.array([meant.get(name, 0.0) for name in law.known])
-        mode = SPEED_HOLD if i < before // 2 else EMULATION
-        given.append((readings[i, at], known, mode, hold, i))
-        answer = controller.step(*given[-1], trigger=i >= before)
-        if answer.fault:
-            if replayed is not None:
-                for n, one in enumerate(given):
-                    replayed.step(*one, trigger=n >= before)
-            held = np.hstack([as_linear[: i + 1], held_as_linear(sent[: i + 1])])
-            text = run_csv(case, bed, step, held, readings[: i + 1], (*inputs, *commanded))
-            reason = getattr(replayed or controller, "reason", "")
-            raise Tripped((i - before) * step, FAULTS[answer.fault], reason, text)
-        sent[i] = answer.commands
-        bed.step(np.concatenate([sent[i], [now.get(name, 0.0) for name in drives]]), step)
+    as_linear = np.where([name in plant.inputs for name in inputs], held_as_linear(torques), torques)
+    acting = {name: torques[:, i] for i, name in enumerate(inputs) if name in plant.inputs}
+    told = {name: as_linear[:, i] for i, name in enumerate(inputs) if name in law.known}
+    asks = _Emulation(controller, tuple(law.sensors), tuple(law.known), np.full(len(commanded), speed), before)
+    found = run(plant, asks, acting, told, samples=len(torques), sample_time=step)
+    sent, readings = found.commands[:, :, 0], found.readings[:, :, 0]
+    if asks.fault:
+        i = len(sent)
+        if replayed is not None:
+            for n, one in enumerate(asks.given):
+                replayed.step(*one, trigger=n >= before)
+        sent, readings = np.vstack([sent, np.zeros(len(commanded))]), np.vstack([readings, plant.last])
+        held = np.hstack([as_linear[: i + 1], held_as_linear(sent)])
+        text = run_csv(case, bed, step, held, readings, (*inputs, *commanded))
+        raise Tripped((i - before) * step, FAULTS[asks.fault], getattr(replayed or controller, "reason", ""), text)
     held = np.hstack([as_linear, held_as_linear(sent)])[before:]
     return run_csv(case, bed, step, held, readings[before:], (*inputs, *commanded))
+
+
+@dataclass
+class _Emulation:
+    """A supervised controller: half the settling time speed hold, then emulation; it ends the run with its fault."""
+
+    controller: FmuController | SupervisedController
+    sensors: tuple[str, ...]
+    known: tuple[str, ...]
+    hold: np.ndarray
+    before: int
+    fault: int = 0
+    given: list[tuple[np.ndarray, np.ndarray, int, np.ndarray, int]] = field(default_factory=list)
+
+    def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray | None:
+        """See :class:`modelling.running.plant.Controller`."""
+        mode = SPEED_HOLD if sample < self.before // 2 else EMULATION
+        self.given.append((readings[:, 0], known[:, 0], mode, self.hold, sample))
+        answer = self.controller.step(*self.given[-1], trigger=sample >= self.before)
+        self.fault = answer.fault
+        return None if answer.fault else answer.commands[:, None]
 
 
 def run_csv(

@@ -37,6 +37,7 @@ from matching.match.targets import target_modes
 from modelling.display import Displayed
 from modelling.errors import InputError, listed
 from modelling.fidelity.measures import WEIGHTS, Fidelity, SignalPair, fidelity_distribution, fidelity_of_signals
+from modelling.fidelity.over_range import at_rest
 from modelling.linear.state_space import state_space
 from modelling.recordings.read import Channel, read_signals
 from modelling.recordings.readers import READERS
@@ -685,7 +686,7 @@ def _against(case: Case, system: System, recorded: BedRecordings, recording: Rec
     pairs = {}
     for i, name in enumerate(recorded.sensors):
         reference, test = (trace - trace.mean() for trace in (answer[:, vehicle.outputs.index(name)], readings[:, i]))
-        if np.ptp(reference) <= 0:
+        if at_rest(reference[:, None])[0]:
             continue
         u = units.get(name)
         pairs[name] = SignalPair(reference[::every], test[::every], None if u is None else COVERAGE_FACTOR * u)

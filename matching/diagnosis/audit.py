@@ -7,7 +7,7 @@ drivetrain stands in for a fault of a channel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -16,9 +16,10 @@ import numpy as np
 from scipy import fft
 from scipy.optimize import linear_sum_assignment
 
-from matching.diagnosis.base import fit_base
+from matching.diagnosis.base import as_hypothesis, fit_base
 from matching.diagnosis.data import FitData, Segment
-from matching.diagnosis.descent import Fit
+from matching.diagnosis.descent import Fit, FitOptions, solve
+from matching.diagnosis.hypotheses import at_noise, rms_errors
 from matching.diagnosis.inputs import resolution
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.settings import DiagnosisSettings
@@ -273,12 +274,30 @@ def _of_other_gain(system: System, times: Times) -> list[int]:
     return other if len(told) > 2 else []
 
 
-def notes_on_times(system: System, times: Times) -> list[str]:
-    """What is said of channels whose time, sign or gain is apart from that of most."""
+def notes_on_times(system: System, times: Times, named: Collection[str]) -> list[str]:
+    """What is said of channels whose time, sign or gain is apart from that of most.
+
+    A part between two channels that the model has wrong looks the same. Every suspicion was therefore fitted: where
+    causes were found, and none at such a channel, that speaks against it and nothing is said.
+
+    Parameters
+    ----------
+    named : collection of str
+        Places of the causes that were found.
+    """
     largest, *others = times.late.groups() or [[]]
     names = ["the inputs", *(sensor.name for sensor in system.sensors)]
     notes = []
+
+    def refuted(group: Sequence[int]) -> bool:
+        places = {f"sensors.{system.sensors[j].name}" for j in group if j >= 0}
+        if -1 in group:
+            places |= {f"inputs.{part.name}" for part in system.inputs}
+        return bool(named) and places.isdisjoint(named)
+
     for group in others:
+        if refuted(group) and refuted(largest):
+            continue
         late, uncertainty = times.late.between(group, largest)
         late_ones, rest = (" and ".join(names[j + 1] for j in part) for part in (group, largest))
         are, how = "are" if len(group) > 1 or group == [-1] else "is", "later" if late > 0 else "earlier"
@@ -287,6 +306,8 @@ def notes_on_times(system: System, times: Times) -> list[str]:
             "model between them alone"
         )
     for j in _of_other_gain(system, times):
+        if refuted([j]):
+            continue
         gain, uncertainty = times.gain(j)
         sign = "the other sign and " if gain < 0 else ""
         notes.append(
@@ -294,6 +315,34 @@ def notes_on_times(system: System, times: Times) -> list[str]:
             "tell, by the parts of the model between them alone"
         )
     return notes
+
+
+ITERATIONS_WITHOUT = 40  # of the fit without a channel, from that with it
+
+
+def wrong_channel(system: System, fit: Fit, settings: DiagnosisSettings) -> str:
+    """The one sensor without which the model leaves noise alone in all others; empty where there is none, or several.
+
+    What is wrong with a channel alone, as clipping, a dead band or a speed that enters a torque, has no kind for each;
+    an effect of the drivetrain shows in its neighbours too.
+    """
+    problem, found = fit.problem, list[str]()
+    several = np.count_nonzero(problem.data.readings_by_sensor) > 1
+    beyond = np.flatnonzero(rms_errors(fit) > settings.clearly_beyond).tolist() if several else []
+    for j in beyond:
+        segments = []
+        for segment in problem.data.segments:
+            readings = segment.readings.copy()
+            readings[:, j] = np.nan
+            segments.append(replace(segment, readings=readings))
+        others = replace(problem, data=replace(problem.data, segments=tuple(segments)))
+        try:
+            rest = solve(others, fit.v, None, FitOptions(ITERATIONS_WITHOUT))
+        except FitError:
+            continue
+        if at_noise(as_hypothesis(system, rest)):
+            found.append(system.sensors[j].name)
+    return found[0] if len(found) == 1 else ""
 
 
 def notes_on(system: System, order: Sequence[int], hum: Sequence[Hum]) -> list[str]:

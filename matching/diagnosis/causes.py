@@ -15,7 +15,7 @@ from matching.diagnosis.descent import Fit
 from matching.diagnosis.problem import FitProblem, angles_without_reading, jacobian
 from matching.diagnosis.simulation import compile_models
 from modelling.effects import EFFECTS
-from modelling.effects.effect import FittedMotion, RecordedRange
+from modelling.effects.effect import FittedMotion, RecordedRange, members
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import derive
 from modelling.errors import ExcludedEffects, FitError, InputError
@@ -288,6 +288,13 @@ class ExtendedModel:
     starts: tuple[np.ndarray, ...] = ()
     recorded: RecordedRange | None = None
 
+    @property
+    def stands_twice(self) -> bool:
+        """Whether two effects of one kind share a place, in whatever order their places are written."""
+        every = [(effect.kind, place) for effect in self.base.effects for place in effect.places]
+        every += [(cause.kind, place) for cause in self.causes for place in members(cause.at)]
+        return len(set(every)) < len(every)
+
     def system(self) -> System:
         """The system that is simulated: every cause but wrong parameters is an effect of it."""
         effects = [
@@ -366,6 +373,8 @@ def compilable(models: Sequence[ExtendedModel]) -> list[ExtendedModel]:
     """The models whose effects do not exclude each other, compiled side by side."""
     possible = []
     for model in models:
+        if model.stands_twice:
+            continue
         try:
             compiled(model.system())
         except ExcludedEffects:  # e.g. a further slip of a tyre that slips

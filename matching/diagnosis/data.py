@@ -128,6 +128,8 @@ class Segment:
         Inputs, by index, that keep the value of a sample until the next; others are straight between samples.
     smooth : tuple of int
         Inputs, by index, that are smooth between samples.
+    cut_from : int
+        Of a window: the number of the segment that it was cut from.
     """
 
     time: np.ndarray
@@ -137,6 +139,7 @@ class Segment:
     recording: int = 1
     held: tuple[int, ...] = ()
     smooth: tuple[int, ...] = ()
+    cut_from: int = 0
 
     @property
     def measured(self) -> np.ndarray:

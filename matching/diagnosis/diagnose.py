@@ -22,6 +22,7 @@ from matching.diagnosis.holdout import (
     fidelity,
     holdout_data,
     holdout_residuals,
+    parameters_by_recording,
     rms_by_sensor,
 )
 from matching.diagnosis.hypotheses import (
@@ -47,6 +48,7 @@ from matching.diagnosis.result import (
     NamedCause,
     Pictured,
     PlotData,
+    correlations,
     discrepancy_curves,
     errors_by_sensor,
     fitted_values,
@@ -59,11 +61,10 @@ from matching.diagnosis.result import (
 from matching.diagnosis.screening import Screening
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.simulation import compile_models
-from matching.diagnosis.statistics import adapted
-from matching.diagnosis.times import channel_times
-from matching.diagnosis.unseen import UnseenData, blocks_for, unseen_errors
+from matching.diagnosis.statistics import adapted, shares_of_ranges
+from matching.diagnosis.times import Times, channel_times
+from matching.diagnosis.unseen import UnseenData, blocks_for, recordings_of, unseen_errors
 from matching.diagnosis.verdict import (
-    MOSTLY,
     JudgedCause,
     RatedCause,
     fitted_candidates,
@@ -72,6 +73,7 @@ from matching.diagnosis.verdict import (
     recording_to_tell_rivals,
     refitted_candidates,
 )
+from modelling.effects.effect import members
 from modelling.errors import FitError, InputError
 from modelling.recordings.recording import Recording
 from modelling.resources import ended_early_by, ends_early, is_limited, limited, time_is_over
@@ -91,7 +93,12 @@ class IdentifiedCauses:
 
 
 def search_causes(
-    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected] = ()
+    system: System,
+    base: Fit,
+    unseen: UnseenData,
+    progress: Progress,
+    suspected: Sequence[Suspected] = (),
+    only_at: str = "",
 ) -> Found:
     """The causes that a base fit lacks.
 
@@ -119,7 +126,7 @@ def search_causes(
             begin = balanced_fit(base, base_problem(system, base.problem.data)[1])
             if not far:
                 judge = UnseenData(unseen.blocks, replace(settings, far_from_noise=settings.left_by_model))
-        other = _searched(system, begin, judge, progress, suspected)
+        other = _searched(system, begin, judge, progress, suspected, only_at)
         right = by_noise and near_noise(other.best)
         found = other if found is None or right or unseen.prefers(other.best, found.best) else found
     assert found is not None
@@ -136,7 +143,7 @@ class Found:
 
 
 def _searched(
-    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected]
+    system: System, base: Fit, unseen: UnseenData, progress: Progress, suspected: Sequence[Suspected], only_at: str
 ) -> Found:
     """Causes, sensors weighted as in the base fit.
 
@@ -149,13 +156,13 @@ def _searched(
         progress(f"a time window of {sum(np.ptp(segment.time) for segment in window.segments):.3g} s")
         problem, v = base_problem(system, window)
         part = solve(replace(problem, weighting=base.problem.weighting), v)
-        search = Search(system, part, UnseenData(blocks_for(part, settings), settings), progress, suspected)
+        search = Search(system, part, UnseenData(blocks_for(part, settings), settings), progress, suspected, only_at)
         search.run()
         progress("all data")
         best = final_fit_on(search.state.best, base)
         if at_noise(best) or not at_noise(search.state.best) or time_is_over(settings.search_share):
             return Found(search, best, base)
-    search = Search(system, base, unseen, progress, suspected)
+    search = Search(system, base, unseen, progress, suspected, only_at)
     search.run()
     return Found(search, search.state.best, base)
 
@@ -199,8 +206,8 @@ def diagnose(
         Its quantities with a range are fitted, those without are taken as known until a wrong one is named.
     recordings : sequence of Recording
     holdout : Recording or sequence of Recording, optional
-        Not fitted and never asked what to accept: it measures the answer. Without it blocks of the recordings do, each
-        predicted by a fit to the others.
+        Not fitted. It decides last which causes the extended model has, and measures the answer. Without it blocks of
+        the recordings measure, each predicted by a fit to the others.
     progress : callable
         Is given the name of each step.
     keep_rest : bool
@@ -234,25 +241,43 @@ def diagnose(
         straight = (inputs.STRAIGHT,) * len(system.inputs)
         kinds, base_fit = inputs.likeliest(system, data, base_fit, straight)
         recorded = inputs.with_rounding(data, base_fit)
-        for last in (False, True):
-            if kinds != straight or recorded.rounding is not None:
-                data = inputs.as_taken(recorded, kinds)
-                base_fit = fit_base(system, data, settings, base_fit)
-            suspected = audit.time_hypotheses(system, base_fit, times := channel_times(system, base_fit))
-            unseen = UnseenData(blocks_for(base_fit, settings), settings)
-            found = search_causes(system, base_fit, unseen, progress, suspected)
-            best = found.best
-            if last or not best.causes or (at_noise(best) and kinds != straight) or time_is_over():
-                break
+        if kinds != straight or recorded.rounding is not None:
+            base_fit = fit_base(system, inputs.as_taken(recorded, kinds), settings, base_fit)
+
+        def searched(fit: Fit) -> tuple[Times, UnseenData, Found]:
+            times = channel_times(system, fit)
+            judge = UnseenData(blocks_for(fit, settings), settings)
+            return times, judge, search_causes(system, fit, judge, progress, audit.time_hypotheses(system, fit, times))
+
+        times, unseen, found = searched(base_fit)
+        if found.best.causes and not (at_noise(found.best) and kinds != straight) and not time_is_over():
             progress("inputs between samples")
-            others, _ = inputs.likeliest(system, recorded, final_fit(best).fit, kinds)
-            if others == kinds:
-                break
-            kinds = others
+            others, _ = inputs.likeliest(system, recorded, final_fit(found.best).fit, kinds)
+            if others != kinds:
+                kinds = others
+                base_fit = fit_base(system, inputs.as_taken(recorded, kinds), settings, base_fit)
+                times, unseen, found = searched(base_fit)
+        held = inputs.held_for_delay(system, found.best, kinds)
+        if held != kinds and not time_is_over():
+            progress("inputs held in place of a delay")
+            other_base = fit_base(system, inputs.as_taken(recorded, held), settings, base_fit)
+            with_held = searched(other_base)
+            if with_held[-1].best.cost < found.best.cost:
+                kinds, base_fit, (times, unseen, found) = held, other_base, with_held
+        wrong = "" if at_noise(found.best) or time_is_over() else audit.wrong_channel(system, base_fit, settings)
+        if wrong:
+            progress(f"{wrong} alone")
+            found = search_causes(system, base_fit, unseen, progress, (), f"sensors.{wrong}")
+            notes.append(
+                f"without {wrong} the model leaves noise alone in all other channels: the error is in that channel; "
+                "look at its samples over those simulated"
+            )
+        data = base_fit.problem.data
         identified = with_rivals(found, progress)
         best = identified.selected.best
-        notes += inputs.note_on(system, kinds) + audit.notes_on_times(system, times)
+        notes += inputs.note_on(system, kinds)
         judge = Holdout(inputs.as_taken(other, kinds)) if other.segments else None
+        second = SecondRecording(judge, data, settings)
         weak, weighed = list[NamedCause](), list[Candidate]()
         while True:
             selected, fits = identified.selected, equivalent_fits(best.fit, best.causes)
@@ -261,18 +286,31 @@ def diagnose(
             left.append(left[0] if final.fit is base.fit else _left(final, judge, unseen))
             before, after = (rms_by_sensor(list(of.residuals)) for of in left)
             verdict = _verdict(final, judge, after, data.rounding)
-            values, judging = fitted_values(final, fits), None if verdict == "explained" else unseen
-            judged = _judged_causes(identified, final, judging)
-            named = named_causes(system, final, values, judged, judging)
+            values = fitted_values(final, fits)
+            judged = _judged_causes(identified, final, unseen, second, verdict == "explained")
+            named = named_causes(system, final, values, judged, unseen)
             doubtful = [index for index, cause in enumerate(named) if not cause.in_model]
+            if not doubtful and named and second.ratio(final, base) > 1 + settings.harms:
+                doubtful = list(range(len(named)))  # each helps beside the others, all together harm
+            why = "second_recording"
+            unsure = [index for index, cause in enumerate(named) if cause.confidence < settings.named]
+            if keep_rest and not doubtful and unsure and _table_is_better(identified, unsure, final, unseen):
+                doubtful, why = unsure, "table"
             if not doubtful:
                 break
-            least = min(doubtful, key=lambda index: named[index].confidence)
-            weak.append(named[least])
+            least = min(doubtful, key=lambda index: (named[index].in_model, named[index].confidence))
+            weak.append(replace(named[least], in_model=False, why_not=named[least].why_not or why))
             weighed += refitted_candidates([judged[least]])
             identified = _without(identified, least)
             best = identified.selected.best
+        places = {place for at in (*(c.at for c in final.causes), *(c.at for c in weak)) for place in members(at)}
+        notes += audit.notes_on_times(system, times, places)
         notes += closed_loop_notes(final, recordings) + scatter_notes(final)
+        if judge is not None and any(cause.why_not == "second_recording" for cause in weak):
+            notes.append(
+                "the hold-out recording decided which causes the extended model has, so it no longer measures the "
+                "errors independently; another recording would"
+            )
         rest = remaining_errors(final)
         if verdict == "unexplained" and not final.causes and at_noise(final):
             notes.append(
@@ -291,6 +329,7 @@ def diagnose(
             recording_to_tell_rivals(final, judged), notes,
             _extended(stated, final, kept), plot_data, kept,
             audit.audited(system, base_fit, times, order, kinds, hum),
+            second.kind, correlations(final.fit), tuple(recording.source for recording in recordings),
         )  # fmt: skip
     if ended_early_by():
         diagnosis.notes.append(f"interrupted: {BEST_SO_FAR}")
@@ -396,18 +435,70 @@ def best_without(selected: Selection, index: int) -> Hypothesis:
     return (without(selected.best, index) if len(selected.best.causes) > 1 else None) or selected.base
 
 
-def _judged_causes(identified: IdentifiedCauses, final: Hypothesis, unseen: UnseenData | None) -> list[JudgedCause]:
+class SecondRecording:
+    """What a recording says of a model that was not fitted to it: the hold-out, else each of several fitted recordings,
+    by a fit to the others; nothing where there is one recording.
+
+    Attributes
+    ----------
+    kind : str
+        ``holdout``, ``recordings`` or ``blocks``.
+    """
+
+    def __init__(self, holdout: Holdout | None, data: FitData, settings: DiagnosisSettings):
+        self.holdout, self._known = holdout, dict[int, tuple[Fit, float]]()
+        recordings = recordings_of(data)
+        self._others = UnseenData(recordings, settings)
+        several = "recordings" if recordings.count > 1 else "blocks"
+        self.kind = several if holdout is None else "holdout"
+
+    def error(self, hypothesis: Hypothesis) -> float:
+        """Root mean square over the sensors of the error over the sensor's range; NaN without a second recording, or
+        where a parameter of the model holds in one recording alone."""
+        fit = hypothesis.fit
+        if id(fit) not in self._known:
+            self._known[id(fit)] = fit, self._error(hypothesis)
+        return self._known[id(fit)][1]
+
+    def _error(self, hypothesis: Hypothesis) -> float:
+        fit = hypothesis.fit
+        if self.holdout is not None:
+            readings = np.concatenate([segment.readings for segment in self.holdout.data.segments])
+            errors = np.concatenate(holdout_residuals(self.holdout.simulate(fit)))
+            shares = shares_of_ranges(errors, readings, self.holdout.data.noise)
+            return float(np.sqrt(np.nanmean(shares**2))) if np.isfinite(shares).any() else np.nan
+        if self.kind == "blocks" or parameters_by_recording(fit.problem.system):
+            return np.nan
+        return self._others.pooled(hypothesis)
+
+    def ratio(self, hypothesis: Hypothesis, other: Hypothesis) -> float:
+        """Error of a hypothesis over that of another; NaN where it is not known."""
+        before = self.error(other)
+        return self.error(hypothesis) / before if before > 0 else np.nan
+
+
+def _table_is_better(
+    identified: IdentifiedCauses, unsure: Sequence[int], final: Hypothesis, unseen: UnseenData
+) -> bool:
+    """Whether a table of the remaining torque in the place of causes whose kind is open meets unseen data better."""
+    for index in reversed(unsure):
+        identified = _without(identified, index)
+    bare = identified.selected.best
+    kept = kept_table(bare, discrepancy_curves(bare), unseen)
+    return kept is not None and kept.nrmse_after < unseen.pooled(final)
+
+
+def _judged_causes(
+    identified: IdentifiedCauses, final: Hypothesis, unseen: UnseenData, second: SecondRecording, explained: bool
+) -> list[JudgedCause]:
     """Every cause of the best hypothesis with its rivals, the best hypothesis without it, and what it explains of
-    unseen data; None: all is explained."""
+    unseen data and of a second recording; ``explained``: of the misfit nothing is left."""
     selected, judged = identified.selected, []
     known = KnownScreening(selected.screening, selected.screened)
     for place, (cause, ratings) in enumerate(zip(selected.best.causes, identified.rated, strict=True)):
         rest = best_without(selected, place)
-        part, mostly = 1.0, True
-        if unseen is not None:
-            part = float(np.clip(unseen.shares_explained(final, rest).max(), 0.0, 1.0))
-            mostly = unseen.share_explained(final, rest) > MOSTLY
-        judged.append(JudgedCause(cause, ratings, rest, known, part, mostly))
+        part = 1.0 if explained else float(np.clip(unseen.shares_explained(final, rest).max(), 0.0, 1.0))
+        judged.append(JudgedCause(cause, ratings, rest, known, part, second.ratio(final, rest)))
     return judged
 
 

@@ -1,5 +1,4 @@
-"""A hold-out recording, which measures fitted models and decides nothing; and the fidelity of both models on unseen
-data."""
+"""A hold-out recording: what fitted models leave of it; and the fidelity of both models on unseen data."""
 
 from __future__ import annotations
 
@@ -329,7 +328,7 @@ def simulate_other(fit: Fit, data: FitData, individual: Sequence[str] = ()) -> l
     individual : sequence of str, optional
         Further parameters that the data have of their own.
     """
-    problem = _without_memory(fit.problem)
+    problem = without_memory(fit.problem)
     known = {name: value for name, value in fit.values.items() if name in problem.system.parameters}
     system = problem.system.with_values(known)
     zeros = {
@@ -364,7 +363,7 @@ def parameters_by_recording(system: System) -> list[str]:
     return [f"{e.name}.{e.law.by_recording}_1" for e in system.effects if e.law.by_recording]
 
 
-def _without_memory(problem: FitProblem) -> FitProblem:
+def without_memory(problem: FitProblem) -> FitProblem:
     """A problem in which the whole error of a free simulation counts."""
     return problem if problem.weighting is None else replace(problem, weighting=problem.weighting.without_memory)
 

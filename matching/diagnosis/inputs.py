@@ -17,8 +17,10 @@ from scipy.linalg import qr
 from matching.diagnosis.base import as_hypothesis
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit, FitOptions, expected_cost, solve
-from matching.diagnosis.hypotheses import at_noise
+from matching.diagnosis.hypotheses import Hypothesis, at_noise
 from matching.diagnosis.statistics import BLOCK_LENGTHS, residual_inflation, whiteness
+from modelling.effects.effect import members
+from modelling.effects.sensors_and_actuators import LATE_SIGN, Lag
 from modelling.errors import FitError
 from modelling.resources import time_is_over
 from modelling.system import System
@@ -33,6 +35,7 @@ MOST = (
 WORTH = 0.2  # of that, to first order: another hypothesis that gains less is not fitted
 DELAY = 0.25  # of a sample: step of the derivative by a delay
 ITERATIONS = 60
+HALF = 0.4, 0.6  # of a sample: a dead time or lag in between is looked at as that of an input that is held
 
 
 def as_taken(data: FitData, kinds: Sequence[str]) -> FitData:
@@ -74,6 +77,32 @@ def likeliest(system: System, recorded: FitData, fit: Fit, kinds: tuple[str, ...
         if known[kinds] is not fit:
             fit, told = known[kinds], cache(partial(_with_delays, known[kinds]))
     return kinds, fit
+
+
+def held_for_delay(system: System, best: Hypothesis, kinds: tuple[str, ...]) -> tuple[str, ...]:
+    """The kinds with those inputs held that a hypothesis has act half a sample later than recorded: a torque that a
+    drive holds until the next sample does so on average.
+
+    A delay or lag of all sensors is one of all inputs.
+    """
+    step = best.fit.problem.data.sampling_interval
+    read = {
+        f"sensors.{s.name}" for s, n in zip(system.sensors, best.fit.problem.data.readings_by_sensor, strict=True) if n
+    }
+    every = {f"inputs.{part.name}" for part in system.inputs if part.name not in system.imposed_by}
+    late = set[str]()
+    for cause in best.causes:
+        places = set(members(cause.at))
+        if cause.kind == Lag.kind:
+            sign = 1.0
+        elif cause.kind in LATE_SIGN:
+            sign = LATE_SIGN[cause.kind] * (1.0 if places >= read else -1.0)
+        else:
+            continue
+        (name,) = cause.names().values()
+        if HALF[0] * step <= sign * best.fit.values[name] <= HALF[1] * step:
+            late |= every if places >= read else places & every
+    return tuple(HELD if f"inputs.{p.name}" in late else k for p, k in zip(system.inputs, kinds, strict=True))
 
 
 def note_on(system: System, kinds: Sequence[str]) -> list[str]:

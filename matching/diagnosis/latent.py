@@ -18,8 +18,10 @@ import numpy as np
 from matching.diagnosis.hypotheses import Hypothesis
 from matching.diagnosis.screening import Screening
 from modelling.effects.effect import FittedMotion, members
+from modelling.system import System
 
 KNOTS, TIMES = 9, 3  # of a curve, and of its slow change
+ORDERS = (1, 2, 3, 4)  # of the angle of a machine, over which its input may change
 MEMORIES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # s, over which a force may remember what drives it
 BLOCKS = 8  # of the data, each predicted by a force that was fitted to the others
 RIDGE = 1e-6  # of the mean diagonal of the normal equations
@@ -53,8 +55,8 @@ def free_force(final: Hypothesis, screening: Screening, at: str) -> FreeForce:
     """
     best = FreeForce("", 0.0)
     edges = np.linspace(0, len(screening.mask), BLOCKS + 1).astype(int) * screening.mask.shape[1]
-    for family, columns in _families(screening.motion, members(at)[0]):
-        if len(columns) * len(screening.residual) > MOST_VALUES:
+    for family, columns in _families(screening.motion, screening.system, members(at)[0]):
+        if not columns or len(columns) * len(screening.residual) > MOST_VALUES:
             continue
         place = ".".join(at.split(".")[:2]) if "+" not in at else ""
         places = [place] if place else members(at)
@@ -79,7 +81,7 @@ def _predicted(rows: np.ndarray, residual: np.ndarray, edges: np.ndarray) -> flo
     return out
 
 
-def _families(motion: FittedMotion, at: str) -> Iterator[tuple[str, list[np.ndarray]]]:
+def _families(motion: FittedMotion, system: System, at: str) -> Iterator[tuple[str, list[np.ndarray]]]:
     """What a free force may depend on at a place, and the shapes (t,) it is made of."""
     table, name = at.split(".")[:2]
     if table == "shafts":
@@ -97,12 +99,27 @@ def _families(motion: FittedMotion, at: str) -> Iterator[tuple[str, list[np.ndar
         loads = [motion.torque[shaft] for shaft, ends in motion.ends.items() if name in ends]
         if loads:
             yield "the load", _curve(np.sum(loads, axis=0))
+        for part in system.inputs:
+            if part.on == name and part.name not in system.imposed_by:
+                yield from _products(motion, part.name, name)
     elif table in ("inputs", "sensors"):
         signal = (motion.input if table == "inputs" else motion.reading)[name]
         yield "its size", _curve(signal)
         yield "its rate of change", _curve(motion.per_segment(lambda t, s: np.gradient(s, t), signal))
         yield "its past", _memories(signal, motion)
         yield "size and time", _changing(signal, motion, [signal, np.ones_like(signal)])
+        if table == "inputs":
+            yield from _products(motion, name, next(part.on for part in system.inputs if part.name == name))
+
+
+def _products(motion: FittedMotion, name: str, machine: str) -> Iterator[tuple[str, list[np.ndarray]]]:
+    """What no force over one signal is: an input times a curve over the speed of its machine (the map of a motor), and
+    times waves over its angle (a ripple that grows with the load, a crank)."""
+    signal, angle = motion.input[name], motion.angle[machine]
+    yield "its input and speed", [signal * hat for hat in _curve(motion.speed[machine])]
+    waves = [wave(order * angle) for order in ORDERS for wave in (np.cos, np.sin)]
+    if np.ptp(angle) > 2 * np.pi:
+        yield "its input and angle", [signal * wave for wave in waves]
 
 
 def _curve(values: np.ndarray, knots: int = KNOTS) -> list[np.ndarray]:

@@ -8,6 +8,7 @@ chance and in every sensor.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -30,20 +31,27 @@ from matching.diagnosis.hypotheses import (
     with_balanced_sensors,
     with_sharpest_friction,
 )
-from matching.diagnosis.result import acts, cause_parameters, fitted_values
+from matching.diagnosis.result import differs_from_nothing, fitted_values
 from matching.diagnosis.screening import NoiseDraws, ScreenedCandidate, Screening, fit_extended
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.unseen import UnseenData
 from matching.diagnosis.windows import fit_from_windows
 from modelling.effects import EFFECTS
 from modelling.effects.effect import members, shared_place
-from modelling.effects.sensors_and_actuators import LATE_SIGN, ClockOffset, DeadTime, SensorDelay, recorded_late
+from modelling.effects.sensors_and_actuators import (
+    LATE_SIGN,
+    ClockOffset,
+    DeadTime,
+    SensorDelay,
+    SensorGain,
+    SensorOffset,
+    recorded_late,
+)
 from modelling.errors import FitError
 from modelling.resources import time_is_over
 from modelling.system import System
 
 SIDE_BY_SIDE = 4  # models that are compiled at once
-TOLD_FROM_NOTHING = 0.95  # probability that a torque acts, from which its cause stands
 Progress = Callable[[str], None]  # is given the name of each step
 Suspected = tuple[str, str, dict[str, float]]  # kind, place and first values of a cause
 
@@ -71,6 +79,9 @@ class Selection:
         All that were fitted, taken or not, best first.
     failed : dict of (str, str) to str
         Kind and place of candidates whose fit does not exist, and why.
+    refused : dict of (str, str) to str
+        Kind and place of candidates that were refused by themselves, and the reason that decided, in the words of
+        ``diagnosis.json``.
     """
 
     base: Hypothesis
@@ -82,6 +93,7 @@ class Selection:
     compared: list[Hypothesis] = field(default_factory=list)
     with_one_cause: list[Hypothesis] = field(default_factory=list)
     failed: dict[tuple[str, str], str] = field(default_factory=dict)
+    refused: dict[tuple[str, str], str] = field(default_factory=dict)
 
 
 def best_by_candidate(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
@@ -103,6 +115,8 @@ class Search:
         Decides what is accepted.
     suspected : sequence of (kind, place, parameters)
         Causes that are fitted in the first round whatever the screening says: what the audit of the channels suspects.
+    only_at : str, optional
+        The one place where causes are looked for; everywhere if not given.
 
     Attributes
     ----------
@@ -116,11 +130,14 @@ class Search:
         unseen: UnseenData,
         progress: Progress,
         suspected: Sequence[Suspected],
+        only_at: str = "",
     ):
+        self.only_at = only_at
         self.suspected, self.unseen, self.progress = suspected, unseen, progress
         self.settings = settings = unseen.settings
         self.left, self.windowed = settings.refits, settings.windowed
         self.in_place: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # by the causes beside it
+        self.dropped: set[frozenset[tuple[str, str]]] = set()  # kinds and places of what did not stand
         self.from_values: dict[tuple[Cause, ...], list[Hypothesis]] = {}  # the same, begun at the values of a cause
         self.done: dict[tuple, tuple[Hypothesis, Any]] = {}  # with the hypothesis: no other takes its identity
         screening = Screening(base_fit)
@@ -129,10 +146,13 @@ class Search:
         base = Hypothesis(model, base_fit)
         draws = screening.draws = NoiseDraws(screening.mask.ravel(), screening.free)
         # of a model that leaves noise alone no candidate is ever asked for
-        candidates = [] if scatters_only(base) else best_by_candidate(screening.candidates())
+        candidates = [] if scatters_only(base) else self._allowed(best_by_candidate(screening.candidates()))
         screening.draws = None
         self.known: dict[tuple[Cause, ...], tuple[Screening, list[ScreenedCandidate]]] = {(): (screening, candidates)}
         self.state = Selection(base, base, screening, candidates, draws.threshold())
+
+    def _allowed(self, candidates: list[ScreenedCandidate]) -> list[ScreenedCandidate]:
+        return [each for each in candidates if self.only_at in ("", each.at)]
 
     def run(self) -> None:
         """Add while that helps, then share, drop and exchange; add again where that has changed the causes."""
@@ -184,7 +204,7 @@ class Search:
             if changed is state.best and not self._late():
                 changed = self.simplified(state.best)
             if changed is state.best:
-                changed = self._dropped() or self._exchanged() or state.best
+                changed = self._dropped() or self._exchanged() or self._pair_at_sensor() or state.best
             if changed is state.best:
                 return
             state.best = finished(changed)
@@ -236,7 +256,7 @@ class Search:
         """The screening of a hypothesis, and its candidates beyond what noise would promise, best first."""
         if hypothesis.causes not in self.known:
             screening = Screening(hypothesis.fit)
-            found = best_by_candidate(screening.candidates(hypothesis.model.system()))
+            found = self._allowed(best_by_candidate(screening.candidates(hypothesis.model.system())))
             self.known[hypothesis.causes] = screening, found
         screening, candidates = self.known[hypothesis.causes]
         least = self.state.noise_threshold
@@ -340,6 +360,8 @@ class Search:
         for i, hypothesis in enumerate(out[: self.settings.near_best]):
             if hypothesis.cost < near and not self._late():
                 out[i] = replace(hypothesis, fit=self._finished(with_sharper_friction(self._finished(hypothesis.fit))))
+            if i == 0 and at_noise(out[0]):  # nothing is left that sharper friction could take in another's place
+                break
         out.sort(key=lambda hypothesis: hypothesis.cost)
         out[:1] = [with_sharpest_friction(hypothesis) for hypothesis in out[:1]]
         return sorted(out, key=lambda hypothesis: hypothesis.cost)
@@ -360,11 +382,28 @@ class Search:
                 return None
             if len(hypothesis.causes) > 1 and hypothesis.model.not_taken(hypothesis.fit) == "not_physical":
                 hypothesis = self.simplified(hypothesis)  # the further cause has left an earlier one too little
-            if hypothesis.model.not_taken(hypothesis.fit) or hypothesis.model.negligible(hypothesis.fit):
+            if hypothesis.model.not_taken(hypothesis.fit) or frozenset(hypothesis.places) in self.dropped:
                 continue
-            if self.unseen.accepts(hypothesis, self.state.best):
+            small = hypothesis.model.negligible(hypothesis.fit)
+            if small and not self._explains_much(hypothesis, self.state.best):
+                self._refuse(hypothesis, "negligible")
+                continue
+            if self._all_explained(hypothesis, self.state.best) or self.unseen.accepts(hypothesis, self.state.best):
                 return hypothesis
+            worse = self.unseen.misfit(hypothesis) > self.unseen.misfit(self.state.best)
+            self._refuse(hypothesis, "worse_unseen" if worse else "by_chance")
         return None
+
+    def _refuse(self, hypothesis: Hypothesis, reason: str) -> None:
+        """Put on record why a single cause was refused; the last reason stands."""
+        if len(hypothesis.causes) == 1:
+            self.state.refused[hypothesis.causes[0].kind, hypothesis.causes[0].at] = reason
+
+    def _all_explained(self, hypothesis: Hypothesis, rest: Hypothesis) -> bool:
+        """Whether a cause leaves noise alone where clearly more is left without it. No unseen data are needed then:
+        nothing is left that could tell it from the truth, and what happens once, in one block, no other block
+        foretells."""
+        return at_noise(hypothesis) and largest_error(rest.fit) > self.settings.clearly_beyond
 
     def _worthwhile(self, child: Hypothesis) -> bool:
         """Whether further causes explain more of the fitted data than noise would, more than their parameters cost, and
@@ -417,9 +456,20 @@ class Search:
             values = {key: hypothesis.fit.values[name] for key, name in cause.names().items()}
             impossible = not EFFECTS[cause.kind].possible(values)
             for simpler in self._once(self._simpler, hypothesis, index):
-                if impossible or self._explains_as_much(simpler, hypothesis):
+                as_good = self._explains_as_much(simpler, hypothesis)
+                if impossible or (as_good and self._stands_as_well(simpler, hypothesis, index)):
                     return self.simplified(simpler)
         return hypothesis
+
+    def _stands_as_well(self, simpler: Hypothesis, hypothesis: Hypothesis, index: int) -> bool:
+        """Whether a simpler kind in the place of a cause meets unseen data better than neither of both, if that cause
+        does: else it would be dropped afterwards, and nothing would be left of what was found."""
+        if at_noise(simpler):
+            return True
+        rest = self._once(without, hypothesis, index) if len(hypothesis.causes) > 1 else self.state.base
+        if rest is None or not self.unseen.accepts(hypothesis, rest):
+            return True
+        return self.unseen.accepts(simpler, rest)
 
     def _simpler(self, hypothesis: Hypothesis, index: int) -> list[Hypothesis]:
         """A hypothesis with simpler kinds in the place of one of its causes, fitted; as rivals of that as well."""
@@ -470,16 +520,30 @@ class Search:
         for index in reversed(range(len(best.causes))):
             rest = self._without(index)
             if rest is not None and not self._stands(index, rest):
+                self.dropped.add(frozenset(best.places))
+                self._refuse(best, "within_uncertainty" if self.unseen.keeps(best, rest) else "by_chance")
                 return rest
         return None
 
     def _stands(self, index: int, rest: Hypothesis) -> bool:
         """The rule of acceptance: a cause is told from nothing, and unseen data are met better with it than by the rest
         alone."""
-        best = self.state.best
-        parameters = cause_parameters(best.model.base, best.causes[index], fitted_values(best, [best.fit]))
-        nothing = best.model.negligible(best.fit, index) or acts(parameters) < TOLD_FROM_NOTHING
-        return not nothing and self.unseen.keeps(best, rest)
+        best, beyond = self.state.best, self.settings.beyond
+        if self._all_explained(best, rest):
+            return True
+        if not self._explains_much(best, rest):
+            nothing = best.model.negligible(best.fit, index)
+            if nothing or not differs_from_nothing(best, best.causes[index], fitted_values(best, [best.fit]), beyond):
+                return False
+        return self.unseen.keeps(best, rest)
+
+    def _explains_much(self, hypothesis: Hypothesis, rest: Hypothesis) -> bool:
+        """Whether a cause explains so much of unseen data, beyond the noise, that its size decides nothing: a torque is
+        small beside that which a heavy body is moved by, and two of its values may be uncertain where both together are
+        not."""
+        if at_noise(hypothesis):
+            return False
+        return bool(self.unseen.shares_explained(hypothesis, rest).max() >= self.settings.least_share)
 
     def _without(self, index: int) -> Hypothesis | None:
         """The best hypothesis without a cause, fitted from its values; a model without causes that this frees from a
@@ -502,13 +566,49 @@ class Search:
         best = self.state.best
         for index in range(0 if self._late() else len(best.causes)):
             for other in self._rivals(index):
-                if other.model.not_taken(other.fit):
+                if other.model.not_taken(other.fit) or frozenset(other.places) in self.dropped:
                     continue
                 as_low = other.cost < (best.cost if at_noise(other) else best.cost * (1 + self.settings.slight_rise))
                 better = self.unseen.accepts if is_simpler(best.causes[index], other) else self.unseen.prefers
                 if as_low and (at_noise(other) or better(other, best)):
                     return _in_place(with_balanced_sensors(other, self.settings.far_from_noise), index)
         return None
+
+    def _pair_at_sensor(self) -> Hypothesis | None:
+        """The best hypothesis with gain and delay, offset and delay, or gain and offset of a sensor in the place of its
+        faults, where that is likelier and leaves less of unseen data. No single fault is near such a pair: alone each
+        of both explains less than a fault that the sensor does not have."""
+        best = self.state.best
+        faults = [cause.at for cause in best.causes if cause.kind in SENSOR_FAULTS and cause.at.startswith("sensors.")]
+        for at in dict.fromkeys(faults):
+            if self._late() or at_noise(best) or len(members(at)) > 1:
+                continue
+            rest = best
+            for index in reversed([i for i, cause in enumerate(best.causes) if cause.at == at]):
+                smaller = self._once(without, rest, index) if len(rest.causes) > 1 else self.state.base
+                rest = rest if smaller is None else smaller
+            if any(cause.at == at for cause in rest.causes) or len(rest.causes) + 2 > self.settings.most_causes:
+                continue
+            for other in self._once(self._with_pair_at, rest, at):
+                taken = other.places == best.places or frozenset(other.places) in self.dropped
+                likelier = other.cost < best.cost and self.unseen.pooled(other) < self.unseen.pooled(best)
+                if not taken and likelier and not other.model.not_taken(other.fit):
+                    return with_balanced_sensors(other, self.settings.far_from_noise)
+        return None
+
+    def _with_pair_at(self, rest: Hypothesis, at: str) -> list[Hypothesis]:
+        """A hypothesis with each pair of faults at a sensor, fitted from several delays, best first."""
+        out: list[Hypothesis] = []
+        step = rest.fit.problem.data.sampling_interval
+        for pair in sensor_pairs(rest.fit, at):
+            model = replace(rest.model, bounds=rest.fit.problem.bounds, values=rest.fit.values, starts=())
+            for kind, values in pair:
+                model = model.with_cause(kind, at, values, step)
+            if not compilable([model]) or not self._take():
+                continue
+            with contextlib.suppress(FitError):
+                out.append(Hypothesis(model, fit_extended(model, rest.fit), rest.screened))
+        return distinct(sorted(out, key=lambda hypothesis: hypothesis.cost))
 
     def _rivals(self, index: int) -> list[Hypothesis]:
         """Hypotheses with another cause in the place of one of the best's, weighted as the best; those near it are
@@ -611,15 +711,10 @@ def simpler_models(hypothesis: Hypothesis, index: int) -> Iterator[ExtendedModel
     """Models with simpler kinds, which behave alike at its values, in the place of a cause."""
     cause, fit, system = hypothesis.causes[index], hypothesis.fit, hypothesis.model.base
     rest = hypothesis.model.without_cause(index, fit)
-    present = {(other.kind, other.at) for other in rest.causes}
     for simpler in simpler_kinds(hypothesis, index):
         kind, at = simpler.kind, simpler.at
         fewer = len(simpler.parameters) < len(cause.keys)
-        if (
-            fewer
-            and (kind, at) not in present
-            and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain)
-        ):
+        if fewer and not (EFFECTS[kind].replaces_quantity and system.parameters[at].uncertain):
             yield rest.with_cause(kind, at, simpler.parameters, fit.problem.data.sampling_interval)
 
 
@@ -650,14 +745,15 @@ def _taken(hypothesis: Hypothesis, candidate: ScreenedCandidate) -> bool:
     def late(kind: str) -> bool:  # a clock is not also a delay or a lag
         return EFFECTS[kind].only_delays or EFFECTS[kind].is_clock or kind == "lag"
 
+    def alike(kind: str) -> bool:
+        both_rub, both_late = (what(candidate.kind) and what(kind) for what in (rubs, late))
+        return candidate.kind == kind or both_rub or both_late
+
+    places = set(members(candidate.at))
     given = {(effect.kind, place) for effect in hypothesis.model.base.effects for place in effect.places}
-    if any((candidate.kind, place) in given for place in members(candidate.at)):
+    if any((candidate.kind, place) in given for place in places):
         return True
-    return any(
-        (candidate.at == at and (candidate.kind == kind or (rubs(candidate.kind) and rubs(kind))))
-        or (late(candidate.kind) and late(kind) and not set(members(candidate.at)).isdisjoint(members(at)))
-        for kind, at in hypothesis.places
-    )
+    return any(alike(kind) and not places.isdisjoint(members(at)) for kind, at in hypothesis.places)
 
 
 def without(hypothesis: Hypothesis, index: int, iterations: int = 80) -> Hypothesis | None:
@@ -855,6 +951,44 @@ def _pair(
     if parameters is None or others is None:
         return None
     return ScreenedPair(replace(first, parameters=parameters), replace(second, parameters=others), float(along @ along))
+
+
+# --- Two faults of one sensor.
+
+SENSOR_FAULTS = (SensorGain.kind, SensorOffset.kind, SensorDelay.kind, "sensor_drift", "gain_drift", "lag")
+LONGEST_DELAY_SHARE = 0.1  # of the longest segment: the largest delay from which a pair of faults is fitted
+DELAYS = 24  # that are looked at, geometrically from half a sample
+OTHER_STARTS = (1.0, 0.5, 2.0)  # times the likeliest delay, from which a fit begins
+
+
+def sensor_pairs(fit: Fit, at: str) -> Iterator[list[tuple[str, dict[str, float]]]]:
+    """Pairs of faults of a sensor, kind and first values: readings as gain and offset of what a fit simulates, by least
+    squares at each of several delays."""
+    system, segments = fit.problem.system, fit.problem.data.segments
+    j = [f"sensors.{sensor.name}" for sensor in system.sensors].index(at)
+    simulated = [y[:, j] for y in fit.problem.simulated(fit.v)]
+    longest = LONGEST_DELAY_SHARE * max(float(np.ptp(segment.time)) for segment in segments)
+    delays = np.geomspace(0.5 * fit.problem.data.sampling_interval, longest, DELAYS)
+
+    def regressed(delay: float, gain: bool) -> tuple[float, float, float]:
+        """Squares that are left, gain, offset."""
+        late = [np.interp(s.time - delay, s.time, y) for s, y in zip(segments, simulated, strict=True)]
+        read = np.concatenate([segment.readings[:, j] for segment in segments])
+        known, model = np.isfinite(read), np.concatenate(late)
+        own, of_model = read[known], model[known]
+        factor, offset = (
+            np.polyfit(of_model, own, 1) if gain and np.ptp(of_model) > 0 else (1.0, np.mean(own - of_model))
+        )
+        return float(np.sum((own - factor * of_model - offset) ** 2)), float(factor), float(offset)
+
+    likeliest = float(min(delays, key=lambda delay: regressed(delay, True)[0]))
+    for share in OTHER_STARTS:
+        _, factor, offset = regressed(share * likeliest, True)
+        yield [(SensorGain.kind, {"factor": factor}), (SensorDelay.kind, {"delay": share * likeliest})]
+        _, _, shift = regressed(share * likeliest, False)
+        yield [(SensorOffset.kind, {"offset": shift}), (SensorDelay.kind, {"delay": share * likeliest})]
+    _, factor, offset = regressed(0.0, True)
+    yield [(SensorGain.kind, {"factor": factor}), (SensorOffset.kind, {"offset": offset})]
 
 
 # --- A time window of long data in which causes are searched for: their kind shows in seconds, their size in all data.

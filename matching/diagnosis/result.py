@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import erf
+from scipy.special import chdtrc, erfc
 
 from matching.diagnosis.audit import AuditedChannel
 from matching.diagnosis.causes import Cause, simulated_motion
@@ -78,12 +78,21 @@ class NamedCause:
     kind, at : str
     parameters : dict of str to CauseParameter
     confidence : float
-        That this kind at this place is right, 0 … 1.
-    place_confidence : float
-        That something acts at this place, of whatever kind, 0 … 1.
+        Of the kind, 0 … 1: the least of its share among its rivals and of what a free force at its place leaves of
+        that.
+    there : float
+        Probability that something acts at this place, of whatever kind: that unseen data are met better with it, beyond
+        chance; 0 where its values do not differ from those of no effect.
+    left : dict of str to (float, float)
+        By sensor, root mean square error on unseen data in times the noise, without the cause and with it.
+    beside : (str, float)
+        What the best free force at its place depends on, and the share that it predicts of what the cause leaves.
     in_model : bool
-        Whether the extended model has it: of a confidence over 0.5 and a value beyond its uncertainty. Else it only
-        says where something is.
+        Whether the extended model has it: it is there, explains a good part of the misfit and harms no second
+        recording. Else it only says where something is.
+    why_not : str
+        Why the extended model does not have it: ``by_chance``, ``within_uncertainty``, ``explains_little``,
+        ``second_recording`` or ``table``; else empty.
     evidence : str
         One sentence that can be checked in the figures.
     alternatives : list of Alternative
@@ -98,8 +107,11 @@ class NamedCause:
     evidence: str
     alternatives: list[Alternative]
     gain: float
-    place_confidence: float = 1.0
+    there: float = 1.0
+    left: dict[str, tuple[float, float]] = field(default_factory=dict)
+    beside: tuple[str, float] = ("", 0.0)
     in_model: bool = True
+    why_not: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``."""
@@ -107,7 +119,9 @@ class NamedCause:
             "kind": self.kind, "at": place_in_file(self.at), "confidence": self.confidence, "evidence": self.evidence,
             "parameters": {key: parameter.to_dict() for key, parameter in self.parameters.items()},
             "alternatives": [vars(rival) | {"at": place_in_file(rival.at)} for rival in self.alternatives],
-            "gain": finite(self.gain), "place_confidence": self.place_confidence, "in_model": self.in_model,
+            "gain": finite(self.gain), "there": self.there, "in_model": self.in_model, "why_not": self.why_not or None,
+            "left": {name: {"without": a, "with": b} for name, (a, b) in self.left.items()},
+            "beside": {"over": self.beside[0], "share": self.beside[1]},
         }  # fmt: skip
 
 
@@ -147,8 +161,9 @@ class FittedCandidate:
     chi_square : float
         On fitted data.
     not_taken : str
-        Why it was not taken: ``not_better``, ``not_physical``, ``beyond_recording``, ``worse_unseen``, ``at_bound``,
-        ``rival`` or ``no_fit``; empty if it was.
+        The reason that decided: ``not_better``, ``not_physical``, ``beyond_recording``, ``worse_unseen``,
+        ``by_chance``, ``within_uncertainty``, ``negligible``, ``at_bound``, ``rival`` or ``no_fit``; empty if it was
+        taken.
     why : str
         Why it has no fit, where it has none; its numbers are then NaN.
     """
@@ -451,6 +466,31 @@ class PooledErrors:
 
 
 @dataclass(frozen=True)
+class Correlation:
+    """Correlation of two fitted values, by name."""
+
+    first: str
+    second: str
+    correlation: float
+
+
+LEAST_CORRELATION = 0.5  # that is told: below, each uncertainty is nearly that with the other value known
+MOST_CORRELATIONS = 12
+
+
+def correlations(fit: Fit) -> list[Correlation]:
+    """Pairs of fitted parameters with a large correlation, the largest first."""
+    k, names = len(fit.problem.free), fit.problem.free
+    own = covariance(fit, inflation(fit))[:k, :k]
+    size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    every = [
+        Correlation(names[i], names[j], float(own[i, j] / (size[i] * size[j]))) for i in range(k) for j in range(i)
+    ]
+    large = [one for one in every if abs(one.correlation) >= LEAST_CORRELATION]
+    return sorted(large, key=lambda one: -abs(one.correlation))[:MOST_CORRELATIONS]
+
+
+@dataclass(frozen=True)
 class RemainingError:
     """Where the error of a sensor that is beyond its noise is largest.
 
@@ -519,6 +559,13 @@ class Diagnosis(Displayed):
         The curve of ``discrepancy`` that the extended model keeps.
     channels : list of AuditedChannel
         The audit of the channels.
+    judged_by : str
+        What decided at last which causes the extended model has: a hold-out (``holdout``), each of several recordings
+        by a fit to the others (``recordings``), or blocks of the one recording (``blocks``).
+    correlations : list of Correlation
+        Of fitted values, the largest first.
+    sources : tuple of str
+        The recordings that were fitted.
     """
 
     verdict: str
@@ -538,6 +585,9 @@ class Diagnosis(Displayed):
     plot_data: PlotData = field(repr=False)
     kept: KeptTable | None = None
     channels: list[AuditedChannel] = field(default_factory=list)
+    judged_by: str = "blocks"
+    correlations: list[Correlation] = field(default_factory=list)
+    sources: tuple[str, ...] = ()
 
     @property
     def pictured(self) -> Pictured:
@@ -558,7 +608,8 @@ class Diagnosis(Displayed):
             "rest": [remaining.to_dict() for remaining in self.rest],
             "discrepancy": [curve.to_dict() for curve in self.discrepancy],
             "kept_discrepancy": self.kept.to_dict() if self.kept else None, "notes": self.notes,
-            "channels": [channel.to_dict() for channel in self.channels],
+            "channels": [channel.to_dict() for channel in self.channels], "judged_by": self.judged_by,
+            "correlations": [vars(one) for one in self.correlations],
         }  # fmt: skip
 
     def _candidates_to_dict(self) -> list[dict[str, Any]]:
@@ -849,9 +900,35 @@ def cause_parameters(system: System, cause: Cause, estimates: Mapping[str, Estim
     }
 
 
-def acts(parameters: Mapping[str, CauseParameter]) -> float:
-    """Probability that one of the torques of a cause, if it has any, is not nothing: normal errors, two-sided."""
-    torques = [parameter for parameter in parameters.values() if parameter.unit == "N*m"]
-    if not torques:
-        return 1.0
-    return float(erf(max(abs(one.value) / max(one.standard_uncertainty, 1e-300) for one in torques) / np.sqrt(2)))
+def differs_from_nothing(final: Hypothesis, cause: Cause, estimates: Mapping[str, Estimate], beyond: float) -> bool:
+    """Whether the values of a cause, all together, differ from those of no effect by more than their uncertainty.
+
+    Only sizes count, which may be nothing: no time constant, and of a ripple neither order nor phase. Of values that
+    others compensate each may be uncertain where all together are not: their correlations are those of
+    the fit (a Wald test, at the probability that a normal error stays within ``beyond`` standard uncertainties).
+    """
+    kind, fit = EFFECTS[cause.kind], final.fit
+    sizes = [
+        key for key in cause.keys if (key in kind.zero_mean if kind.zero_mean else kind.parameters[key].lower <= 0)
+    ]
+    names = [(key, name) for key, name in cause.names().items() if key in (sizes or cause.keys)]
+    away = []
+    for key, name in names:
+        nothing = 1.0 if key.startswith("factor") else 0.0
+        if cause.replaces_quantity:
+            nothing = final.model.base.parameters[cause.at].value
+        away.append(estimates[name].value - nothing)
+    sigma = np.array([estimates[name].standard_uncertainty for _, name in names])
+    if not np.isfinite(sigma).all():
+        return bool((np.abs(away) > beyond * sigma).any())
+    columns = [fit.problem.free.index(name) for _, name in names]
+    own = covariance(fit, inflation(fit))[np.ix_(columns, columns)]
+    size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    correlation = own / np.outer(size, size)
+    np.fill_diagonal(correlation, 1.0)
+    scaled = np.array(away) / np.maximum(sigma, 1e-300)
+    distance = float(scaled @ np.linalg.pinv(correlation, rcond=CERTAIN, hermitian=True) @ scaled)
+    return bool(chdtrc(len(names), distance) < erfc(beyond / np.sqrt(2)))
+
+
+CERTAIN = 1e-6  # of the largest eigenvalue of a correlation: less is rounding

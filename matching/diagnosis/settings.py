@@ -49,6 +49,21 @@ class DiagnosisSettings:
     least_share : float
         Of the misfit beyond noise that a cause has to explain. A kind that explains a tenth of it usually imitates a
         cause that the vocabulary lacks. Trial.
+    explains : float
+        Share of the misfit on unseen data, beyond noise and in the sensor where most, that a cause explains to stand in
+        the extended model. What explains less of one recording often harms another. Trial (design recordings).
+    kind_rest : float
+        What a free force at the place of a cause still predicts of unseen data, over what the cause itself explains,
+        from which nothing is said for its kind. Trial.
+    kind_at_bound : float
+        Most that is said for a kind of which a value ended at the bound of its range: it was not found.
+    named : float
+        Share of a kind from which the answer gives its name; below it says what the cause is most like.
+    beyond : float
+        Standard uncertainties by which the values of a cause, all together, differ from those of no effect.
+    harms, helps : float
+        Of the error of all sensors on a second recording: a cause with which it rises by more than 2 % stays out of the
+        extended model; one with which it falls by more than a tenth is in. Trial.
     beyond_promise : float
         Times what the screening promises that a refit gains at most, where sensors are weighted by what the model
         leaves. By noise there is no such bound: a drift hides what began it. Trial.
@@ -84,6 +99,9 @@ class DiagnosisSettings:
     left_by_model : float
         Times the noise that the best hypothesis leaves in a sensor, from which the model is taken as
         imperfect and sensors are weighted by what it leaves: more than a noise that is stated too small.
+    clearly_beyond : float
+        Times the noise that is left in a sensor without a cause, from which one that leaves noise alone needs no unseen
+        data: uneven steps and rounded channels leave a few per cent. Trial.
     far_from_noise : float
         Times the noise that a model leaves in a sensor, from which weights by noise are not worth more than one cause:
         an encoder that is said to be precise would decide everything. Trial.
@@ -118,6 +136,13 @@ class DiagnosisSettings:
     pair_gain: float = 0.2
     wider_gaps: tuple[float, ...] = (1.6, 4.0)
     least_share: float = 0.15
+    explains: float = 0.5
+    kind_rest: float = 0.3
+    kind_at_bound: float = 0.4
+    named: float = 0.5
+    beyond: float = 2.0
+    harms: float = 0.02
+    helps: float = 0.1
     beyond_promise: float = 3.0
     judged: int = 6
     explains_almost_all: float = 0.9
@@ -135,6 +160,7 @@ class DiagnosisSettings:
     processor_seconds: float = 120.0
     reserved: float = 0.2
     left_by_model: float = 3.0
+    clearly_beyond: float = 1.2
     far_from_noise: float = 100.0
     base_iterations: int = 80
     base_starts: int = 32

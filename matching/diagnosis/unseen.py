@@ -12,13 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit, FitOptions, Quadratic, solve
+from matching.diagnosis.holdout import without_memory
 from matching.diagnosis.hypotheses import Hypothesis
+from matching.diagnosis.problem import FitProblem
 from matching.diagnosis.settings import DiagnosisSettings
+from matching.diagnosis.simulation import simulate_states
 from matching.diagnosis.statistics import effective_share, mean_square, shares_of_ranges
 from modelling.errors import FitError
 from modelling.resources import time_is_over
@@ -63,6 +67,12 @@ def cut(data: FitData, count: int) -> Blocks:
     )
 
 
+def recordings_of(data: FitData) -> Blocks:
+    """Whole recordings as blocks."""
+    names = dict.fromkeys((segment.name, segment.recording) for segment in data.segments)
+    return Blocks(len(names), {name: np.empty(0) for name in names})
+
+
 def blocks_for(fit: Fit, settings: DiagnosisSettings) -> Blocks:
     """Blocks of the data of a fit, as many as its residual's memory allows."""
     data = fit.problem.data
@@ -82,23 +92,38 @@ PRIOR = 12.0  # over the square of a range: the information of a uniform distrib
 STEPS = 3  # Gauss–Newton steps with the Jacobian of the fit; each is a simulation for every block
 ENOUGH, ENOUGH_SHARE = 3.0, 3e-3  # χ² of the other blocks, and share of it, that is worth no further step
 ITERATIONS = 8  # of a refit
+FEWEST_OF_PIECE = 16  # samples of a block in a segment: fewer are met from some start state, whatever the model
+RESTART_ITERATIONS = 4  # of the fit of the state with which a block begins, nearly linear
 
 
 def unseen_errors(fit: Fit, blocks: Blocks) -> list[np.ndarray]:
     """(measured − simulated)/noise (t, y) of every segment, each block by the model fitted to the others; NaN where
     nothing was measured.
 
-    The start state of a segment that begins in the block is fitted to all of it: no other reading tells it. Where
-    torques jump, a step to first order leads nowhere: there the errors are those of the fit.
+    Only the state with which the block begins is fitted to the block itself, as to a recording of its own: else an
+    error of the speed long before would speak against what is right within the block.
     """
-    segments = fit.problem.data.segments
-    number = [blocks.of(segment) for segment in segments]
-    errors = [np.where(s.measured, part, np.nan) for s, part in zip(segments, fit.errors, strict=True)]
-    if any(effect.law.abrupt for effect in fit.problem.system.effects):
-        return errors
-    left_out = _LeftOut(fit, number, blocks.count)
-    v, costs, gradients = np.repeat(fit.v[None], blocks.count, axis=0), *left_out.at_fit()
-    worth = np.zeros(blocks.count, bool)  # blocks without which the fit would be another
+    number = [_in_pieces(blocks.of(segment)) for segment in fit.problem.data.segments]
+    return _restarted(fit.problem, number, _values_without(fit, number, blocks.count))
+
+
+def _in_pieces(number: np.ndarray) -> np.ndarray:
+    """Numbers of blocks (t,) without pieces of a few samples, which join a neighbour: a window may end with the first
+    samples of the next block."""
+    out = number.copy()
+    edges = [0, *(np.flatnonzero(np.diff(out)) + 1).tolist(), len(out)]
+    for first, last in pairwise(edges):
+        if last - first < FEWEST_OF_PIECE and last - first < len(out):
+            out[first:last] = out[first - 1] if first else out[last]
+    return out
+
+
+def _values_without(fit: Fit, number: Sequence[np.ndarray], count: int) -> np.ndarray:
+    """Variables (b, v) fitted to all blocks but one, for each block; where torques jump, χ² has kinks and the steps
+    are taken only as far as they lower it."""
+    left_out = _LeftOut(fit, number, count)
+    v, costs, gradients = np.repeat(fit.v[None], count, axis=0), *left_out.at_fit()
+    worth = np.zeros(count, bool)  # blocks without which the fit would be another
     for number_of_step in range(STEPS):
         steps, promised = left_out.steps(v, gradients)
         more = promised > np.maximum(ENOUGH, ENOUGH_SHARE * costs)
@@ -106,18 +131,75 @@ def unseen_errors(fit: Fit, blocks: Blocks) -> list[np.ndarray]:
             break
         worth |= more
         moved = np.clip(v + steps, fit.problem.lower, fit.problem.upper)
-        new, costs_there, gradients_there = left_out.errors(moved)
+        costs_there, gradients_there = left_out.costs(moved)
         taken = costs_there < costs + ENOUGH
-        for own, part, there in zip(number, errors, new, strict=True):
-            part[taken[own]] = there[taken[own]]
         v[taken], costs[taken], gradients[:, taken] = moved[taken], costs_there[taken], gradients_there[:, taken]
         if not taken.any():
             break
     for block in np.flatnonzero((v == fit.v).all(axis=1) & worth):  # no step leads to the fit without the block
-        new, _, _ = left_out.errors(np.repeat(_refitted(fit, number, int(block))[None], blocks.count, axis=0))
-        for own, part, there in zip(number, errors, new, strict=True):
-            part[own == block] = there[own == block]
-    return errors
+        v[block] = _refitted(fit, number, int(block))
+    return v
+
+
+def _restarted(problem: FitProblem, number: Sequence[np.ndarray], v: np.ndarray) -> list[np.ndarray]:
+    """Errors (t, y) of every segment, each block with its row of variables (b, v) and the state with which it begins
+    fitted to it; NaN where nothing was measured. The zero of an angle sensor is that of the blocks that are seen, where
+    the segment has any."""
+    segments = problem.data.segments
+    out = [np.full(segment.readings.shape, np.nan) for segment in segments]
+    plain = without_memory(problem)
+    for block, variables in enumerate(v):
+        there = [i for i, own in enumerate(number) if (own == block).any()]
+        if not there:
+            continue
+        p, starts = problem.unpack(variables)
+        states = simulate_states(
+            problem.model, [segments[i] for i in there], p, [starts[i] for i in there], problem.steps_per_second
+        )
+        pieces: list[tuple[int, int, int]] = []
+        begins: list[np.ndarray] = []
+        for i, motion in zip(there, states, strict=True):
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], number[i] == block, [False]]).astype(int)))
+            for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+                pieces.append((i, first, last))
+                begins.append(motion[first])
+        k = len(problem.free)
+        values = dict(zip(problem.free, variables[:k].tolist(), strict=True))
+        part = replace(
+            plain,
+            system=plain.system.with_values({n: x for n, x in values.items() if n in plain.system.parameters}),
+            data=replace(problem.data, segments=tuple(segments[i].part(a, b) for i, a, b in pieces)),
+            bounds={}, held_states=begins,
+        )  # fmt: skip
+        zeros = _zeros(problem, variables, [own == block for own in number]) if problem.with_zero else {}
+        for (i, a, b), errors in zip(pieces, _errors_from(part, begins), strict=True):
+            out[i][a:b] = np.where(segments[i].measured[a:b], errors, np.nan)
+            for j in problem.with_zero:
+                out[i][a:b, j] -= zeros[i, j]
+    return out
+
+
+def _zeros(problem: FitProblem, v: np.ndarray, left_out: Sequence[np.ndarray]) -> dict[tuple[int, int], float]:
+    """By segment and sensor, the zero of each angle sensor, in times its noise, from the samples that are seen."""
+    out = {}
+    for i, errors in enumerate(problem.deviations(v[None])):
+        measured = problem.data.segments[i].measured
+        for j in problem.with_zero:
+            known = measured[:, j] & ~left_out[i]
+            known = known if known.any() else measured[:, j]
+            out[i, j] = float(errors[0][known, j].mean()) if known.any() else 0.0
+    return out
+
+
+def _errors_from(problem: FitProblem, begins: list[np.ndarray]) -> list[np.ndarray]:
+    """Errors (t, y) of every segment, the start states fitted from those given (x,), zeros not taken off; infinite
+    where that does not simulate."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            fit = solve(problem, problem.pack({}, begins), None, FitOptions(RESTART_ITERATIONS, timed=False))
+            return [errors[0] for errors in problem.deviations(fit.v[None])]
+    except FitError:
+        return [np.full(segment.readings.shape, np.inf) for segment in problem.data.segments]
 
 
 class _LeftOut:
@@ -173,32 +255,16 @@ class _LeftOut:
             steps[block] = step
         return steps, promised
 
-    def errors(self, batch: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-        """Errors (t, y) of each segment, each block by its row of variables (b, v); χ² (b,) of the blocks that are
-        seen, infinite where the simulation diverges; and gradients (2, b, v).
-
-        The zero of an angle sensor is that of the blocks that are seen, where the segment has any.
-        """
-        problem, out, weighted = self.fit.problem, [], []
+    def costs(self, batch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of rows of variables (b, v), each without its block: χ² (b,) of the blocks that are seen, infinite where the
+        simulation diverges, and gradients (2, b, v)."""
         with np.errstate(over="ignore", invalid="ignore"):
-            for i, (own, errors) in enumerate(zip(self.number, problem.deviations(batch), strict=True)):
-                measured = problem.data.segments[i].measured
-                weighted.append(problem.counted(errors.copy(), i).reshape(len(batch), -1))
-                left = np.full(measured.shape, np.nan)
-                for block, part in enumerate(errors):
-                    here = own == block
-                    for j in problem.with_zero:
-                        known = measured[:, j] & ~here
-                        known = known if known.any() else measured[:, j]
-                        part[:, j] -= np.mean(part[known, j]) if known.any() else 0.0
-                    left[here] = np.where(measured[here], part[here], np.nan)
-                out.append(left)
-            residuals = np.concatenate(weighted, axis=1)
+            residuals = self.fit.problem.residuals(batch)
             squares = np.array([[float(r[rows] @ r[rows]) for rows in self.rows] for r in residuals])
             costs = squares.sum(axis=1) - np.diag(squares)
             every = residuals @ self.fit.jacobian
             inside = np.array([residuals[b, rows] @ self.fit.jacobian[rows] for b, rows in enumerate(self.rows)])
-        return out, np.where(np.isfinite(squares).all(axis=1), costs, np.inf), np.array([every - inside, every])
+        return np.where(np.isfinite(squares).all(axis=1), costs, np.inf), np.array([every - inside, every])
 
 
 def _refitted(fit: Fit, number: Sequence[np.ndarray], block: int) -> np.ndarray:
@@ -248,6 +314,13 @@ class UnseenError:
     shares: np.ndarray
     ranges: np.ndarray
     independent: np.ndarray
+
+    @property
+    def rms_by_sensor(self) -> np.ndarray:
+        """Root mean square (y,) over the blocks, in times the noise; NaN without readings."""
+        known = np.isfinite(self.blocks)
+        count = known.sum(axis=0)
+        return np.where(count, np.sqrt(np.nansum(self.blocks, axis=0) / np.maximum(count, 1)), np.nan)
 
     @property
     def misfit(self) -> float:
@@ -323,8 +396,12 @@ class UnseenData:
         data: a paired bootstrap draws them again and again, and all but a share ``chance`` of the draws have to find
         the child better.
         """
+        return 1 - self.probability(child, parent) < self.settings.chance
+
+    def probability(self, child: Hypothesis, parent: Hypothesis) -> float:
+        """Share of the draws of the blocks in which a hypothesis meets unseen data better than another."""
         gain, _ = self._drawn(child, parent)
-        return bool(np.mean(gain <= 0) < self.settings.chance)
+        return float(np.mean(gain > 0))
 
     def keeps(self, child: Hypothesis, parent: Hypothesis, by_sensor: bool = True) -> bool:
         """Whether a hypothesis to which nothing will be added is accepted over another, the error of all sensors in

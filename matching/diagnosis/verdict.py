@@ -1,4 +1,5 @@
-"""What a selection is worth: confidence in place and kind, values, evidence, and what to record next."""
+"""What a selection is worth, as three answers: is something there, of what kind is it, how much is left; and what to
+record next."""
 
 from __future__ import annotations
 
@@ -13,15 +14,13 @@ from matching.diagnosis.hypotheses import Hypothesis, at_noise, is_simpler
 from matching.diagnosis.latent import free_force
 from matching.diagnosis.moves import Selection
 from matching.diagnosis.result import (
-    TOLD_APART,
     Alternative,
     Candidate,
-    CauseParameter,
     FittedCandidate,
     KnownScreening,
     NamedCause,
-    acts,
     cause_parameters,
+    differs_from_nothing,
     not_told_apart,
 )
 from matching.diagnosis.screening import Screening
@@ -29,7 +28,7 @@ from matching.diagnosis.simulation import simulate_readings
 from matching.diagnosis.statistics import AT_BOUND, Estimate, estimates, residual_inflation
 from matching.diagnosis.unseen import UnseenData, UnseenError
 from modelling.effects import EFFECTS
-from modelling.effects.effect import SHARED, place_in_words
+from modelling.effects.effect import place_in_words
 from modelling.system import System
 
 # --- The confidence in the kind of a cause, among its rivals.
@@ -114,10 +113,10 @@ def fitted_candidates(selected: Selection, unseen: UnseenData) -> list[FittedCan
     near = 0.0 if at_noise(selected.best) else unseen.settings.near_ratio * selected.best.chi_square
     for hypothesis in selected.with_one_cause:
         (cause,) = hypothesis.causes
-        asked = hypothesis.chi_square < near or unseen.knows(hypothesis)
+        taken = (cause.kind, cause.at) in selected.best.places
+        asked = taken or hypothesis.chi_square < near or unseen.knows(hypothesis)
         left = unseen.misfit(hypothesis) if asked else np.nan
         before = unseen.misfit(selected.base) if asked else before
-        taken = (cause.kind, cause.at) in selected.best.places
         reason = "" if taken else _reason(selected, hypothesis, left, before)
         out.append(FittedCandidate(cause.kind, cause.at, hypothesis.misfit, left, hypothesis.chi_square, reason))
     fitted = {(one.kind, one.at) for one in out}
@@ -128,7 +127,10 @@ def fitted_candidates(selected: Selection, unseen: UnseenData) -> list[FittedCan
 
 
 def _reason(selected: Selection, hypothesis: Hypothesis, left: float, before: float) -> str:
-    """Why a candidate was not taken, in the words of ``diagnosis.json``."""
+    """Why a candidate was not taken, in the words of ``diagnosis.json``: the reason that decided, where one did."""
+    (cause,) = hypothesis.causes
+    if refused := selected.refused.get((cause.kind, cause.at)):
+        return refused
     least = selected.noise_threshold * hypothesis.chi_square_per_reading
     too_little = hypothesis.chi_square > selected.base.chi_square - least
     if too_little or hypothesis.model.negligible(hypothesis.fit):
@@ -138,7 +140,6 @@ def _reason(selected: Selection, hypothesis: Hypothesis, left: float, before: fl
         return impossible
     if left > before:
         return "worse_unseen"
-    (cause,) = hypothesis.causes
     notes = estimates(hypothesis.fit)
     if any(notes[name].note.startswith("at the bound") for name in cause.names().values()):
         return "at_bound"
@@ -277,8 +278,8 @@ class JudgedCause:
     explained : float
         Share of the misfit on unseen data that it explains, of the sensor where that is most: a fault of a channel
         explains nothing of the others. 1 where all is explained.
-    mostly : bool
-        Whether it explains almost all of all sensors.
+    second : float
+        Error of all sensors on a second recording with the cause over that without it; NaN without such a recording.
     """
 
     cause: Cause
@@ -286,7 +287,7 @@ class JudgedCause:
     without: Hypothesis
     known: KnownScreening | None
     explained: float
-    mostly: bool
+    second: float
 
     @property
     def rivals(self) -> list[RatedCause]:
@@ -299,19 +300,21 @@ def named_causes(
     final: Hypothesis,
     estimates: Mapping[str, Estimate],
     judged: Sequence[JudgedCause],
-    unseen: UnseenData | None,
+    unseen: UnseenData,
 ) -> list[NamedCause]:
     """The causes of the final hypothesis, in its order.
+
+    *There*: the probability that unseen data are met better with the cause, drawn block by block. *Kind*: the least of
+    its share among its rivals, of what a free force at its place leaves of that share, and of twice what it explains.
+    *Left*: the errors of the sensors on unseen data without it and with it.
 
     Parameters
     ----------
     estimates : dict of str to Estimate
         Of all fitted parameters, by name.
-    unseen : UnseenData or None
-        None where the hypothesis explains all.
     """
-    causes = []
-    screening = Screening(final.fit) if unseen is not None and final.causes else None
+    causes, settings, all_explained = [], unseen.settings, at_noise(final)
+    screening = None if all_explained or not final.causes else Screening(final.fit)
     for judgement in judged:
         cause, rivals = judgement.cause, judgement.rivals
         rating = next(r for r in judgement.rated if (r.kind, r.at) == (cause.kind, cause.at))
@@ -319,97 +322,72 @@ def named_causes(
         alike = _all_alike(system, final, judgement)
         same = [name for name in alike if name not in weighed]
         parameters = cause_parameters(system, cause, estimates)
-        share, place = rating.share, 1.0
-        if unseen is not None and screening is not None:
-            place = _place(judgement, rating, unseen)
-            unfound = any(estimates[name].note.startswith(AT_BOUND) for name in cause.names().values())
-            if not judgement.mostly and (unfound or _free_force_is_left(final, screening, cause.at)):
-                share = min(share, NOT_THE_KIND)
-        certain = share * judgement.explained * acts(parameters) / (1 + len(same))
-        # of what no recording, or not this one, tells apart, any may stand
-        as_good = share + sum(r.share for r in rivals if (r.kind, r.at) in alike or _same_readings(rating, r))
-        whole = min(as_good, 1.0) * judgement.explained * acts(parameters)
-        alternatives = [Alternative(kind, at, certain) for kind, at in same]
-        alternatives += [Alternative(r.kind, r.at, r.share * judgement.explained) for r in rivals]
+        differs = all_explained or differs_from_nothing(final, cause, estimates, settings.beyond)
+        there, kind, over, share = 1.0, rating.share, "", 0.0
+        if screening is not None:
+            there = unseen.probability(final, judgement.without)
+            over, share = _free_force_beside(final, screening, judgement)
+            rest = share * (1 - judgement.explained) / max(judgement.explained, 1e-300)
+            kind = min(kind, max(0.0, 1 - rest / settings.kind_rest), 2 * judgement.explained)
+            if any(estimates[name].note.startswith(AT_BOUND) for name in cause.names().values()):
+                kind = min(kind, settings.kind_at_bound)
+        kind /= 1 + len(same)  # of what no recording, or not this one, tells apart, any may stand
+        alternatives = [Alternative(at_kind, at, kind) for at_kind, at in same]
+        alternatives += [Alternative(r.kind, r.at, r.share) for r in rivals]
+        enough = judgement.explained >= settings.explains or judgement.second < 1 - settings.helps
+        harms = judgement.second > 1 + settings.harms
         causes.append(
             NamedCause(
-                cause.kind, cause.at, parameters, certain,
+                cause.kind, cause.at, parameters, kind,
                 _evidence(system, judgement.without, final, rivals[0].hypothesis if rivals else None)
                 + _in_words(alike),
                 [a for a in alternatives if a.confidence > SMALLEST_CONFIDENCE],
                 judgement.without.chi_square / final.chi_square,
-                max(place, whole),
-                whole > LEAST_CONFIDENCE and (unseen is None or _beyond_its_uncertainty(system, cause, parameters)),
+                there if differs else 0.0,
+                _left(system, unseen, judgement.without, final), (over, share),
+                1 - there < settings.chance and differs and enough and not harms,
+                _not_in_model(there, differs, enough, harms, settings.chance),
             )
         )  # fmt: skip
     return causes
 
 
-# --- Confidence where more than noise is left. A place counts as often as a hypothesis with any cause there predicts
-# unseen blocks best, each by a fit to the others, when the blocks are drawn again and again. The kind counts no more
-# than ``NOT_THE_KIND`` where a free force there predicts much of what it leaves (:mod:`matching.diagnosis.latent`), or
-# where one of its parameters ended at the bound of its range: a value that was not found speaks for no kind.
-
-LEAST_CONFIDENCE = 0.5  # of a kind, from which a cause stands in the answer and in the extended model
-NOT_THE_KIND = 0.4  # most that is said of a kind that leaves a force at its own place
-LEFT_SHARE = 0.3  # of the misfit beyond noise, from which a free force is more than a detail
-MOSTLY = 0.95  # of the misfit on unseen data: a kind that explains so much is right, whatever is left beside it
-ALIKE = 2e-3  # difference of ln of the mean squares, for each sensor, up to which predictions are equal
-BEYOND = 2.0  # standard uncertainties by which a value differs from that of no effect
+def _not_in_model(there: float, differs: bool, enough: bool, harms: bool, chance: float) -> str:
+    """Why a cause stays out of the extended model, in the words of ``diagnosis.json``; empty where it is in."""
+    if harms:
+        return "second_recording"
+    if not differs:
+        return "within_uncertainty"
+    if 1 - there >= chance:
+        return "by_chance"
+    return "" if enough else "explains_little"
 
 
-def _place(judgement: JudgedCause, rating: RatedCause, unseen: UnseenData) -> float:
-    """Confidence in the place: share of the draws of unseen blocks in which a cause there predicts best."""
-    every = [*judgement.rated, None]
-    errors = [unseen.error(r.hypothesis if r is not None else judgement.without) for r in every]
-    there = [r is not None and _component(r.at) == _component(rating.at) for r in every]
-    return float(drawn_shares(errors, unseen.settings.draws)[there].sum())
+def _left(system: System, unseen: UnseenData, without: Hypothesis, final: Hypothesis) -> dict[str, tuple[float, float]]:
+    """By sensor, root mean square error on unseen data in times the noise, without a cause and with it."""
+    errors = [unseen.error(without), unseen.error(final)]
+    if errors[0] is None or errors[1] is None:
+        return {}
+    before, after = (error.rms_by_sensor for error in errors if error is not None)
+    return {
+        sensor.name: (float(a), float(b))
+        for sensor, a, b in zip(system.sensors, before, after, strict=True)
+        if np.isfinite(a) and np.isfinite(b)
+    }
 
 
-def _same_readings(rating: RatedCause, rival: RatedCause) -> bool:
-    """Whether two fitted hypotheses differ in the readings by less than the noise tells apart."""
-    own, other = (np.concatenate([part.ravel() for part in r.hypothesis.fit.errors]) for r in (rating, rival))
-    limit = TOLD_APART * chi_square_inflation(rating.hypothesis)
-    return own.shape == other.shape and float(np.sum((own - other) ** 2)) < limit
+def _free_force_beside(final: Hypothesis, screening: Screening, judgement: JudgedCause) -> tuple[str, float]:
+    """What a free force at the place of a cause depends on, and which share it predicts of what the cause leaves.
 
-
-def drawn_shares(errors: Sequence[UnseenError | None], draws: int) -> np.ndarray:
-    """Share (h,) of the draws of unseen blocks in which each hypothesis predicts best; equal ones share a draw."""
-    blocks = next((error.blocks for error in errors if error is not None), None)
-    if blocks is None:
-        return np.zeros(len(errors))
-    chosen = np.random.default_rng(0).multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), size=draws)
-    scores = np.full((len(errors), draws), np.inf)
-    for row, error in zip(scores, errors, strict=True):
-        if error is not None and error.blocks.shape == blocks.shape:
-            known = np.isfinite(error.blocks)
-            square = (chosen @ np.where(known, error.blocks, 0.0)) / np.maximum(chosen @ known, 1.0)
-            row[:] = np.log(np.maximum(square, 1.0)).sum(axis=1)
-    best = scores <= scores.min(axis=0) + ALIKE * blocks.shape[1]
-    return np.mean(best / best.sum(axis=0), axis=1)
-
-
-def _component(at: str) -> str:
-    """The component that a place is of: inertias.body of inertias.body.J."""
-    return ".".join(at.split(".")[:2]) if SHARED not in at else at
-
-
-def _free_force_is_left(final: Hypothesis, screening: Screening, at: str) -> bool:
-    """Whether a free force at the place of a cause predicts much of what the cause leaves."""
+    It is held against what the cause itself explains: a kind that leaves little of its own size is right, however much
+    of another origin is left beside it.
+    """
     left, count = float(final.fit.residual @ final.fit.residual), final.fit.problem.data.readings_count
-    noise = count if final.fit.problem.weighting is None else 0
-    return free_force(final, screening, at).decrease > LEFT_SHARE * max(left - noise, 0.0)
-
-
-def _beyond_its_uncertainty(system: System, cause: Cause, parameters: Mapping[str, CauseParameter]) -> bool:
-    """Whether a parameter of a cause differs from that of no effect by more than its uncertainty."""
-    for key, parameter in parameters.items():
-        nothing = 1.0 if key.startswith("factor") else 0.0
-        if cause.replaces_quantity:
-            nothing = system.parameters[cause.at].value
-        if abs(parameter.value - nothing) > BEYOND * parameter.standard_uncertainty:
-            return True
-    return False
+    left -= count if final.fit.problem.weighting is None else 0
+    if left <= 0:
+        return "", 0.0
+    force = free_force(final, screening, judgement.cause.at)
+    return force.family, max(force.decrease, 0.0) / left
 
 
 def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause]) -> str | None:
@@ -417,7 +395,7 @@ def recording_to_tell_rivals(final: Hypothesis, judged: Sequence[JudgedCause]) -
     proposals: list[tuple[float, str]] = []
     for judgement in judged:
         for rival in judgement.rivals[:1]:
-            likely = rival.share * judgement.explained
+            likely = min(rival.share, judgement.explained)
             manoeuvre = propose_manoeuvre(final, rival.hypothesis) if likely > WORTH_RECORDING else None
             if manoeuvre:
                 names = (f"{named.kind} at {place_in_words(named.at)}" for named in (judgement.cause, rival))

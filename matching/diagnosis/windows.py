@@ -17,7 +17,7 @@ import numpy as np
 from matching.diagnosis.causes import ExtendedModel, start_states
 from matching.diagnosis.data import Segment
 from matching.diagnosis.descent import SEARCH, Fit, FitOptions, chi_square, solve
-from matching.diagnosis.problem import FitProblem, flank_shifts, jacobian
+from matching.diagnosis.problem import FitProblem, first_state, flank_shifts, jacobian
 from matching.diagnosis.screening import extended_problem, fit_extended
 from matching.diagnosis.statistics import covariance, discretisation_shift, inflation
 from modelling.resources import time_is_over
@@ -27,6 +27,8 @@ MOST_WINDOWS = 80  # of longer ones χ² has other minima, however much data the
 POOR_RATIO = 3.0  # of the median of the windows' mean squares, from which one began on the wrong flank
 MOST_FLANKS, FLANK_ITERATIONS = 3, 12  # windows begun on every flank in a round, and the iterations of each fit
 ITERATIONS, AGAIN_ITERATIONS = 30, 15
+FEW_WINDOWS = 10  # over which gaps to begin with are compared: enough to tell one, and a third of the time (trial)
+SAME_GAP = 0.1  # relative: two starts that end so near need no third
 ROUNDS = 8  # at most, in which windows may begin where the one before ends
 GOOD = 1.02  # mean square of the residual in times the noise, which needs no further round
 PROGRESS = 0.98  # of χ², for a round to count
@@ -59,14 +61,18 @@ def fit_from_windows(
     cost : float
         χ² of the fit over whole segments.
     """
-    short = fit_short_windows(model, parent, motion)
+    few = fit_short_windows(model, parent, motion, FEW_WINDOWS)
     for factor in wider:
-        if short.cost < NEAR_NOISE * short.problem.data.readings_count:
+        if few.cost < NEAR_NOISE * few.problem.data.readings_count:
             break
-        values = model.values | short.values
+        values = model.values | few.values
         begun = replace(model, values=values | {gap: factor * values[gap]})
-        again = fit_short_windows(begun, parent, motion)
-        short = again if again.cost < short.cost else short
+        again = fit_short_windows(begun, parent, motion, FEW_WINDOWS)
+        same = abs(again.values[gap] - few.values[gap]) < SAME_GAP * few.values[gap]
+        few = again if again.cost < few.cost else few
+        if same:
+            break
+    short = fit_short_windows(replace(model, values=model.values | few.values), parent, motion)
     if short.cost > BETTER * cost:
         return None
     windows = fit_longer_windows(short)
@@ -79,30 +85,67 @@ def fit_from_windows(
 
 def _segment_starts(windows: Fit, parent: Fit) -> tuple[np.ndarray, ...]:
     """Start states (x,) of a parent's segments, from the windows that begin with them."""
-    at = {(s.name, float(s.time[0])): x for s, x in zip(windows.problem.data.segments, windows.starts, strict=True)}
-    return tuple(at[segment.name, float(segment.time[0])] for segment in parent.problem.data.segments)
+    first: dict[int, np.ndarray] = {}
+    for window, start in zip(windows.problem.data.segments, windows.starts, strict=True):
+        first.setdefault(window.cut_from, start)
+    return tuple(first[number] for number in range(len(parent.problem.data.segments)))
 
 
-def fit_short_windows(model: ExtendedModel, parent: Fit, motion: np.ndarray) -> Fit:
+def fit_short_windows(model: ExtendedModel, parent: Fit, motion: np.ndarray, most: int | None = None) -> Fit:
     """Fit an extended model over short windows.
 
     Parameters
     ----------
     motion : ndarray (t, x)
         States of the parent's model as measured, segments one after another: windows begin there.
+    most : int, optional
+        Windows that are fitted at most, spread over the data; all if not given.
     """
-    windows = _cut(parent, motion)
+    windows = _spread(_cut(parent, motion), most)
     problem, p = extended_problem(model, windows)
     problem.held_states = start_states(problem, windows, p)
-    return _again(solve(problem, problem.pack(model.values, problem.held_states), None, FitOptions(ITERATIONS)))
+    first = ITERATIONS if most is not None else AGAIN_ITERATIONS  # of all windows, from values that some have told
+    return _again(solve(problem, problem.pack(model.values, problem.held_states), None, FitOptions(first)))
+
+
+def _spread(windows: Fit, most: int | None) -> Fit:
+    """A fit over windows with so many of them at most, evenly spread."""
+    count = len(windows.problem.data.segments)
+    if most is None or count <= most:
+        return windows
+    return _of_windows(windows, np.unique(np.linspace(0, count - 1, most).round().astype(int)))
+
+
+def _of_windows(fit: Fit, kept: np.ndarray) -> Fit:
+    """A fit over some of its windows (k,) alone; residual and Jacobian stay those of all."""
+    problem, starts = fit.problem, fit.starts
+    held = [starts[i] for i in kept]
+    data = replace(problem.data, segments=tuple(problem.data.segments[i] for i in kept))
+    fewer = replace(problem, data=data, held_states=held)
+    return replace(fit, problem=fewer, v=fewer.pack(fit.values, held))
 
 
 def _again(fit: Fit) -> Fit:
-    """A fit over windows begun again from better start states while that pays."""
+    """A fit over windows begun again from better start states while that pays.
+
+    One step for all windows is as short as the worst of them asks for. Windows that are far off therefore wait while
+    the others are fitted: these tell the parameters, from which those find their flank.
+    """
     for _ in range(ROUNDS):
         if fit.cost < GOOD * fit.problem.data.readings_count or time_is_over():
             break
-        again = solve(fit.problem, _joined(fit), None, FitOptions(AGAIN_ITERATIONS))
+        begun = replace(fit, v=_joined(fit))
+        shares = _squares(fit.problem, begun.v) / np.array([s.measured.sum() for s in fit.problem.data.segments])
+        near = np.flatnonzero(shares <= max(GOOD, POOR_RATIO * float(np.median(shares))))
+        if len(near) < len(shares):
+            some = _of_windows(begun, near)
+            told = solve(some.problem, some.v, None, FitOptions(AGAIN_ITERATIONS))
+            starts = begun.starts
+            for i, start in zip(near.tolist(), told.starts, strict=True):
+                starts[i] = start
+            begun = replace(begun, v=begun.problem.pack(told.values, starts))
+            begun = replace(begun, v=_joined(begun))
+        again = solve(fit.problem, begun.v, None, FitOptions(AGAIN_ITERATIONS))
         if again.cost > PROGRESS * fit.cost:
             break
         fit = again
@@ -142,16 +185,11 @@ def window_uncertainties(fit: Fit) -> dict[str, float]:
 
 
 def _pairs(fit: Fit) -> tuple[list[Segment], list[np.ndarray]]:
-    """Windows of a fit joined two by two where one begins at the other's last sample, and their start states (x,)."""
+    """Windows of each segment of a fit joined two by two, and their start states (x,)."""
     windows = list(zip(fit.problem.data.segments, fit.starts, strict=True))
-    run, begins_run = 0, []
-    for i, (segment, _) in enumerate(windows):
-        before = windows[i - 1][0] if i else None
-        run += not (before and before.name == segment.name and before.time[-1] == segment.time[0])
-        begins_run.append(run)
     segments, starts = [], []
-    for _, group in groupby(zip(windows, begins_run, strict=True), key=lambda pair: pair[1]):
-        members = [window for window, _ in group]
+    for _, group in groupby(windows, key=lambda window: window[0].cut_from):
+        members = list(group)
         for i in range(0, len(members), 2):
             segments.append(_joined_segment([segment for segment, _ in members[i : i + 2]]))
             starts.append(members[i][1])
@@ -174,11 +212,12 @@ def _cut(parent: Fit, motion: np.ndarray) -> Fit:
     total = sum(float(np.ptp(segment.time)) for segment in data.segments)
     length = max(SHORTEST_WINDOW, total / MOST_WINDOWS)
     windows, starts, begin = [], [], 0
-    for segment in data.segments:
+    for number, segment in enumerate(data.segments):
         count = max(1, round(float(np.ptp(segment.time)) / length))
         edges = np.linspace(0, len(segment.time), count + 1).astype(int)
         for first, last in pairwise(edges):
-            windows.append(segment.part(int(first), int(last) + 1))  # the last sample is also the next window's first
+            part = segment.part(int(first), int(last) + 1)  # the last sample is also the next window's first
+            windows.append(replace(part, cut_from=number))
             starts.append(motion[begin + first])
         begin += len(segment.time)
     problem = replace(parent.problem, data=replace(data, segments=tuple(windows)), held_states=starts)
@@ -200,12 +239,13 @@ def _joined(fit: Fit) -> np.ndarray:
     share = squares / np.maximum(count, 1)
     poor = share > max(GOOD, POOR_RATIO * float(np.median(share)))
     for i in sorted(np.flatnonzero(poor).tolist(), key=lambda i: -share[i])[:MOST_FLANKS]:
-        starts[i] = _best_flank(fit, i, starts[i])
+        starts[i] = _best_flank(fit, i, starts[i], ends[i - 1] if i else starts[i])
     return problem.pack(fit.values, starts)
 
 
-def _best_flank(fit: Fit, i: int, start: np.ndarray) -> np.ndarray:
-    """The start state (x,) of a window that fits best, begun on the flanks of a free play, the parameters held.
+def _best_flank(fit: Fit, i: int, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The start state (x,) of a window that fits best, the parameters held: begun from its own, from where the window
+    before ends (x,), as its readings have it, and on the flanks of a free play.
 
     From within a free play, or from its wrong flank, no small step leads to the right one.
     """
@@ -217,6 +257,8 @@ def _best_flank(fit: Fit, i: int, start: np.ndarray) -> np.ndarray:
     if len(shifts) == 1:
         return start
     begins = [start + share * shift for shift in shifts for share in (1, 2)][1:]
+    measured = first_state(system, window.model, data.segments[0])
+    begins += [other + shift for other in (end, measured) for shift in shifts]
     fits = [solve(window, window.pack({}, [begin]), None, FitOptions(FLANK_ITERATIONS)) for begin in begins]
     return min(fits, key=lambda fit: fit.cost).starts[0]
 

@@ -12,6 +12,7 @@ import numpy as np
 from matching.match.box import Box
 from matching.match.case import Case
 from matching.match.damping import damping_ratios, rates, swinging, without_resting
+from matching.match.kept import FollowedModes, allowed_of, kept
 from matching.match.loop import (
     BedSet,
     FrequencyResponse,
@@ -28,7 +29,7 @@ from matching.match.loop import (
 from matching.match.loop_modes import ClosedLoop
 from matching.match.opened import SHARES, STAYS_OPEN_S, Opened
 from matching.match.requirements import Requirements
-from modelling.bed.observer import NOISE
+from modelling.bed.observer import sensor_noise
 from modelling.linear.resolvent import Resolvent, resolvent
 
 # --- What a controller does on a set of beds and what it asks of them: the figures that the search works with.
@@ -96,10 +97,10 @@ def loop_frequencies(case: Case) -> np.ndarray:
     return np.geomspace(min(case.band[0], top / 2), top, PLAN_POINTS)
 
 
-def sensor_noise(case: Case, sensors: Sequence[str]) -> np.ndarray:
-    """Standard deviations (y,) of sensors of the rig, SI."""
+def noise_of_sensors(case: Case, sensors: Sequence[str]) -> np.ndarray:
+    """Standard deviations (y,) of sensors of the rig, SI (:func:`modelling.bed.observer.sensor_noise`)."""
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
-    return np.array([by_name[name].uncertainty or NOISE[by_name[name].measures] for name in sensors])
+    return np.array([sensor_noise(by_name[name], case.loop["sample_time"]) for name in sensors])
 
 
 def margins_of(beds: BedSet, controller: SampledController) -> np.ndarray:
@@ -471,8 +472,9 @@ class BedsCheck:
 
     Attributes
     ----------
-    drawn, stable, damped : int
-        ``damped`` beds have every mode damped by what it is asked for (:mod:`matching.match.damping`).
+    drawn, stable, damped, kept : int
+        ``damped`` beds have every mode damped by what it is asked for (:mod:`matching.match.damping`); ``kept`` ones
+        keep that, both response errors and every target mode (:mod:`matching.match.kept`).
     smallest_damping_ratio, required_damping : float
         Of any mode on any bed, −1 where one grows without swinging; and what is asked for of a mode that is neither the
         vehicle's nor the bed's own.
@@ -505,6 +507,7 @@ class BedsCheck:
     opened: Mapping[float, float] = field(default_factory=dict)
     opened_alone: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
     faults: tuple[DampingFault, ...] = ()
+    kept: int = 0
 
     @property
     def holds(self) -> bool:
@@ -514,7 +517,7 @@ class BedsCheck:
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
         return {
-            "drawn": self.drawn, "stable": self.stable, "damped": self.damped,
+            "drawn": self.drawn, "stable": self.stable, "damped": self.damped, "kept": self.kept,
             "smallest_damping_ratio": self.smallest_damping_ratio,
             "required_damping_ratio": self.required_damping,
             "damped_too_little": [fault.to_dict() for fault in self.faults],
@@ -550,6 +553,9 @@ class BedVerdicts:
         Eigenvalue (1/s) of the mode that has least of what it is asked for, and the damping ratio that it is asked for.
     measured, unmeasured : ndarray
         Response errors: the controller knows the rig's torques as the case says, or does not.
+    kept : ndarray of bool
+        Which beds keep everything that is asked of a drawn bed (:mod:`matching.match.kept`), target modes included
+        where the judge follows them.
     """
 
     stable: np.ndarray
@@ -559,6 +565,7 @@ class BedVerdicts:
     asked: np.ndarray
     measured: np.ndarray
     unmeasured: np.ndarray
+    kept: np.ndarray
 
 
 class Judge:
@@ -569,10 +576,16 @@ class Judge:
     neutral : int
         Rigid motions that nothing slows: poles that may rest at 1.
     required : Requirements
+    followed : FollowedModes, optional
+        Of the bed as planned: target modes are judged as well.
     """
 
-    def __init__(self, case: Case, controller: SampledController, neutral: int, required: Requirements):
+    def __init__(
+        self, case: Case, controller: SampledController, neutral: int, required: Requirements,
+        followed: FollowedModes | None = None,
+    ):  # fmt: skip
         self.case, self.controller, self.neutral, self.required = case, controller, neutral, required
+        self.followed = followed
         low, high = np.log(case.band)
         self.frequencies = np.exp(low + (high - low) * (np.arange(ERROR_POINTS) + 0.5) / ERROR_POINTS)
         self.acting = frequency_response(controller, self.frequencies)
@@ -598,10 +611,15 @@ class Judge:
             np.sqrt(errors(beds, self.acting, known)[:, pairs].mean(axis=1))
             for known, pairs in zip((self.case.loop.measured, ()), self._counted, strict=True)
         )
-        least = ratios.min(axis=1)
+        least, damped = ratios.min(axis=1), np.asarray((ratios >= asked).all(axis=1))
+        figures = {
+            "stable": stable, "damped": damped, "response_error": measured, "response_error_unmeasured": unmeasured,
+        }  # fmt: skip
+        if self.followed is not None:
+            figures |= self.followed.errors(self.case, values, rates(z, step))
         return BedVerdicts(
-            stable, np.where(stable | (least < 0), least, -1.0), np.asarray((ratios >= asked).all(axis=1)),
-            rates(z, step)[rows, worst], asked[rows, worst], measured, unmeasured,
+            stable, np.where(stable | (least < 0), least, -1.0), damped, rates(z, step)[rows, worst],
+            asked[rows, worst], measured, unmeasured, kept(figures, allowed_of(self.case, figures))["all"],
         )  # fmt: skip
 
     def _ratios(self, values: Sequence[Mapping[str, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -686,7 +704,8 @@ def check_beds(
     case: Case, controller: SampledController, neutral: int, required: Requirements, count: int, seed: int
 ) -> BedsCheck:  # fmt: skip
     """Draw fresh beds from the case's box and judge every one; then look for the worst of the box."""
-    judge, box = Judge(case, controller, neutral, required), case.uncertainty
+    followed = FollowedModes.of_targets(case, ClosedLoop.of(variant_of(case, {}), controller))
+    judge, box = Judge(case, controller, neutral, required, followed), case.uncertainty
     positions = box.draw(count, seed)
     values = [box.at(position) for position in positions]
     found = judge.verdicts(values)
@@ -707,7 +726,7 @@ def check_beds(
         count, int(found.stable.sum()), int((found.stable & found.damped).sum()), float(found.damping_ratio.min()),
         required.damping_ratio, tuple(np.sort(found.measured[found.stable]).tolist()),
         tuple(np.sort(found.unmeasured[found.stable]).tolist()), worst, largest, opened=together, opened_alone=alone,
-        faults=damping_faults(judge, values, found),
+        faults=damping_faults(judge, values, found), kept=int(found.kept.sum()),
     )  # fmt: skip
 
 

@@ -8,21 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from matching.export import exported_controller
-from matching.match.beds import Judge, loop_figures, planned, quantile, sensor_noise
+from matching.match.beds import Judge, loop_figures, noise_of_sensors, planned, quantile
 from matching.match.case import Case, Drive
-from matching.match.in_time import Imperfection, hardware, perturbed_system
+from matching.match.exported import exported_controller
+from matching.match.imperfections import (
+    Imperfection,
+    bed_rows,
+    count_angles,
+    known_at_operating_point,
+    sensor_gains,
+    uncertainties,
+    vehicle_rows,
+    white_noise,
+)
 from matching.match.loop import compared_sensors, linear_bed, without_limits
 from matching.match.loop_modes import neutral_motions
-from matching.match.minutes import MinuteSettings, Sensors, sensors_on
 from matching.match.operating_range import RANGE, at_speed, body_speed, grid, law_over_speed
 from matching.match.requirements import requirements
-from matching.match.running import run, stacked
-from modelling.bed.nonlinear import NonlinearBeds
-from modelling.controller.batch import ControllerBatch
-from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, ExportedController
+from modelling.controller.law import FAULTS, ExportedController
 from modelling.errors import InputError
-from modelling.linear.steady_motion import torques_of
+from modelling.fidelity.over_range import parts_of, worst_part
+from modelling.running.controllers import ControllerRows, Schedule
+from modelling.running.run import run
+from modelling.running.sensors import SensorErrors
 from modelling.simulation.stepping import SimulationError
 
 
@@ -38,7 +46,7 @@ class DrivingSettings:
         Of the drawn beds that have to keep the tolerances; of twenty, one may miss them.
     planned, tolerance : float
         Error of a drive that is allowed of the bed as planned and of drawn ones: root mean square over the range of
-        the vehicle's signal, of the worst compared sensor.
+        the vehicle's signal, of the worst compared sensor in the worst part of the drive.
     quiet : float
         Of the torque limit: rms of a command that noise may make at rest.
     hold : float
@@ -103,7 +111,7 @@ def at_speeds(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) ->
         judge = Judge(own, controller, neutral_motions(linear_bed(own)), required)
         values = [own.uncertainty.at(position) for position in own.uncertainty.draw(settings.drawn, seed)]
         found = judge.verdicts([{}, *values])
-        figures = loop_figures(planned(own, sensor_noise(own, controller.sensors)), controller, required)
+        figures = loop_figures(planned(own, noise_of_sensors(own, controller.sensors)), controller, required)
         noise = max(figures.command_noise.values())
         noisy = any(
             value > most for value, most in zip(figures.command_noise.values(), required.command_noise, strict=True)
@@ -184,51 +192,6 @@ class DriveResult:
         }  # fmt: skip
 
 
-@dataclass
-class _Exported:
-    """An exported controller on every bed of a batch: speed hold for ``before`` samples, then emulation.
-
-    Attributes
-    ----------
-    known : ndarray (t, w, b)
-        Torques that it is told, N·m, absolute.
-    about, held : ndarray (y, b), (k, 1)
-        Readings and commands at the operating point, from which the beds count.
-    faults : ndarray (b,)
-        What ended the emulation first, by number; 0 where nothing did.
-    """
-
-    controller: ExportedController
-    sensors: Sensors
-    rows: Sequence[int]
-    known: np.ndarray
-    about: np.ndarray
-    held: np.ndarray
-    before: int
-    faults: np.ndarray = field(init=False)
-    batch: ControllerBatch = field(init=False)
-
-    def __post_init__(self) -> None:
-        count = self.known.shape[2]
-        self.faults, self.batch = np.zeros(count, int), ControllerBatch(self.controller, count)
-
-    def commands(self, sample: int, readings: np.ndarray, flanges: np.ndarray) -> np.ndarray:
-        """See :class:`matching.match.running.Running`."""
-        own = readings[list(self.rows)]
-        own[[number for number in self.controller.torque_readings if number >= 0]] = flanges
-        mode = SPEED_HOLD if sample < self.before else EMULATION
-        hold = self.about[list(self.controller.speed_readings)]
-        read = self.sensors.read(own + self.about, 0.0)  # at standstill an encoder's gain does nothing
-        sent, _, fault = self.batch.step(read, self.known[sample], mode, hold, sample)
-        if sample >= self.before:
-            self.faults = np.where(self.faults == 0, fault, self.faults)
-        return sent - self.held
-
-    def restart(self, which: np.ndarray) -> None:
-        """See :class:`matching.match.running.Running`: nothing, its fault is told."""
-        self.faults = np.where(which & (self.faults == 0), FAULTS.index("not finite"), self.faults)
-
-
 @dataclass(frozen=True)
 class _Played:
     """What one controller did: readings (t, y, b), commands (t, k, b), and what ended emulation (b,), 0 if nothing."""
@@ -244,33 +207,28 @@ def _play(
 ) -> _Played:  # fmt: skip
     """A drive on imperfect beds of a case at its operating point: torques (t,) in N·m by input, less those there, and
     the ``sensors`` (y) of the rig that are kept."""
-    loop, step, size = case.loop, controller.law.sample_time, len(rows)
-    beds = NonlinearBeds(
-        [perturbed_system(case.rig, row, case) for row in rows], loop, loop.dynamometers,
-        [hardware(case, row) for row in rows],
+    loop, size, names = case.loop, len(rows), controller.law.sensors
+    before = round(settings.hold / controller.law.sample_time)
+    shape = size, len(names)
+    errors = replace(
+        SensorErrors.none(names, size), gain=sensor_gains(names, rows),
+        noise=np.broadcast_to(white_noise(case, names), shape).copy(),
+        count=np.broadcast_to(count_angles(case, names), shape).copy(), seed=seed,
     )  # fmt: skip
-    before, trim = round(settings.hold / step), torques_of(case.rig)
+    plant = bed_rows(case, names, rows, errors)
     waiting = {name: np.concatenate([np.full(before, torque[0]), torque]) for name, torque in torques.items()}
-    drives, names = stacked([waiting] * size, beds.drives), controller.law.sensors
-    told = {
-        name: waiting.get(name, np.zeros(len(drives))) + trim.get(name, 0.0)
-        for name in controller.law.known if name not in beds.drives or name in loop.measured
+    count, trim = max(len(torque) for torque in waiting.values()), known_at_operating_point(case)
+    known = {
+        name: waiting.get(name, np.zeros(count)) + trim.get(name, 0.0)
+        for name in controller.law.known if name not in plant.inputs or name in loop.measured
     }  # fmt: skip
-    at = [beds.model.sensors.index(name) for name in names]
-    poor = sensors_on(
-        case,
-        names,
-        [row.values for row in rows],
-        MinuteSettings(offset=0.0, encoder_gain=0.0),
-        step,
-        np.random.default_rng(seed),
-    )
-    held = np.array([trim[one.torque_input] for one in loop.dynamometers])[:, None]
-    known = stacked([told] * size, controller.law.known) if told else np.zeros((len(drives), 0, size))
-    running = _Exported(controller, poor, at, known, beds.steady[at], held, before)
-    found = run(beds, drives, [beds.model.sensors.index(name) for name in sensors], running)
-    running.restart(found.lost)
-    return _Played(found.readings[before:], found.commands[before:], running.faults)
+    about = plant.beds.steady[[plant.beds.model.sensors.index(one.speed_sensor) for one in loop.dynamometers]]
+    rows_of = ControllerRows(controller, Schedule.held_first(before, count, about, plant.beds.trim), size)
+    acting = {name: torque for name, torque in waiting.items() if name in plant.inputs}
+    found = run(plant, rows_of, acting, known, samples=count, keep=sensors)
+    faults = np.where(found.lost & (found.fault == 0), FAULTS.index("not finite"), found.fault)
+    steady = plant.beds.steady[[plant.beds.model.sensors.index(name) for name in sensors]]
+    return _Played(found.readings[before:] - steady, found.commands[before:] - plant.beds.trim, faults)
 
 
 def vehicles_in(
@@ -283,12 +241,12 @@ def vehicles_in(
     SimulationError
         If one grows out of bounds.
     """
-    beds = NonlinearBeds([perturbed_system(case.vehicle, row, case) for row in rows], case.loop)
-    drives = stacked([torques] * len(rows), beds.drives)
-    found = run(beds, drives, [beds.model.sensors.index(name) for name in sensors])
+    plant = vehicle_rows(case, rows)
+    acting = {name: torque for name, torque in torques.items() if name in plant.inputs}
+    found = run(plant, None, acting, samples=max(len(torque) for torque in torques.values()), keep=sensors)
     if found.lost.any():
         raise SimulationError("drives", "the vehicle's motion grows out of bounds", "check its parameters")
-    return found.readings
+    return found.readings - plant.beds.steady[[plant.beds.model.sensors.index(name) for name in sensors]]
 
 
 @dataclass(frozen=True)
@@ -402,9 +360,12 @@ def _driven(
     sensors = compared_sensors(case)
     vehicle = vehicles_in(own, torques, rows, sensors)
     played = [_play(own, controller, torques, rows, sensors, seed, settings) for controller in controllers]
-    errors, one_speed = (_errors(vehicle, each, settings, step) for each in played)
-    planned_error = _relative(vehicle, played[0].readings)[:, 0]
-    worst = sensors[int(planned_error.argmax())]
+    driven = list(torques.values())
+    compared = [_compared(own, driven, sensors, vehicle, each, step) for each in played]
+    errors, one_speed = (
+        _errors(one, vehicle, each, settings, step) for one, each in zip(compared, played, strict=True)
+    )
+    worst = sensors[int(compared[0].by_sensor[:, 0].argmax())]
     traces = {
         name: (vehicle[:, i, 0], played[0].readings[:, i, 0], played[1].readings[:, i, 0])
         for i, name in enumerate(sensors)
@@ -412,15 +373,30 @@ def _driven(
     return DriveResult(drive.title, drive.vehicle_speed, seconds, worst, errors, one_speed, (time, traces))
 
 
-def _relative(vehicle: np.ndarray, bed: np.ndarray) -> np.ndarray:
-    """Root mean squares (y, b) of errors over the ranges of the vehicle's signals (t, y, b)."""
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        relative: np.ndarray = np.sqrt(np.mean((bed - vehicle) ** 2, axis=0)) / np.ptp(vehicle, axis=0)
-    return np.nan_to_num(relative, nan=0.0, posinf=0.0)
+@dataclass(frozen=True)
+class _Compared:
+    """Errors over range of the worst part of a drive: of every sensor (y, b) and of the worst one (b,)."""
+
+    by_sensor: np.ndarray
+    worst: np.ndarray
 
 
-def _errors(vehicle: np.ndarray, played: _Played, settings: DrivingSettings, step: float) -> DriveErrors:
-    worst, stayed = _relative(vehicle, played.readings).max(axis=0), played.faults == 0
+def _compared(
+    case: Case, torques: Sequence[np.ndarray], sensors: Sequence[str], vehicle: np.ndarray, played: _Played, step: float
+) -> _Compared:  # fmt: skip
+    measures = {sensor.name: sensor.measures for sensor in case.rig.sensors}
+    found = worst_part(
+        vehicle, played.readings, parts_of(torques, step), kinds=[measures[name] for name in sensors],
+        uncertainty=uncertainties(case, sensors).tolist(),
+    )  # fmt: skip
+    return _Compared(np.nan_to_num(found.error, nan=0.0, posinf=np.inf), found.largest)
+
+
+def _errors(
+    compared: _Compared, vehicle: np.ndarray, played: _Played, settings: DrivingSettings, step: float
+) -> DriveErrors:  # fmt: skip
+    stayed = (played.faults == 0) & np.isfinite(compared.worst)
+    worst = compared.worst
     drawn = worst[1:][stayed[1:]]
     allowed = len(worst[1:]) - int(np.floor(settings.share * (len(worst) - 1) + 1e-9))
     ranked = np.sort(np.where(stayed[1:], worst[1:], np.inf))
@@ -429,8 +405,8 @@ def _errors(vehicle: np.ndarray, played: _Played, settings: DrivingSettings, ste
     rests = bool(np.ptp(vehicle[-last:, :, 0], axis=0).max() < settings.at_rest)
     quiet = float(np.std(played.commands[-last:], axis=0)[:, stayed].max(initial=0.0)) if rests else None
     first = played.faults[played.faults != 0]
+    fault = FAULTS[int(first[0])] if len(first) else "" if stayed.all() else "an error that is not finite"
     return DriveErrors(
         float(worst[0]) if stayed[0] else None, float(np.median(drawn)) if len(drawn) else None,
-        high if np.isfinite(high) else None, len(worst) - 1, int(stayed[1:].sum()),
-        FAULTS[int(first[0])] if len(first) else "", quiet,
+        high if np.isfinite(high) else None, len(worst) - 1, int(stayed[1:].sum()), fault, quiet,
     )  # fmt: skip

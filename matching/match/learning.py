@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from matching.match.beds import sensor_noise
+from matching.match.beds import noise_of_sensors
 from matching.match.case import Case, Compared
 from matching.match.loop import (
     BedSet,
@@ -238,8 +238,8 @@ class Learner:
         lines, padded = _lines(law, samples, settings)
         values = _values(case, settings)
         commands, by_reading, beds = _added(case, law, bed_set(case, values, lines), lines)
-        sensors = sensor_noise(case, case.loop.controller_sensors)
-        noise = samples * ((np.abs(by_reading) ** 2) @ sensors**2 + sensor_noise(case, compared_sensors(case)) ** 2)
+        sensors = noise_of_sensors(case, case.loop.controller_sensors)
+        noise = samples * ((np.abs(by_reading) ** 2) @ sensors**2 + noise_of_sensors(case, compared_sensors(case)) ** 2)
         return cls(law.sample_time, padded, beds.commanded @ commands, noise, settings)
 
     @classmethod
@@ -272,8 +272,8 @@ class Learner:
             of_cuts[:, j, torque] += s * one.speed_by_torque
             of_cuts[:, :, torque] -= vehicle[:, :, j] * one.torque_by_torque
             of_cuts[:, :, speed] -= vehicle[:, :, j] * (s * one.torque_by_speed)[:, None]
-        sensors = sensor_noise(reading, case.loop.controller_sensors)
-        own = np.abs(of_cuts) ** 2 @ sensor_noise(reading, names) ** 2
+        sensors = noise_of_sensors(reading, case.loop.controller_sensors)
+        own = np.abs(of_cuts) ** 2 @ noise_of_sensors(reading, names) ** 2
         noise = samples * (np.abs(of_cuts @ by_reading) ** 2 @ sensors**2 + own)
         return cls(law.sample_time, padded, of_cuts @ beds.commanded @ commands, noise, settings)
 

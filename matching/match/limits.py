@@ -1,22 +1,23 @@
-"""What stands in the way of a match, in an engineer's words, most binding first."""
+"""What stands in the way of a match, most binding first, and relaxations that were solved."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import scipy
 
-from matching.match.case import Case, Move, apply, limit_of_all, scaled
+from matching.match.case import Case, Move, apply, scaled
 from matching.match.demands import ExceededLimit, rig_values
+from matching.match.findings import Finding, stated
 from matching.match.objective import search_for
 from matching.match.problem import MatchProblem, differing_components, target_results
-from matching.match.requirements import TORQUE_OVER_SPEED
-from matching.match.responses import ResponseError, error_figures
+from matching.match.responses import ResponseError
 from matching.match.result import TargetResult
 from matching.match.rounds import end_at, rounds
-from matching.match.search import solve
+from matching.match.search import BothWays, solve
 from matching.match.variables import SearchSettings
 from matching.match.verify import DISAGREEMENT, Verification, Violation, verify
 from modelling.bed.controllers import ModelBased
@@ -51,6 +52,7 @@ class Solution:
     beyond: list[ExceededLimit]
     checked: Verification | None = None
     failures: Mapping[str, int] = field(default_factory=dict)
+    play: BothWays | None = None
 
 
 @dataclass(frozen=True)
@@ -73,9 +75,6 @@ class Relaxations:
         Values, SI, of the limits that no setting keeps, with all of which together every target is met.
     structure : str
         Control structure with which the values as tuned meet every target, all torques on the rig measured.
-    measured : tuple of (str, float)
-        Sensors of the rig that the controller does not read and with which the error to unmeasured torques is allowed,
-        or at most half as large, each with that error; the best first.
     bounds : tuple of (Move, float)
         Quantities at a bound, each with the value (SI) beyond it with all of which together every target is met.
     """
@@ -84,7 +83,6 @@ class Relaxations:
     limits: Mapping[str, float] = field(default_factory=dict)
     structure: str = ""
     bounds: tuple[tuple[Move, float], ...] = ()
-    measured: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -121,17 +119,6 @@ class SolvedAgain:
         search = search_for(case, moves, self.problem.shares, asked, settings)
         return self.meets_all(apply(case, search.values(solve(search).end.x)))
 
-    def unmeasured(self, case: Case, moves: Sequence[Move]) -> float | None:
-        """The error to unmeasured torques that the search of a changed case reaches; None where it misses a target."""
-        settings = replace(
-            self.settings, drawn=min(8, self.settings.drawn), pool=min(32, self.settings.pool), scenarios=0
-        )
-        search = search_for(
-            case, moves, self.problem.shares, replace(self.problem.demands, limits=case.limits), settings
-        )
-        tuned = apply(case, search.values(solve(search).end.x))
-        return error_figures(tuned).unmeasured if self.meets_all(tuned) else None
-
     def meets_all(self, tuned: Case) -> bool:
         """Whether a tuned case meets every target and limit, verified."""
         try:
@@ -143,12 +130,12 @@ class SolvedAgain:
 
 
 def relaxations(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> Relaxations:
-    """Try what may help: larger limits where no setting keeps them, wider bounds, less dead time, measured torques."""
+    """Try what may help: larger limits where no setting keeps them, wider bounds, less dead time."""
     case = problem.case
     larger = _larger_limits(problem, solution, again)
     structure = case.loop.structure
     if structure.has_feed_forward or structure.is_observer or case.loop.torqueless:
-        return Relaxations(limits=larger, measured=_further_sensors(problem, solution, again))
+        return Relaxations(limits=larger)
     return Relaxations(
         _shorter_dead_time(problem, solution, again), larger, _with_feed_forward(problem, solution, again),
         _wider_bounds(problem, solution, again),
@@ -164,40 +151,6 @@ def _larger_limits(problem: MatchProblem, solution: Solution, again: SolvedAgain
         return {}
     case = replace(problem.case, limits={**problem.case.limits, **least})
     return least if again.whole(case, problem.moves) else {}  # the solution lies where the limit drove it: no start
-
-
-MOST_SENSORS = 3  # that are tried
-
-
-def _further_sensors(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> tuple[tuple[str, float], ...]:
-    """Sensors with which an observer's error to unmeasured torques is allowed, or half of what it is; speeds first.
-
-    Only what the rig already measures is tried; each is solved and verified.
-    """
-    case, checked = problem.case, solution.checked
-    if checked is None or not case.loop.tunes_observer or checked.errors.unmeasured <= case.unmeasured_tolerance:
-        return ()
-    own = case.loop.controller_sensors
-    further = [part for part in case.rig.sensors if part.name not in own and part.measures in ("speed", "torque")]
-    found = []
-    for sensor in sorted(further, key=lambda part: part.measures != "speed")[:MOST_SENSORS]:
-        loop = replace(case.loop, further_sensors=(*case.loop.further_sensors, sensor.name))
-        error = again.unmeasured(replace(case, loop=loop), problem.moves)
-        if error is not None and error <= max(case.unmeasured_tolerance, checked.errors.unmeasured / 2):
-            found.append((sensor.name, error))
-    return tuple(sorted(found, key=lambda pair: pair[1]))
-
-
-def missing_measurement(relaxed: Relaxations, case: Case) -> list[str]:
-    """The sensor that the controller should read as well."""
-    if not relaxed.measured:
-        return []
-    name, error = relaxed.measured[0]
-    names = ", ".join(f'"{each}"' for each in (*case.loop.further_sensors, name))
-    return [
-        f"the controller cannot tell the unmeasured torques from the sensors that it reads: solved with measures = "
-        f"[{names}], the response error to unmeasured torques is {error:.2g}"
-    ]
 
 
 def _shorter_dead_time(problem: MatchProblem, solution: Solution, again: SolvedAgain) -> DeadTimeTrial | None:
@@ -269,64 +222,49 @@ def _with_feed_forward(problem: MatchProblem, solution: Solution, again: SolvedA
     return ModelBased.name if again.meets_all(replace(solution.tuned, loop=loop)) else ""
 
 
-# --- Limits
-
-_WORDS = {
-    "dynamometer_torque": ("torque", "N·m"),
-    "dynamometer_speed": ("speed", "rad/s"),
-    "dynamometer_power": ("power", "W"),
-    TORQUE_OVER_SPEED: ("share of the torque at its speed", ""),
-}
+# --- What stands in the way
 
 
 def limits(
     problem: MatchProblem, solution: Solution, targets: Sequence[TargetResult], relaxed: Relaxations
-) -> list[str]:
-    """Sentences on what stands in the way; none if the match is good.
+) -> list[Finding]:
+    """What stands in the way, most binding first; nothing if the match is good.
 
     What is said to help is what ``relaxed`` holds, which was solved.
     """
     case, checked, asked = problem.case, solution.checked, problem.demands
     assert checked is not None, "a solution is verified before it is judged"
-    shared = differing_components(case)
-    said = [*shared, *_beyond(solution.beyond, relaxed)]
-    said += _loop(solution, checked, case)
+    shared = stated("components_differ", differing_components(case))
+    found = [*shared, *_beyond(solution.beyond, relaxed)]
+    found += _loop(solution, checked)
     missed = [target for target in targets if not target.met]
-    said += [_missed(case, target) for target in missed]
+    found += [_missed(target) for target in missed]
     if missed:
-        said += _mechanics(problem, missed)
-        said += [*_bounds(relaxed), *_delay(problem, missed, relaxed)]
+        found += _mechanics(problem, missed)
+        found += [*_bounds(relaxed), *_delay(problem, missed, relaxed)]
     mentioned = {exceeded.limit for exceeded in solution.beyond}
-    said += [_violation(violation) for violation in checked.violations if violation.limit not in mentioned]
+    found += [_violation(violation) for violation in checked.violations if violation.limit not in mentioned]
     mentioned |= {violation.limit for violation in checked.violations}
     asking = asked.broken(rig_values(solution.tuned))
-    said += [asks(*demand) for demand in _worst(asking) if demand.limit not in mentioned]
-    return said if len(said) > len(shared) else []
+    found += [_asks(demand) for demand in _worst(asking) if demand.limit not in mentioned]
+    return found if len(found) > len(shared) else []
 
 
-def led_by_dead_time(stands: list[str], case: Case, error: ResponseError) -> list[str]:
-    """The sentences, led by what dead time and sampling leave with every torque measured, where that is too much."""
+def led_by_dead_time(stands: list[Finding], case: Case, error: ResponseError) -> list[Finding]:
+    """The findings, led by what dead time and sampling leave with every torque measured, where that is too much."""
     if not stands or min(error.bound, error.after) <= case.tolerance:
         return stands
-    alone = (
-        f"with every torque measured, dead time and sampling alone leave a response error of {error.bound:.2g}, "
-        f"{case.tolerance:g} is allowed"
-    )
-    return [alone, *stands]
+    return [Finding("dead_time_alone", error.bound, case.tolerance), *stands]
 
 
-def _loop(solution: Solution, checked: Verification, case: Case) -> list[str]:
+def _loop(solution: Solution, checked: Verification) -> list[Finding]:
     """What is wrong with the loop as a whole."""
     if checked.stable:
         return []
     if not checked.checks.get("loop and simulation agree", True):
-        return [
-            "verification failed: the motion that the loop's matrices foretell and the simulated one differ by more "
-            f"than {DISAGREEMENT:.1%} of their range, so neither is believed"
-        ]
+        return [Finding("methods_disagree", allowed=DISAGREEMENT)]
     failed = ", ".join(name for name, good in checked.checks.items() if not good)
-    starts = f": none of {len(solution.starts)} starts ended in a stable loop within the bounds"
-    return [f"the closed loop is not stable ({failed})" + ("" if solution.keeps_all else starts)]
+    return [Finding("not_stable", where=failed, data={"starts": 0 if solution.keeps_all else len(solution.starts)})]
 
 
 def _worst(broken: Sequence[ExceededLimit]) -> list[ExceededLimit]:
@@ -334,79 +272,44 @@ def _worst(broken: Sequence[ExceededLimit]) -> list[ExceededLimit]:
     return list({exceeded.limit: exceeded for exceeded in reversed(broken)}.values())[::-1]
 
 
-def _beyond(broken: Sequence[ExceededLimit], relaxed: Relaxations) -> list[str]:
+def _asks(exceeded: ExceededLimit, **data: Any) -> Finding:
+    dynamometer, limit, demand, allowed = exceeded
+    return Finding("torque_limit", demand, allowed, where=dynamometer, data={"limit": limit, **data})
+
+
+def _beyond(broken: Sequence[ExceededLimit], relaxed: Relaxations) -> list[Finding]:
     """Limits that no setting keeps, and the values with which the targets are met, if they are."""
-    said = []
-    for dyno, limit, demand, allowed in _worst(broken):
-        said.append(f"{asks(dyno, limit, demand, allowed)}; no setting within the bounds needs less")
-        if limit in relaxed.limits:
-            value = relaxed.limits[limit]
-            said[-1] += (
-                f"; solved with {_with_unit(limit, value)}, {value / allowed:.2f} times as large, every target is met"
-            )
-    if len(relaxed.limits) > 1:
-        said[-1] += " (all of these together)"
-    return said
-
-
-def asks(dyno: str, limit: str, demand: float, allowed: float) -> str:
-    """A sentence on a limit that the manoeuvre takes more of than is allowed (:class:`ExceededLimit`)."""
-    return (
-        f"to move as the vehicle does, the manoeuvre takes {_named(limit, dyno)} of {_with_unit(limit, demand)}, "
-        f"{_with_unit(limit, allowed)} is the limit"
-    )
-
-
-def _named(limit: str, dyno: str) -> str:
-    if limit_of_all(limit) in _WORDS:
-        return f"a {_WORDS[limit_of_all(limit)][0]} at dynamometer {dyno}"
-    shaft, _, what = limit.removeprefix("shafts.").rpartition(".")
-    return f"a {what} in {shaft}"
-
-
-def _with_unit(limit: str, value: float) -> str:
-    if limit_of_all(limit) in _WORDS:
-        return f"{value:.4g} {_WORDS[limit_of_all(limit)][1]}".rstrip()
-    return f"{value:.4g} N·m" if limit.endswith("torque") else f"{np.degrees(value):.3g}°"
-
-
-def _missed(case: Case, target: TargetResult) -> str:
-    mode, damping = target.vehicle_mode, target.vehicle_damping
-    wanted = f"mode {mode} ({target.vehicle:.3f} Hz, damping ratio {damping:.3f}, {target.symmetry})"
-    if target.matched is None or target.matched_damping is None:
-        undone = target.rig or float("nan")
-        return f"{wanted}: the closed loop has no such mode; with nothing done the rig shows it at {undone:.2f} Hz"
-    words = f"{wanted} is reached at {target.matched:.3f} Hz with damping ratio {target.matched_damping:.3f}"
-    if target.identified is None:
-        return words + (
-            ", and cannot be read off the simulation: it is moved too little, or dies away before it can be told apart"
+    worst = _worst(broken)
+    return [
+        _asks(
+            one, no_setting=True, solved_with=relaxed.limits.get(one.limit),
+            together=len(relaxed.limits) > 1 and one is worst[-1],
         )
-    return words + f"; the simulation shows {target.identified:.3f} Hz with {target.identified_damping:.3f}"
+        for one in worst
+    ]  # fmt: skip
 
 
-def _violation(violation: Violation) -> str:
-    if violation.limit == "modulus_margin":
-        return f"the modulus margin is {violation.value:.2f}, {violation.allowed:.2f} is wanted"
-    if violation.limit == "damping_ratio":
-        least = f"{violation.value:.4f}, {violation.allowed:g} is wanted"
-        return f"the least damped {violation.where} has a damping ratio of {least}"
-    value, allowed = (
-        _with_unit(violation.limit, number_in_si) for number_in_si in (violation.value, violation.allowed)
+def _missed(target: TargetResult) -> Finding:
+    return Finding(
+        "target_missed", target.matched, target.vehicle, "Hz", str(target.vehicle_mode), data=target.to_dict()
+        | {"identified": target.identified},
+    )  # fmt: skip
+
+
+def _violation(violation: Violation) -> Finding:
+    return Finding(
+        "limit_exceeded", violation.value, violation.allowed, where=violation.where, data={"limit": violation.limit}
     )
-    known = _WORDS.get(limit_of_all(violation.limit))
-    what = f"{known[0]} " if known else ""
-    ratio = f"{violation.value / violation.allowed:.2f} times the limit"
-    return f"{violation.where}: the simulated manoeuvre takes {what}{value}, {ratio} of {allowed}"
 
 
-def _mechanics(problem: MatchProblem, missed: Sequence[TargetResult]) -> list[str]:
+def _mechanics(problem: MatchProblem, missed: Sequence[TargetResult]) -> list[Finding]:
     """What adapters or inertias alone would have to be, where adapters are what may move."""
     case, on_rig, asked = problem.case, problem.on_rig, problem.demands
     others = any(move.name.startswith(("loop.", "residual_vehicle.")) for move in case.moves)
     if not case.moves or others or case.loop.tunes_observer:
         return []
     number = {target.mode: i for i, target in enumerate(case.targets)}
-    sentences = []
+    found = []
     for target in missed:
         mode = on_rig[number[target.vehicle_mode]]
         if mode is None:
@@ -432,11 +335,8 @@ def _mechanics(problem: MatchProblem, missed: Sequence[TargetResult]) -> list[st
         elif parts:
             parts[-1] += ", and no inertia behind the cuts, however large, does it alone"
         if parts:
-            sentences.append(
-                f"no adapter within the bounds does it: {target.vehicle:.3f} Hz would take {', or '.join(parts)}; "
-                "a residual vehicle model has to supply the inertia"
-            )
-    return sentences
+            found.append(Finding("no_adapter", target.vehicle, unit="Hz", data={"parts": ", or ".join(parts)}))
+    return found
 
 
 def _plain(value: float) -> str:
@@ -459,7 +359,7 @@ def _needed(case: Case, names: list[str], mode: Mode, wanted: float, low: float,
     return float(10 ** scipy.optimize.brentq(off, *ends, xtol=1e-6))
 
 
-def _bounds(relaxed: Relaxations) -> list[str]:
+def _bounds(relaxed: Relaxations) -> list[Finding]:
     """Bounds of the case beyond which the targets were met."""
     if not relaxed.bounds:
         return []
@@ -468,10 +368,10 @@ def _bounds(relaxed: Relaxations) -> list[str]:
         bound = f"{move.upper:.4g} is the largest" if value > move.upper else f"{move.lower:.4g} is the smallest"
         unit = "" if move.unit == "1" else f" {printed(move.unit)}"
         values.append(f"{move.name} at {value:.4g}{unit} ({bound} allowed)")
-    return [f"bounds under [move] stand in the way: solved with {' and '.join(values)}, every target is met"]
+    return [Finding("bounds", where=" and ".join(values))]
 
 
-def _delay(problem: MatchProblem, missed: Sequence[TargetResult], relaxed: Relaxations) -> list[str]:
+def _delay(problem: MatchProblem, missed: Sequence[TargetResult], relaxed: Relaxations) -> list[Finding]:
     """Dead time and lags where a shorter dead time meets the targets, else what else was seen to meet them."""
     loop, trial, said = problem.case.loop, relaxed.dead_time, []
     if trial is not None and trial.sufficient is not None:
@@ -487,9 +387,7 @@ def _delay(problem: MatchProblem, missed: Sequence[TargetResult], relaxed: Relax
             f"a shorter dead time alone does not help: solved with one sample, {1e3 * trial.shortest:.3g} ms, the "
             "targets are not met either"
         )
+    found = stated("dead_time", said)
     if relaxed.structure:
-        said.append(
-            f'with structure = "{relaxed.structure}" and every torque on the rig measured, the values shown meet '
-            f"{len(problem.case.targets)} of {len(problem.case.targets)} targets (verified)"
-        )
-    return said
+        found.append(Finding("structure", where=relaxed.structure, data={"targets": len(problem.case.targets)}))
+    return found

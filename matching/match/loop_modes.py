@@ -17,10 +17,10 @@ from matching.match.loop import (
     controller_on,
     side_by_side,
 )
-from matching.match.targets import weighted_mac
 from modelling.bed.vehicle import cut
 from modelling.linear.state_space import linear_motion
 from modelling.modal.modes import labels
+from modelling.modal.pairing import closeness, pairs, weighted_mac
 from modelling.modal.result import Mode
 from modelling.system import System
 
@@ -307,26 +307,24 @@ def _names_in_vehicle(bed: LinearBed) -> dict[str, str]:
     return {f"inertias.{cut.rig_end}": f"inertias.{cut.vehicle_end}" for cut in bed.cuts}
 
 
-def match_mode(
-    vehicle_mode: Mode, modes: Sequence[LoopMode], inertia: Mapping[str, float] | None = None
-) -> tuple[LoopMode, float] | None:
-    """The mode of the closed loop that a vehicle mode became, with its MAC 0 … 1.
+LEAST_MAC = 0.5  # of a mode of the loop that looks like one of the vehicle
+
+
+def vehicle_modes_in_loop(
+    vehicle: Sequence[Mode], modes: Sequence[LoopMode], inertia: Mapping[str, float]
+) -> dict[int, tuple[LoopMode, float]]:
+    """By number of a vehicle mode the mode of the closed loop that it became, with its MAC 0 … 1, one to one.
 
     The MAC is the modal assurance criterion over the drive side and the ends of the cuts, each coordinate weighted
-    by its ``inertia`` (kg·m² by ``inertias.NAME``, 1 unless given). Among the modes that look alike (0.5 or more), the
-    one with the nearest eigenvalue on a logarithmic scale and most alike is taken: MAC·exp(−|ln s/s₀|), so that
-    of two that move the drive side alike the damping decides, too. None if no mode looks alike, a rigid one, or an
-    overdamped motion.
+    by its ``inertia`` (kg·m² by ``inertias.NAME``, 1 unless given). Modes that look alike (0.5 or more) are paired so
+    that the sum of MAC·exp(−|ln s/s₀|) is largest: of two that move the drive side alike the eigenvalue decides, with
+    its damping. What looks like no mode of the loop, rigid modes and overdamped motions are left out.
     """
-    best: tuple[float, LoopMode, float] | None = None
-    for mode in modes:
-        if mode.frequency <= 0 or vehicle_mode.frequency <= 0:
-            continue
-        mac = weighted_mac(vehicle_mode.shape, mode.shape, inertia or {})
-        score = mac * float(np.exp(-abs(np.log(eigenvalue_of(mode) / eigenvalue_of(vehicle_mode)))))
-        if mac >= 0.5 and (best is None or score > best[0]):
-            best = score, mode, mac
-    return None if best is None else (best[1], best[2])
+    elastic, swinging = [mode for mode in vehicle if mode.frequency > 0], [mode for mode in modes if mode.frequency > 0]
+    alike = weighted_mac(elastic, swinging, inertia)
+    first, second = np.array([*map(eigenvalue_of, elastic)]), np.array([*map(eigenvalue_of, swinging)])
+    score = np.where(alike >= LEAST_MAC, alike * closeness(first[:, None], second[None]), 0.0)
+    return {elastic[i].number: (swinging[j], float(alike[i, j])) for i, j in pairs(score)}
 
 
 class SwingingMotion(Protocol):

@@ -15,11 +15,9 @@ import numpy as np
 from matching.match.beds import quantile
 from matching.match.case import ERROR_SCALES, Case, apply
 from matching.match.case_file import Movable, case_files, movable
-from matching.match.demands import demands
 from matching.match.match import attempt, judged, match
 from matching.match.requirements import OPENED_SHAFTS
 from matching.match.result import MatchResult
-from matching.match.robustness import of_beds, swings_on
 from matching.match.variables import SearchSettings
 from matching.match.verify import Verification
 from matching.studies import run
@@ -291,30 +289,19 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
     )
 
 
+# by the cause of a finding the word of a map; a limit of the case has its own name
+WORD_OF_CAUSE = {
+    "not_stable": "stability", "methods_disagree": "stability", "target_missed": "targets",
+    "response_error": "response_error", "beds_not_stable": "beds", "beds_damping": "beds", "worst_bed": "beds",
+    "free_play": OPENED_SHAFTS,
+}  # fmt: skip
+
+
 def _limited_by(result: MatchResult) -> tuple[str, ...]:
-    """Names of what stands in the way: as in :mod:`matching.match.limits`, without the words."""
-    if not result.verification.stable:
-        return ("stability",)
-    rig = {f"rig.{name}": parameter.value for name, parameter in result.tuned.rig.parameters.items()}
-    names = ["targets"] if any(not target.met for target in result.targets) else []
-    names += [violation.limit for violation in result.verification.violations]
-    names += [exceeded.limit for exceeded in demands(result.tuned).broken(rig)]
-    if result.robust is not None:
-        names += _not_kept_over_beds(result, result.robust)
-    return tuple(dict.fromkeys(names))
-
-
-def _not_kept_over_beds(result: MatchResult, robust: Verification) -> list[str]:
-    """Names of errors beyond their tolerance, of beds not stable or damped too little, of play that swings on."""
-    case, error, names = result.case, result.response_error, []
-    if error.after > case.tolerance or error.unmeasured > case.unmeasured_tolerance:
-        names.append("response_error")
-    beds = of_beds(robust)
-    if not beds.holds or (beds.worst is not None and beds.worst.damping_ratio <= 0):
-        names.append("beds")
-    if swings_on(robust, result.lash):
-        names.append(OPENED_SHAFTS)
-    return names
+    """Names of what stands in the way, without the words."""
+    limiting = [one for one in result.findings if one.limits]
+    names = [one.data.get("limit", WORD_OF_CAUSE.get(one.cause, "")) for one in limiting]
+    return ("stability",) if "stability" in names else tuple(dict.fromkeys(name for name in names if name))
 
 
 def _stable_share(robust: Verification | None) -> float | None:

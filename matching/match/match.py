@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,20 +12,20 @@ from threadpoolctl import threadpool_limits
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
 from matching.match.case import Case, Move, apply, scaled
 from matching.match.driving import driving
-from matching.match.in_time import lashes, simulate_deviations
+from matching.match.findings import Finding, stated
+from matching.match.free_play import lashes
+from matching.match.in_time import simulate_deviations
 from matching.match.limits import (
     Relaxations,
     Solution,
     SolvedAgain,
     led_by_dead_time,
     limits,
-    missing_measurement,
     relaxations,
 )
 from matching.match.loop import linear_bed
 from matching.match.minutes import minutes_of, minutes_without
 from matching.match.objective import search_for
-from matching.match.operating_range import at_speed, ends_of
 from matching.match.order import Fresh, Ordered, contributions, ordered, planned_unless_better
 from matching.match.problem import (
     MatchProblem,
@@ -39,14 +39,13 @@ from matching.match.problem import (
     target_results,
     unloaded_lashes,
 )
-from matching.match.range_search import RangeSearch
-from matching.match.requirements import OPENED_SHAFTS
-from matching.match.responses import ComparedBed, ResponseError, SimpleVehicle, fitted_simple_vehicle
+from matching.match.remedies import remedies_of
+from matching.match.responses import ComparedBed, SimpleVehicle, error_figures, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult
 from matching.match.robustness import not_kept, noted
 from matching.match.search import solve
 from matching.match.targets import LEAST_SHARE_TO_MOVE, change_weight
-from matching.match.variables import CONTROLLER, RESIDUAL, RIG, SearchSettings
+from matching.match.variables import CONTROLLER, RESIDUAL, SearchSettings
 from matching.match.verify import verify
 from matching.worker_pool import SideProcesses
 from modelling.modal.modes import damped_modes
@@ -67,9 +66,6 @@ SHORT = SearchSettings(
     emulated=0.0,
 )
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
-# Relative, above the error that was found, of the tolerances that are tried: each is a whole match. The search keeps
-# the first one by its reserve; where it ends elsewhere, three per cent more are no other bed to an engineer.
-ABOVE_THE_ERROR = (0.01, 0.03)
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
 
 
@@ -91,6 +87,8 @@ class Attempt:
         The beds that judge it.
     begun : float
         When it began, by :func:`time.perf_counter`.
+    given : SearchSettings
+        As asked for, before the effort was judged.
     """
 
     problem: MatchProblem
@@ -101,6 +99,7 @@ class Attempt:
     settled: Ordered
     fresh: Fresh
     begun: float
+    given: SearchSettings
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -118,11 +117,12 @@ def attempt(
     tell("vehicle, rig and manoeuvre")
     if aside is not None:
         aside.start()
-    settings, short = _effort(case, settings or SearchSettings(), simple)
+    given = settings or SearchSettings()
+    settings, short = _effort(case, given, simple)
     settings = settings if starts is None else replace(settings, starts=min(starts, settings.starts))
     fresh = Fresh(settings.fresh if beds is None else beds, seed)
     solution, settled = _solved(problem, settings, fresh, tell, ordering, begins)
-    return Attempt(problem, simple, settings, short, solution, settled, fresh, begun)
+    return Attempt(problem, simple, settings, short, solution, settled, fresh, begun, given)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -175,35 +175,34 @@ def judged(
     problem, simple, settings, short = found.problem, found.simple, found.settings, found.short
     solution, settled, count, seed = found.solution, found.settled, found.fresh.count, found.fresh.seed
     case, tuned = problem.case, solution.tuned
-    in_time = None if aside is None else aside.begin(simulate_deviations, tuned)
-    standing = (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated) if settings.emulated else None
+    in_time = None if aside is None else aside.begin(simulate_deviations, tuned, seed)
+    standing = (
+        (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated, seed) if settings.emulated else None
+    )
     checked = verify(tuned, case.rig, beds=count, seed=seed)
-    play = lashes(tuned) if settings.emulated or checked.required.opened_shafts else None
+    play = lashes(tuned, seed) if settings.emulated or checked.required.opened_shafts else None
     over_range = driving(tuned, seed) if case.operating_range is not None and settings.emulated else None
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
     targets = target_results(problem, checked)
     error = errors_with_bounds(tuned, checked.errors)
     missed = any(not target.met for target in targets)
-    unseen = error.unmeasured > case.unmeasured_tolerance >= error.bound
-    asked = ordering and settings.remedies and (missed or bool(problem.beyond) or unseen)
+    asked = ordering and settings.remedies and (missed or bool(problem.beyond))
     relaxed = relaxations(problem, solution, SolvedAgain(problem, settings)) if asked else Relaxations()
     stands = limits(problem, solution, targets, relaxed)
     run = standing.result() if standing is not None and checked.stable else minutes_without("it was not asked for")
-    stands = [
-        *stands,
+    stands += [
         *not_kept(case, checked, play),
-        *missing_measurement(relaxed, case),
-        *run.sentences(),
-        *(over_range.sentences(min(case.limits_of("torque"))) if over_range is not None else ()),
-        *unloaded_lashes(case),
+        *run.findings,
+        *stated("drive", over_range.sentences(min(case.limits_of("torque"))) if over_range is not None else ()),
+        *stated("open_lash", unloaded_lashes(case)),
     ]
     stands = led_by_dead_time(stands, case, error)
+    findings = (*stands, *_both_ways(solution, case), *noted(case, checked, play))
     tell("bound and curves")
     result = MatchResult(
-        status="limited" if stands else "matched",
-        limits=tuple(stands),
-        notes=(
+        findings=findings,
+        remarks=(
             *differing_components(case),
             *case.notes,
             *standstill(case),
@@ -211,8 +210,8 @@ def judged(
             *short,
             *opened_lashes(tuned, checked.traces),
             *_notes(problem, solution, bool(stands)),
-            *noted(case, checked, play),
             *checked.notes,
+            *run.notes(),
         ),
         case=case,
         tuned=tuned,
@@ -235,56 +234,24 @@ def judged(
         simulated_in_time=None if in_time is None else in_time.result(),
         seconds=time.perf_counter() - found.begun,
     )
-    # where adapters are ordered as well, a whole match more takes too long for a sentence; where something else is
-    # missed too, robustness has come before the errors already, and larger tolerances do not help
-    of_rig = any(move.name.startswith(RIG) for move in problem.moves)
-    alone = solution.keeps_all and not missed and checked.stable and not run.sentences()
-    if ordering and settings.remedies and not short and not of_rig and alone and any(too_large(case, error)):
-        given = replace(settings, remedies=False, decides=True)
-        limited = replace(case, limits={**case.limits, **relaxed.limits})
-        said = _with_larger_tolerances(limited, result, lambda one: match(one, seed, beds=count, settings=given))
-        tell("larger tolerances")
-        result = replace(result, limits=(*result.limits, *said), seconds=time.perf_counter() - found.begun)
-    return with_simple_vehicle(result, simple)
+    result = with_simple_vehicle(result, simple)
+    if result.status == "limited" and ordering and settings.remedies and not missed_on_purpose(result):
+        given = replace(found.given, remedies=False, decides=True, blind=0)
+        begins = [solution.values, *(way for way in (solution.play or ()) if way)] if solution.values else []
+
+        def again(changed: Case) -> MatchResult:
+            return match(changed, seed, beds=count, settings=given, ordering=False, begins=begins)
+
+        result = replace(result, remedies=remedies_of(result, again, relaxed.limits))
+        tell("what would make it a match")
+    return replace(result, seconds=time.perf_counter() - found.begun)
 
 
-def too_large(case: Case, error: ResponseError) -> tuple[bool, bool]:
-    """Whether the errors to measured and to unmeasured torques are larger than the case allows."""
-    return error.after > case.tolerance, error.unmeasured > case.unmeasured_tolerance
-
-
-def _with_larger_tolerances(case: Case, result: MatchResult, again: Callable[[Case], MatchResult]) -> list[str]:
-    """The tolerances with which the case is matched, tried by matching it anew; free play waived where it limits too.
-
-    A search with other tolerances ends elsewhere: where it leaves a larger error than the one before, that is tried.
-    """
-    play = any(OPENED_SHAFTS in sentence for sentence in result.limits)
-    case = replace(case, limits={**case.limits, OPENED_SHAFTS: False}) if play else case
-    said = {key: f"response.{key}" for key in ("tolerance", "unmeasured_tolerance")}
-    stated: dict[str, float] = {}
-    for above in ABOVE_THE_ERROR:
-        error = result.response_error
-        for key, value, large in zip(said, (error.after, error.unmeasured), too_large(case, error), strict=True):
-            if large:
-                stated[key] = _rounded_up(value * (1 + above))
-        case = replace(
-            case, tolerance=stated.get("tolerance", case.tolerance),
-            unmeasured_tolerance=stated.get("unmeasured_tolerance", case.unmeasured_tolerance),
-        )  # fmt: skip
-        result = again(case)
-        if result.status == "matched":
-            words = [f"{said[key]} = {value:g}" for key, value in stated.items()]
-            words += ["limits.opened_shafts = false"] if play else []
-            return [f"matched anew with {' and '.join(words)}, the match is good"]
-        if not any(too_large(case, result.response_error)):
-            break
-    return []
-
-
-def _rounded_up(value: float) -> float:
-    """A value as it is printed, with three digits."""
-    step = 10.0 ** (np.floor(np.log10(value)) - 2)
-    return float(f"{np.ceil(value / step) * step:.3g}")
+def missed_on_purpose(result: MatchResult) -> bool:
+    """Whether no single change is tried: dynamometers without torque, laws that are tried with :mod:`.limits`, a range
+    of speeds, each match of which takes a minute."""
+    loop = result.case.loop
+    return loop.torqueless or not loop.tunes_observer or result.case.operating_range is not None
 
 
 def _solved(
@@ -297,11 +264,6 @@ def _solved(
         return Solution({}, case, float("nan"), (), True, problem.beyond), Ordered(np.zeros(0), True)
     asked = problem.demands if not problem.beyond else replace(problem.demands, limits={})
     search = search_for(case, problem.moves, problem.shares, asked, settings)
-    if case.operating_range is not None:
-        ends = [
-            search_for(at_speed(case, speed), problem.moves, problem.shares, asked, settings) for speed in ends_of(case)
-        ]
-        search = RangeSearch([search, *ends])
     found = solve(search, tell, begins)
     settled = Ordered(found.end.x, found.keeps_all)
     worth = found.end.judged.cost <= settings.hopeless
@@ -322,9 +284,23 @@ def _solved(
             settled.keeps_all,
             problem.beyond,
             failures=found.failures,
+            play=found.play,
         ),
         settled,
     )
+
+
+def _both_ways(solution: Solution, case: Case) -> list[Finding]:
+    """What free play in the cut shafts costs the errors, where it does: with and without it kept at rest."""
+    if solution.play is None or solution.play.kept is None:
+        return []
+    held, free = (error_figures(apply(case, values)) for values in (solution.play.kept, solution.play.without))
+    return [
+        Finding(
+            "play_costs", held.unmeasured, free.unmeasured, where="unmeasured torques", limits=False,
+            data={"kept": (held.after, held.unmeasured), "without": (free.after, free.unmeasured)},
+        )
+    ]  # fmt: skip
 
 
 def _effort(
@@ -352,8 +328,11 @@ def with_simple_vehicle(result: MatchResult, simple: SimpleVehicle | None) -> Ma
     if simple is None:
         return result
     if result.limits and simple.fitted > result.case.tolerance:
-        return replace(result, simple_vehicle=simple, limits=(simple.sentence(), *result.limits))
-    return replace(result, simple_vehicle=simple, notes=(simple.sentence(), *result.notes))
+        own = Finding(
+            "residual_vehicle", simple.fitted, result.case.tolerance, data={"words": simple.sentence()}
+        )  # fmt: skip
+        return replace(result, simple_vehicle=simple, findings=(own, *result.findings))
+    return replace(result, simple_vehicle=simple, remarks=(simple.sentence(), *result.remarks))
 
 
 def _parameters(problem: MatchProblem, solution: Solution) -> tuple[ParameterResult, ...]:

@@ -1,28 +1,42 @@
-"""The exported controller with its supervision, for a minute at rest and a minute at speed, on beds that are not exact.
+"""The exported controller with its supervision for a minute at rest and a minute at speed, on beds that are not exact.
 
-It may not leave emulation by itself: the stated noise of the sensors, an offset of each that drifts, a gain error of
-each encoder and the tolerances of the bed are what stands there every day.
+It may not leave emulation by itself, and a vehicle that stands has to stand: the stated noise of the sensors, zeros of
+the flanges that drift, a gain error of each encoder and the tolerances of the bed are what is there every day.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from matching.match.case import Case
-from matching.match.in_time import ANGLE_OF_A_COUNT, Imperfection, hardware, perturbed_system
-from matching.match.running import SAMPLES_BETWEEN_CHECKS
+from matching.match.exported import exported_controller
+from matching.match.findings import Finding
+from matching.match.imperfections import (
+    Imperfection,
+    are_speeds,
+    bed_rows,
+    count_angles,
+    known_at_operating_point,
+    perturbed_system,
+    sensor_gains,
+    uncertainties,
+    white_noise,
+    with_cut_sensors,
+)
+from matching.match.judgements import Judgement
 from modelling.bed.nonlinear import NonlinearBeds
-from modelling.bed.observer import NOISE
-from modelling.controller.batch import ControllerBatch
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, ExportedController
-from modelling.linear.steady_motion import torques_of
+from modelling.running.beds import BedRows
+from modelling.running.controllers import ControllerRows, Schedule
+from modelling.running.run import Motion, run
+from modelling.running.sensors import NEVER, SensorErrors
 from modelling.simulation.stepping import SimulationError
-
-DRAWN_AT_ONCE = 500  # samples of noise (speed only)
+from modelling.system import Input
+from modelling.topology import joints, speed_ratios
 
 
 @dataclass(frozen=True)
@@ -38,7 +52,7 @@ class MinuteSettings:
     drawn : int
         Beds drawn from the case's box, in addition to the bed as planned.
     offset : float
-        Uncertainties of a sensor by which it drifts over the time: a warm flange, one way or the other.
+        Uncertainties of a sensor by which it drifts over the time at speed: a warm flange, one way or the other.
     encoder_gain : float
         Relative error of every encoder: an eccentric disc, averaged over a turn, leaves less.
     speed : float
@@ -46,9 +60,20 @@ class MinuteSettings:
     speed_share : float
         Of the speed limit that the run at speed takes at most.
     pulse : float
-        s, of the manoeuvre's largest torque and then of its opposite, right after emulation has begun.
+        s, of the manoeuvre's largest torque and then of its opposite: at speed right after emulation has begun, at rest
+        at the end, when it has been judged whether the bed stands.
     pulse_share : float
         Of that torque: it moves the bed and leaves its speed within all limits.
+    zero : float
+        Uncertainties of a flange torque by which its zero moves at rest, within ``zero_s`` from the begin of emulation
+        on: alike at all dynamometers, against each other, and drawn.
+    zero_s : float
+        s: a flange's zero moves as its load goes, in some seconds.
+    motion : float
+        rad/s at a cut by which a bed may move at rest, in addition to what the vehicle itself would do under torques at
+        its cuts that are off by the flanges' uncertainty: walking pace of a wheel is 4 rad/s.
+    halvings : int
+        Of the uncertainty that causes a motion, until the same bed stands.
     """
 
     seconds: float = 60.0
@@ -60,6 +85,10 @@ class MinuteSettings:
     speed_share: float = 0.3
     pulse: float = 0.5
     pulse_share: float = 0.3
+    zero: float = 1.0
+    zero_s: float = 10.0
+    motion: float = 1.0
+    halvings: int = 5
 
 
 @dataclass(frozen=True)
@@ -76,12 +105,21 @@ class Minute:
         What ended it, in the words of :data:`modelling.controller.law.FAULTS`; empty where nothing did.
     drift : float
         rad/s: largest change of a rotor's speed over the run.
+    motion, allowed : float or None
+        rad/s: largest change of a speed at a cut at rest, and what is allowed there; None at speed.
     """
 
     where: str
     emulated: float
     fault: str
     drift: float
+    motion: float | None = None
+    allowed: float | None = None
+
+    @property
+    def stands(self) -> bool:
+        """Whether a bed at rest stays there as the vehicle does."""
+        return self.motion is None or self.allowed is None or self.motion <= self.allowed
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
@@ -90,66 +128,82 @@ class Minute:
 
 @dataclass(frozen=True)
 class Minutes:
-    """All runs of an exported controller; ``not_run`` is why there are none."""
+    """All runs of an exported controller; ``not_run`` is why there are none.
+
+    ``cause`` is the sensors' uncertainty that moves a bed at rest most, ``cause_is`` what these sensors measure, and
+    ``remedy`` a value (SI) of it with which the same controller on the same beds stands; ``interpreted`` is whether
+    there was no C compiler, ``step`` the controller's sample time, s.
+    """
 
     seconds: float = 0.0
     runs: tuple[Minute, ...] = ()
     not_run: str = ""
+    cause: str = ""
+    cause_is: str = ""
+    remedy: float | None = None
+    interpreted: bool = False
+    step: float = 1e-3
 
     @property
     def left(self) -> list[Minute]:
         """The runs that left emulation."""
         return [run for run in self.runs if run.fault]
 
-    def sentences(self) -> list[str]:
-        """What is said of runs that left emulation."""
-        said = []
-        for run in self.left:
-            said.append(
-                f"the exported controller leaves emulation {run.where} after {run.emulated:.3g} s of "
-                f"{self.seconds:g} s ({run.fault}), with nothing but the stated noise, a drift of each sensor by its "
-                "uncertainty and a gain error of each encoder"
+    @property
+    def moved(self) -> list[Minute]:
+        """The runs at rest in which the bed did not stand."""
+        return [run for run in self.runs if not run.stands]
+
+    @property
+    def judgements(self) -> list[Judgement]:
+        """What is not kept."""
+        found = []
+        if self.left:
+            first = min(self.left, key=lambda run: run.emulated)
+            found.append(
+                Judgement(
+                    "emulation", first.emulated, self.seconds, "s", f"{first.where}: {first.fault}", len(self.left),
+                    len(self.runs),
+                )
+            )  # fmt: skip
+        if self.moved:
+            worst = max(self.moved, key=_beyond)
+            remedy = () if self.remedy is None else (self.cause, self.remedy)
+            found.append(
+                Judgement(
+                    "standing", worst.motion or 0.0, worst.allowed or 0.0, "rad/s", worst.where, len(self.moved),
+                    sum(run.motion is not None for run in self.runs), self.cause, remedy,
+                )
+            )  # fmt: skip
+        return found
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What of it stands in the way of a match."""
+        found = []
+        for one in self.judgements:
+            remedy = one.remedy[1] if one.remedy else None
+            data = {"seconds": self.seconds, "cause_is": self.cause_is, "remedy": remedy, "step": self.step}
+            causes = {"emulation": "emulation_left", "standing": "standstill"}
+            found.append(
+                Finding(causes[one.what], one.size, one.allowed, one.unit, one.where, (one.beds, one.of), data=data)
             )
-        return said
+        return found
+
+    def notes(self) -> list[str]:
+        """What else is to be said."""
+        return ["no C compiler was found: everything in time was interpreted, which takes longer"] * self.interpreted
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
         return {
             "seconds": self.seconds, "runs": [run.to_dict() for run in self.runs], "not_run": self.not_run,
+            "judgements": [one.to_dict() for one in self.judgements],
         }  # fmt: skip
 
 
-@dataclass
-class Sensors:
-    """Readings of y sensors on b beds: gain, noise, counts of encoders, an offset that grows over the run."""
-
-    noise: np.ndarray
-    gains: np.ndarray
-    drift: np.ndarray
-    counting: np.ndarray
-    step: float
-    random: np.random.Generator
-    angle: np.ndarray = field(init=False)
-    last: np.ndarray | float = 0.0
-    rest: np.ndarray | float = 0.0
-    drawn: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    used: int = 0
-
-    def __post_init__(self) -> None:
-        self.angle = np.zeros(self.gains.shape)
-
-    def read(self, true: np.ndarray, part: float) -> np.ndarray:
-        """Readings (y, b) of true values (y, b) at a part of the run."""
-        exact = self.gains * true
-        self.angle, self.last = self.angle + self.step * (self.last + exact) / 2, exact
-        rest = self.angle % ANGLE_OF_A_COUNT
-        counts = np.where(self.counting, (self.rest - rest) / self.step, 0.0)
-        self.rest = rest
-        if self.used == len(self.drawn):
-            self.drawn, self.used = self.noise * self.random.standard_normal((DRAWN_AT_ONCE, *self.gains.shape)), 0
-        self.used += 1
-        read: np.ndarray = exact + counts + self.drawn[self.used - 1] + part * self.drift
-        return read
+def _beyond(run: Minute) -> float:
+    return (run.motion or 0.0) - (run.allowed or 0.0)
 
 
 def minutes(
@@ -167,8 +221,6 @@ def minutes(
 
 def minutes_of(case: Case, seconds: float, seed: int = 0) -> Minutes:
     """Export the controller of a tuned case and run it for so many seconds."""
-    from matching.export import exported_controller  # which imports the match
-
     if case.loop.torqueless:
         return minutes_without("the dynamometers give no torque")
     return minutes(case, exported_controller(case), seed, MinuteSettings(seconds=seconds))
@@ -179,128 +231,251 @@ def minutes_without(reason: str) -> Minutes:
     return Minutes(not_run=reason)
 
 
-def _run(case: Case, controller: ExportedController, seed: int, settings: MinuteSettings) -> Minutes:
-    loop, law, random = case.loop, controller.law, np.random.default_rng(seed)
-    step, k = law.sample_time, len(law.dynamometers)
-    drawn = [case.uncertainty.at(position) for position in case.uncertainty.draw(settings.drawn, seed)]
-    names = ["the bed as planned", *(f"drawn bed {i}" for i in range(1, len(drawn) + 1))]
-    turning = case.rig.operating_point is not None
-    rows = [
-        (f"{how} on {name}", values, how == "at speed")
-        for name, values in zip(names, ({}, *drawn), strict=True)
-        for how in (("at speed",) if turning else ("at rest", "at speed"))
+# --- Rows: bed, whether at speed, and by how many uncertainties each flange's zero moves.
+
+ALIKE, AGAINST, DRAWN = "alike", "against each other", "drawn"
+
+
+@dataclass(frozen=True)
+class _Row:
+    where: str
+    bed: Imperfection
+    at_speed: bool
+    zeros: np.ndarray  # (k,), in uncertainties of each flange
+
+
+def _rows(case: Case, seed: int, settings: MinuteSettings) -> list[_Row]:
+    """Beds at rest with the ways in which zeros may move, and beds at speed; with an operating point the latter."""
+    k, random = len(case.loop.dynamometers), np.random.default_rng(seed)
+    beds = [("the bed as planned", Imperfection(""))]
+    beds += [
+        (f"drawn bed {number}", Imperfection("", case.uncertainty.at(position)))
+        for number, position in enumerate(case.uncertainty.draw(settings.drawn, seed), 1)
     ]
-    imperfect = [Imperfection("", values) for _, values, _ in rows]
-    beds = NonlinearBeds(
-        [perturbed_system(case.rig, one, case) for one in imperfect], loop, loop.dynamometers,
-        [hardware(case, one) for one in imperfect],
+    rows = []
+    if case.rig.operating_point is None:
+        alike, against = np.ones(k), np.where(np.arange(k) % 2 == 0, 1.0, -1.0)
+        for number, (name, bed) in enumerate(beds):
+            ways = [alike, against] if number == 0 and k > 1 else [random.choice([-1.0, 1.0], k)]
+            rows += [_Row(f"at rest on {name}", bed, False, settings.zero * way) for way in ways]
+    return rows + [_Row(f"at speed on {name}", bed, True, np.zeros(k)) for name, bed in beds]
+
+
+def _errors(
+    case: Case, sensors: Sequence[str], rows: Sequence[_Row], begun: int, samples: int, seed: int,
+    settings: MinuteSettings, step: float, uncertainty: np.ndarray,
+) -> SensorErrors:  # fmt: skip
+    """Noise of all sensors; at speed drifts and encoders' gains; at rest the zeros of the flanges."""
+    random, speeds = np.random.default_rng(seed), are_speeds(case, sensors)
+    shape, at_speed = (len(rows), len(sensors)), np.array([row.at_speed for row in rows])
+    signs = random.choice([-1.0, 1.0], (2, *shape))
+    gains = sensor_gains(sensors, [row.bed for row in rows])
+    gains = gains * np.where(speeds & at_speed[:, None], 1 + settings.encoder_gain * signs[0], 1.0)
+    drift = np.where(at_speed[:, None], settings.offset * uncertainty * signs[1], 0.0)
+    for j, dynamometer in enumerate(case.loop.dynamometers):
+        if dynamometer.torque_sensor is not None:
+            at = sensors.index(dynamometer.torque_sensor)
+            for number, row in enumerate(rows):
+                drift[number, at] += row.zeros[j] * uncertainty[at]
+    share = uncertainty / uncertainties(case, sensors)  # less than 1 where less is tried
+    noise = np.broadcast_to(share * white_noise(case, sensors), shape)
+    count = np.broadcast_to(np.minimum(share, 1.0) * count_angles(case, sensors), shape)
+    slow = round(settings.zero_s / step) if not at_speed.any() else samples
+    return SensorErrors(
+        tuple(sensors), gains, np.zeros(shape), drift, noise.copy(), count.copy(),
+        np.full((2, *shape), NEVER, dtype=np.int64), begun, slow, seed,
     )  # fmt: skip
-    sensors = sensors_on(case, law.sensors, [values for _, values, _ in rows], settings, step, random)
-    batch, size = ControllerBatch(controller, len(rows)), len(rows)
-    at, flanges = (
-        [beds.model.sensors.index(name) for name in law.sensors],
-        [at for at in controller.torque_readings if at >= 0],
-    )
-    about = _operating_readings(case, beds, at)
-    speeds = list(controller.speed_readings)
-    wanted = about[speeds][:, None] + _hold_speeds(case, settings, turning) * np.array([row[2] for row in rows])
-    begun, ended = round(settings.settle / step), round((settings.settle + settings.seconds) / step)
-    held = np.array([torques_of(case.rig)[dynamometer.torque_input] for dynamometer in loop.dynamometers])[:, None]
-    x, pulse = beds.start, _Pulse.of(case, beds.drives, law.known, begun, step, settings, size)
-    emulated, faults = np.full(size, settings.seconds), np.zeros(size, int)
-    first = largest = np.zeros((k, size))
-    for n in range(ended):
-        now, known = pulse.at(n)
-        after, _ = pulse.at(n + 1)
-        true = beds.read(x, now)[at]
-        true[flanges] = beds.lagged(x)
-        readings = sensors.read(true, max(n - begun, 0) / (ended - begun)) + about[:, None]
-        ramp = min(2.0 * n / begun, 1.0)
-        hold = about[speeds][:, None] + ramp * (wanted - about[speeds][:, None]) if n <= begun else wanted
-        mode = SPEED_HOLD if n < begun else EMULATION
-        commands, _, fault = batch.step(readings, known, mode, hold, n)
-        if n >= begun and fault.any():
-            failed = (fault != 0) & (faults == 0)
-            emulated[failed], faults[failed] = (n - begun) * step, fault[failed]
-            if (faults != 0).all():
-                break
-        if n == begun:
-            first = true[speeds].copy()
-        if n >= begun and n % SAMPLES_BETWEEN_CHECKS == 0:
-            largest = np.maximum(largest, np.where(faults == 0, np.abs(true[speeds] - first), 0.0))
-            if not np.isfinite(x).all():
-                raise SimulationError(
-                    "simulation", f"the bed grows out of bounds at {n * step:g} s", "check its parameters"
+
+
+@dataclass(frozen=True)
+class _Played:
+    """What rows did: speeds at the cuts and of the rotors (t, k, b) from the begin of emulation on, until the pulse."""
+
+    motion: Motion
+    at_cuts: np.ndarray
+    rotors: np.ndarray
+    faults: list[str]
+    emulated: np.ndarray
+
+
+WATCHED_S = 0.01  # of speeds, between two that are looked at
+
+
+def _played(
+    case: Case, controller: ExportedController, rows: Sequence[_Row], seed: int, settings: MinuteSettings,
+    uncertainty: np.ndarray | None = None,
+) -> _Played:  # fmt: skip
+    """Rows that are all at rest, or all at speed, under a controller with its supervision."""
+    law, loop, size, k = controller.law, case.loop, len(rows), len(case.loop.dynamometers)
+    step, sensors = law.sample_time, list(law.sensors)
+    begun = max(round(settings.settle / step), 1)
+    samples = begun + round(settings.seconds / step)
+    made, _, at_cuts = with_cut_sensors(case)
+    u = uncertainties(case, sensors) if uncertainty is None else uncertainty
+    errors = _errors(case, sensors, rows, begun, samples - begun, seed, settings, step, u)
+    plant = bed_rows(made, sensors, [row.bed for row in rows], errors)
+    read = [plant.beds.model.sensors.index(one.speed_sensor) for one in loop.dynamometers]
+    about = plant.beds.steady[read]
+    at_speed = rows[0].at_speed
+    above = _hold_speeds(case, settings) * at_speed
+    ramp = np.minimum(2.0 * np.arange(samples) / begun, 1.0)[:, None, None]
+    mode = np.where(np.arange(samples) < begun, SPEED_HOLD, EMULATION).astype(np.int32)
+    hold, added = about + ramp * above, (mode == SPEED_HOLD)[:, None, None] * plant.beds.trim
+    schedule = Schedule(mode, hold, added, np.zeros(samples, np.int32))
+    length = round(settings.pulse / step)
+    start = begun + length if at_speed else max(samples - 6 * length, begun)
+    torques = _pulse(case, plant.inputs, start, length, samples, settings)
+    trim = known_at_operating_point(case)
+    known = {name: torques.get(name, np.zeros(samples)) * (name in loop.measured) + trim.get(name, 0.0)
+             for name in law.known}  # fmt: skip
+    keep = [*at_cuts, *(one.speed_sensor for one in loop.dynamometers)]
+    every = max(round(WATCHED_S / step), 1)
+    rows_of = ControllerRows(controller, schedule, size)
+    found = run(plant, rows_of, torques, known, samples=samples, keep=keep, every=every)
+    first, until = -(-begun // every), -(-(samples if at_speed else start) // every)
+    faults, emulated = [], np.full(size, settings.seconds)
+    for b in range(size):
+        gone, at = bool(found.lost[b]), int(found.fault_at[b])
+        faults.append(FAULTS[int(found.fault[b])] if at >= 0 else "the bed grows out of bounds" if gone else "")
+        if at >= 0:
+            emulated[b] = (at - begun) * step
+        elif gone:
+            emulated[b] = max(int(np.isfinite(found.readings[:, 0, b]).sum()) * every - begun, 0) * step
+    after = found.readings[first : max(until, first + 1)]
+    for b in range(size):  # what a controller that gave up does is no motion of the emulation
+        ends = first + round(emulated[b] / step / every)
+        after[max(ends - first, 1) :, :, b] = np.nan
+    return _Played(found, after[:, :k] - after[:1, :k], after[:, k:] - after[:1, k:], faults, emulated)
+
+
+def _largest(changes: np.ndarray) -> np.ndarray:
+    """Largest magnitude (k, b) of changes (t, k, b), those that are no numbers aside."""
+    return np.abs(np.nan_to_num(changes, nan=0.0)).max(axis=0, initial=0.0)
+
+
+def _run(case: Case, controller: ExportedController, seed: int, settings: MinuteSettings) -> Minutes:
+    runs: list[Minute] = []
+    rows = _rows(case, seed, settings)
+    resting, turning = ([row for row in rows if row.at_speed == fast] for fast in (False, True))
+    cause, cause_is, remedy, interpreted = "", "", None, False
+    for some in (resting, turning):
+        if not some:
+            continue
+        found = _played(case, controller, some, seed, settings)
+        interpreted |= found.motion.interpreted
+        drift, moved = _largest(found.rotors).max(axis=0), _largest(found.at_cuts)
+        allowed = None if some[0].at_speed else _allowed(case, some, settings)
+        for b, row in enumerate(some):
+            if allowed is None:
+                runs.append(Minute(row.where, float(found.emulated[b]), found.faults[b], float(drift[b])))
+                continue
+            at = int((moved[:, b] - allowed[:, b]).argmax())
+            runs.append(
+                Minute(
+                    row.where, float(found.emulated[b]), found.faults[b], float(drift[b]), float(moved[at, b]),
+                    float(allowed[at, b]),
                 )
-        x = beds.advance(x, commands - held, now, after)
-    return Minutes(
-        settings.seconds,
-        tuple(
-            Minute(where, float(time), FAULTS[number] if number else "", float(drift))
-            for (where, _, _), time, number, drift in zip(
-                rows, emulated, faults.tolist(), largest.max(axis=0), strict=True
-            )
-        ),
-    )
+            )  # fmt: skip
+        if allowed is not None and (moved > allowed).any():
+            worst = int((moved - allowed).max(axis=0).argmax())
+            cause, cause_is, remedy = _cause(case, controller, some[worst], allowed[:, [worst]], seed, settings)
+    step = controller.law.sample_time
+    return Minutes(settings.seconds, tuple(runs), "", cause, cause_is, remedy, interpreted, step)
 
 
-def sensors_on(
-    case: Case, names: Sequence[str], values: Sequence[Mapping[str, float]], settings: MinuteSettings, step: float,
-    random: np.random.Generator,
-) -> Sensors:  # fmt: skip
-    """Sensors by name as they stand on beds with these values."""
-    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
-    noise = np.array([by_name[name].uncertainty or NOISE[by_name[name].measures] for name in names])[:, None]
-    counting = np.array([by_name[name].measures == "speed" for name in names])[:, None]
-    signs = random.choice([-1.0, 1.0], (2, len(names), len(values)))
-    gains = np.array([[of_bed.get(f"sensors.{name}.gain", 1.0) for of_bed in values] for name in names])
-    gains = gains * np.where(counting, 1 + settings.encoder_gain * signs[0], 1.0)
-    return Sensors(noise, gains, settings.offset * noise * signs[1], counting, step, random)
+def _allowed(case: Case, rows: Sequence[_Row], settings: MinuteSettings) -> np.ndarray:
+    """rad/s at each cut (k, b) that a bed may move: as the vehicle under flange torques off by their uncertainty."""
+    loop, cuts = case.loop, case.residual_vehicle.interfaces
+    made, _, at_cuts = with_cut_sensors(case)
+    pushes = [Input(f"push_{cut.shaft}", cut.vehicle_end) for cut in cuts]
+    vehicle = replace(made.vehicle, inputs=(*made.vehicle.inputs, *pushes))
+    plant = BedRows(NonlinearBeds([perturbed_system(vehicle, row.bed, made) for row in rows], loop))
+    step = loop["sample_time"]
+    samples = round(settings.seconds / step)
+    by_shaft = {one.follows: j for j, one in enumerate(loop.dynamometers)}
+    u, ratios = _flange_uncertainty(case), _rotor_over_cut(case)
+    rise = np.minimum(np.arange(samples) * step / max(settings.zero_s, step), 1.0)[:, None]
+    torques = {}
+    for cut, push in zip(cuts, pushes, strict=True):
+        j = by_shaft[cut.shaft]
+        torques[push.name] = rise * np.array([abs(ratios[j]) * u[j] * row.zeros[j] for row in rows])
+    every = max(round(WATCHED_S / step), 1)
+    found = run(plant, None, torques, samples=samples, keep=at_cuts, every=every)
+    if found.lost.any():
+        raise SimulationError("simulation", "the motion of the vehicle grows out of bounds", "check its parameters")
+    allowed: np.ndarray = np.abs(found.readings).max(axis=0) + settings.motion
+    return allowed
 
 
-def _operating_readings(case: Case, beds: NonlinearBeds, at: Sequence[int]) -> np.ndarray:
-    """Readings (y,) at the operating point, from which the bed counts."""
-    return beds.steady[list(at), 0]
+def _flange_uncertainty(case: Case) -> np.ndarray:
+    """N·m (k,) of every dynamometer's flange torque; 0 without one, which has no zero."""
+    names = [one.torque_sensor for one in case.loop.dynamometers]
+    return np.array([0.0 if name is None else uncertainties(case, [name])[0] for name in names])
 
 
-def _hold_speeds(case: Case, settings: MinuteSettings, turning: bool) -> float:
+def _rotor_over_cut(case: Case) -> np.ndarray:
+    """Speed of every rotor over that of its cut (k,), which is torque at the cut over torque at the rotor; 1 where no
+    fixed ratio connects them."""
+    ends = {cut.shaft: cut.rig_end for cut in case.residual_vehicle.interfaces}
+    on, fixed = {part.name: part.on for part in case.rig.inputs}, joints(case.rig)
+    made = []
+    for one in case.loop.dynamometers:
+        ratios = speed_ratios(ends[one.follows], fixed)
+        made.append(ratios.get(on[one.torque_input], 1.0))
+    return np.array(made)
+
+
+def _cause(
+    case: Case, controller: ExportedController, row: _Row, allowed: np.ndarray, seed: int, settings: MinuteSettings
+) -> tuple[str, str, float | None]:  # fmt: skip
+    """The uncertainty that moves a bed at rest most, as a key, what it is of, and a value with which the bed stands."""
+    sensors, loop = list(controller.law.sensors), case.loop
+    u = uncertainties(case, sensors)
+    groups = {
+        "speed_sensor": [sensors.index(one.speed_sensor) for one in loop.dynamometers],
+        "torque_sensor": [sensors.index(one.torque_sensor) for one in loop.dynamometers if one.torque_sensor],
+    }
+
+    def moves(factors: np.ndarray) -> float:
+        found = _played(case, controller, [row], seed, settings, u * factors)
+        return float((_largest(found.at_cuts) / allowed).max())
+
+    alone = {}
+    for key, at in groups.items():
+        only = np.zeros(len(sensors))
+        only[at] = 1.0
+        alone[key] = moves(only) if at else 0.0
+    key = max(alone, key=lambda name: alone[name])
+    at, factors = groups[key], np.ones(len(sensors))
+    worst = loop.dynamometers[0]
+    name = f"sensors.{getattr(worst, key)}.uncertainty"
+    for _ in range(settings.halvings):
+        factors[at] /= 2
+        if moves(factors) <= 1:
+            return name, key.removesuffix("_sensor"), float(u[at[0]] * factors[at[0]])
+    return name, key.removesuffix("_sensor"), None
+
+
+def _hold_speeds(case: Case, settings: MinuteSettings) -> float:
     """rad/s above the operating point in the run at speed."""
-    if turning:
+    if case.rig.operating_point is not None:
         return 0.0
     limit = case.limits.get("dynamometer_speed", np.inf)
     return min(settings.speed, settings.speed_share * limit)
 
 
-@dataclass(frozen=True)
-class _Pulse:
-    """A pulse of the manoeuvre's largest torque, and its opposite, right after emulation has begun.
-
-    ``sizes`` are torques that act (d, b), and as the controller knows them (w, b): of nothing, pulse and opposite.
-    """
-
-    sizes: tuple[tuple[np.ndarray, np.ndarray], ...]
-    begun: int
-    count: int
-
-    @classmethod
-    def of(
-        cls, case: Case, drives: Sequence[str], known: Sequence[str], begun: int, step: float,
-        settings: MinuteSettings, beds: int,
-    ) -> _Pulse:  # fmt: skip
-        """At the input of the rig that the manoeuvre drives hardest."""
-        largest = {
-            name: float(np.abs(torque.torque(torque.time())).max())
-            for name, torque in case.manoeuvre.items() if name in drives
-        }  # fmt: skip
-        name = max(largest, key=lambda one: largest[one]) if largest else ""
-        size = settings.pulse_share * largest.get(name, 0.0)
-        acting = np.array([[float(one == name)] * beds for one in drives]).reshape(len(drives), beds)
-        told = np.array([[float(one == name and one in case.loop.measured)] * beds for one in known])
-        told = told.reshape(len(known), beds)
-        sizes = tuple((height * acting, height * told) for height in (0.0, size, -size))
-        return cls(sizes, begun, round(settings.pulse / step))
-
-    def at(self, sample: int) -> tuple[np.ndarray, np.ndarray]:
-        """What acts at a sample, and what the controller knows of it; the same arrays as long as nothing changes."""
-        since = sample - self.begun - self.count
-        return self.sizes[1 if 0 <= since < self.count else 2 if self.count <= since < 2 * self.count else 0]
+def _pulse(
+    case: Case, drives: Sequence[str], start: int, length: int, samples: int, settings: MinuteSettings
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """A pulse (t,) of the manoeuvre's largest torque, and its opposite, where the manoeuvre drives hardest."""
+    largest = {
+        name: float(np.abs(torque.torque(torque.time())).max())
+        for name, torque in case.manoeuvre.items() if name in drives
+    }  # fmt: skip
+    if not largest:
+        return {}
+    name = max(largest, key=lambda one: largest[one])
+    made = np.zeros(samples)
+    made[start : start + length] = settings.pulse_share * largest[name]
+    made[start + length : start + 2 * length] = -settings.pulse_share * largest[name]
+    return {name: made}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,10 +17,10 @@ from matching.match.beds import (
     command_noise,
     counted,
     loop_curves,
+    noise_of_sensors,
     noise_weights,
     offset_figures,
     planned,
-    sensor_noise,
 )
 from matching.match.case import ERROR_SCALES, Case, Move, apply
 from matching.match.damping import damping_ratios, decay_rates, rates, without_resting
@@ -45,6 +45,7 @@ from matching.match.loop import (
 )
 from matching.match.loop_modes import eigenvalue_of, neutral_motions
 from matching.match.opened import CLOSED, OPENED, Opened, openings
+from matching.match.operating_range import at_speed, ends_of
 from matching.match.requirements import Requirements, requirements
 from matching.match.targets import target_modes
 from matching.match.variables import (
@@ -60,6 +61,7 @@ from matching.match.variables import (
     block,
     variables_of,
 )
+from modelling.bed.observer import sensor_noise
 from modelling.errors import NoDesign
 from modelling.linear.resolvent import resolvent
 
@@ -122,9 +124,18 @@ class Point:
     errors: np.ndarray
 
 
+class _Pool(NamedTuple):
+    """Beds of a pool and those of them that are seen; see :class:`SpeedSearch`."""
+
+    positions: np.ndarray
+    opened: dict[int, Opened]
+    shares: dict[int, float]
+    active: tuple[int, ...]
+
+
 @dataclass
-class Search:
-    """Cost of a point on a set of beds, and its relative constraint margins.
+class SpeedSearch:
+    """Cost of a point on a set of beds at one speed, and its relative constraint margins.
 
     Attributes
     ----------
@@ -179,14 +190,9 @@ class Search:
                 self._pool(np.zeros((1, self.positions.shape[1])), self.settings.stable_share, opened)
 
     @property
-    def members(self) -> tuple[Search, ...]:
-        """The searches of every speed: itself alone."""
-        return (self,)
-
-    @property
-    def of_errors(self) -> int:
-        """How many of the margins, the last ones, are errors of the bed as planned."""
-        return OF_ERRORS
+    def beds_seen(self) -> int:
+        """How many beds the search sees."""
+        return len(self.active)
 
     # points
 
@@ -224,7 +230,7 @@ class Search:
 
         def made() -> Hardware:
             case = apply(self.case, values)
-            noise = sensor_noise(case, case.loop.controller_sensors)
+            noise = noise_of_sensors(case, case.loop.controller_sensors)
             drawn = [case.uncertainty.at(position) for position in self.positions[1 : self.settings.drawn + 1]]
             frequencies = np.geomspace(*case.band, BED_POINTS)
             beds = responses_of(case, beds_of(case, drawn), drawn, frequencies, self._vehicle)
@@ -289,6 +295,15 @@ class Search:
         if opened != CLOSED:
             self.opened |= dict.fromkeys(added, opened)
         return added
+
+    def with_opened(self, way: _Pool | None = None) -> _Pool:
+        """The beds of the pool now; with ``way`` those of a pool before are seen again."""
+        now = _Pool(self.positions, dict(self.opened), dict(self.shares), self.active)
+        if way is not None:
+            self.positions, self.active = way.positions, way.active
+            self.opened, self.shares = dict(way.opened), dict(way.shares)
+            self.forget()
+        return now
 
     def leave_out_opened(self) -> None:
         """Have the search see no more beds with opened cut shafts."""
@@ -547,7 +562,7 @@ class Search:
 # --- First derivatives with respect to the controller's matrices, worked backwards from the figures.
 
 
-def backward(search: Search, at: Point, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def backward(search: SpeedSearch, at: Point, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the cost (v,) and of every requirement (r, v) by v variables.
 
     Parameters
@@ -621,7 +636,7 @@ def error_pull(
     return np.concatenate([of_readings, of_known], axis=2)
 
 
-def _damping_rows(search: Search, at: Point, change: np.ndarray) -> list[np.ndarray]:
+def _damping_rows(search: SpeedSearch, at: Point, change: np.ndarray) -> list[np.ndarray]:
     """Of the damping of the active beds, of own poles, and of limits of the manoeuvre, which no controller moves."""
     step, controller, beds = at.controller.sample_time, at.controller, at.active
     poles = without_resting(at.poles, search.neutral)
@@ -699,7 +714,7 @@ def _products(left: np.ndarray, change: np.ndarray, right: np.ndarray) -> np.nda
 
 
 def _loop_rows(
-    search: Search, at: Point, change: np.ndarray, sides: tuple[np.ndarray, np.ndarray],
+    search: SpeedSearch, at: Point, change: np.ndarray, sides: tuple[np.ndarray, np.ndarray],
     of_margin: tuple[np.ndarray, np.ndarray],
 ) -> list[np.ndarray]:  # fmt: skip
     """Of command noise, roll-off, margin and targets; a singular value changes by uᴴ·dM·v.
@@ -747,7 +762,7 @@ def _loop_rows(
     ]  # fmt: skip
 
 
-def _target_rows(search: Search, at: Point, change: np.ndarray) -> np.ndarray:
+def _target_rows(search: SpeedSearch, at: Point, change: np.ndarray) -> np.ndarray:
     rows, step = [], at.controller.sample_time
     _, numbers = search.target_margins(at)
     own = search.case.loop.structure.has_feed_forward
@@ -765,6 +780,135 @@ def _target_rows(search: Search, at: Point, change: np.ndarray) -> np.ndarray:
     return np.concatenate(rows) if rows else np.zeros((0, len(change)))
 
 
+class Search:
+    """Searches of one case at its speeds, as one: mean of their costs, all of their requirements.
+
+    Parameters
+    ----------
+    members : sequence of SpeedSearch
+        With the same variables, one of each speed; a plain case has one. The first one, at the operating point of the
+        case, gives targets and drawn beds.
+    of : callable
+        The same search of another case.
+    """
+
+    def __init__(self, members: Sequence[SpeedSearch], of: Callable[[Case], Search]):
+        self.members, self._of = tuple(members), of
+        first = self.members[0]
+        self.case, self.required, self.settings = first.case, first.required, first.settings
+        self.variables = first.variables
+        self.begin, self.values, self.bounds = first.begin, first.values, first.bounds
+        self.controller, self.hardware, self.names = first.controller, first.hardware, first.names
+        self.known: dict[tuple[float, ...], Evaluation] = {}
+
+    def with_less_noise(self, factor: float) -> Search:
+        """The same search, every sensor of the controller with so many times less noise; for 1 the search itself."""
+        if factor == 1:
+            return self
+        case, read = self.case, set(self.case.loop.controller_sensors)
+        sensors = tuple(
+            replace(one, uncertainty=sensor_noise(one, case.loop["sample_time"]) / factor, counts=None)
+            if one.name in read else one
+            for one in case.rig.sensors
+        )  # fmt: skip
+        quiet = self._of(replace(case, rig=replace(case.rig, sensors=sensors)))
+        quiet.free = self.free
+        return quiet
+
+    @property
+    def of_errors(self) -> int:
+        """How many of the margins, the last ones, are errors of the bed as planned."""
+        return OF_ERRORS * len(self.members)
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which variables (m,) move now."""
+        return self.members[0].free
+
+    @free.setter
+    def free(self, which: np.ndarray) -> None:
+        for one in self.members:
+            one.free = which
+
+    @property
+    def beds_seen(self) -> int:
+        """How many beds the search sees, over all speeds."""
+        return sum(len(one.active) for one in self.members)
+
+    def see_planned_beds(self) -> None:
+        """Have the search see no other beds than those as planned."""
+        for one in self.members:
+            one.active = (0,)
+
+    @property
+    def sees_opened(self) -> bool:
+        """Whether beds with opened cut shafts have to stay stable."""
+        return any(one.opened for one in self.members)
+
+    @property
+    def failures(self) -> Counter[str]:
+        """Settings without a controller at one of the speeds, by the reason."""
+        return sum((one.failures for one in self.members), Counter[str]())
+
+    def leave_out_opened(self) -> list[_Pool]:
+        """See :meth:`SpeedSearch.leave_out_opened`; with the answer :meth:`see_again` takes it back."""
+        before = [one.with_opened() for one in self.members]
+        self._all("leave_out_opened")
+        return before
+
+    def see_again(self, pools: Sequence[_Pool]) -> list[_Pool]:
+        """Have the search see the beds of other pools; the pools that it saw."""
+        now = [one.with_opened(pool) for one, pool in zip(self.members, pools, strict=True)]
+        self.known.clear()
+        return now
+
+    def activate(self, x: np.ndarray) -> None:
+        """See :meth:`SpeedSearch.activate`."""
+        self._all("activate", x)
+
+    def forget(self) -> None:
+        """See :meth:`SpeedSearch.forget`."""
+        self._all("forget")
+
+    def _all(self, method: str, *arguments: Any) -> None:
+        for one in self.members:
+            getattr(one, method)(*arguments)
+        self.known.clear()
+
+    @property
+    def best(self) -> np.ndarray:
+        """The best point (m,) that was judged since the beds to be seen were chosen."""
+        return np.array(min(self.known, key=lambda key: self.known[key].penalised_cost))
+
+    def judged(self, x: np.ndarray) -> Evaluation:
+        """Cost and requirements at a point (m,): damping at every speed, what else is asked there, errors."""
+        key = tuple(x.tolist())
+        if key not in self.known:
+            each = [one.judged(x) for one in self.members]
+            least = self._ordered([one.least_margins for one in each])
+            errors = np.min([one.least_margins[-OF_ERRORS:] for one in each], axis=0)
+            self.known[key] = Evaluation(
+                float(np.mean([one.cost for one in each])), self._ordered([one.margins for one in each]),
+                np.concatenate([least[: -self.of_errors], errors]), self.settings.penalty,
+                self.settings.error_penalty, max(one.unstable for one in each),
+            )  # fmt: skip
+        return self.known[key]
+
+    def slopes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :meth:`SpeedSearch.slopes`."""
+        each = [one.slopes(x) for one in self.members]
+        return np.mean([cost for cost, _ in each], axis=0), self._ordered([rows for _, rows in each])
+
+    def _ordered(self, each: Sequence[np.ndarray]) -> np.ndarray:
+        """Requirements (r, …) of every speed in the order of one search: damping, the rest, errors."""
+        counts = [len(one.active) for one in self.members]
+        return np.concatenate([
+            *(rows[:count] for rows, count in zip(each, counts, strict=True)),
+            *(rows[count:-OF_ERRORS] for rows, count in zip(each, counts, strict=True)),
+            *(rows[-OF_ERRORS:] for rows in each),
+        ])  # fmt: skip
+
+
 def search_for(
     case: Case,
     moves: Sequence[Move],
@@ -772,7 +916,7 @@ def search_for(
     asked: Demands,
     settings: SearchSettings | None = None,
 ) -> Search:
-    """The search over beds from the case's box: spread evenly, the same whenever the case is matched.
+    """The search at the case's speeds over beds from its box: spread evenly, the same whenever the case is matched.
 
     Parameters
     ----------
@@ -782,7 +926,17 @@ def search_for(
         Of the target modes' energy that each of them holds, by name.
     """
     settings = settings or SearchSettings()
+    speeds = [] if case.operating_range is None else [at_speed(case, speed) for speed in ends_of(case)]
+    return Search(
+        [_at_one_speed(one, moves, shares, asked, settings) for one in (case, *speeds)],
+        lambda other: search_for(other, moves, shares, asked, settings),
+    )
+
+
+def _at_one_speed(
+    case: Case, moves: Sequence[Move], shares: Mapping[str, float], asked: Demands, settings: SearchSettings
+) -> SpeedSearch:
     variables = variables_of(case, moves, shares)
     spread = case.uncertainty.spread(max(settings.drawn, settings.pool))
     positions = np.vstack([np.zeros((1, spread.shape[1])), spread])
-    return Search(case, variables, requirements(case), asked, settings, positions, np.ones(len(variables), bool))
+    return SpeedSearch(case, variables, requirements(case), asked, settings, positions, np.ones(len(variables), bool))

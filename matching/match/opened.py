@@ -46,7 +46,6 @@ class Opened:
 
 
 CLOSED = Opened()
-WAIVED = "; if these shafts have no play, limits.opened_shafts = false waives this"  # said where play limits a match
 
 
 def openings(case: Case) -> tuple[Opened, ...]:

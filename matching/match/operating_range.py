@@ -14,7 +14,7 @@ from matching.match.loop import linear_bed
 from matching.match.requirements import requirements
 from modelling.bed.bed import Loop
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
-from modelling.bed.profile import driven_along, read_driver, read_speed_profile
+from modelling.bed.profile import DrivenTorques, read_driver, read_speed_profile
 from modelling.bed.stepped import SteppedLaw, stepped_law
 from modelling.bed.vehicle import ResidualVehicle, cut
 from modelling.errors import InputError, unknown
@@ -145,22 +145,24 @@ def _drive(
             f"{place}.vehicle_speed", f"{speed:g} m/s is not in the range", f"{low:g} … {about.highest:g} m/s is needed"
         )
     folder, brakes = Path(where).parent, vehicle.brakes
-    torques: dict[str, Manoeuvre] = {}
+    given = {
+        name: read_manoeuvre(entry[name], name, f"{place}.{name}", folder) for name in known if name in entry
+    }  # fmt: skip
+    torques: Mapping[str, Manoeuvre] = given
     if "profile" in entry:
         profile = read_speed_profile(entry["profile"], folder, place)
         speed = to_si(entry.get("vehicle_speed", float(profile.speed[0])), "m/s", f"{place}.vehicle_speed")
         begin = at_vehicle_speed(vehicle, rig, about, speed)
         driver = read_driver(entry.get("driver"), [name for name in known if name not in brakes], brakes, place)
         turning = speeds_of(at_vehicle_speed(vehicle, rig, about, about.highest)) if driver.brakes else {}
-        torques |= driven_along(profile, driver, begin, loop, about.bodies, about.rolling_radius, turning)
-    for name in known:
-        if name in entry:
-            torques[name] = read_manoeuvre(entry[name], name, f"{place}.{name}", folder)
+        torques = DrivenTorques(
+            profile, driver, begin, loop, about.bodies, about.rolling_radius, turning, given
+        )  # fmt: skip
     if not torques:
         right = 'write motor_torque = { kind = "drive_away", amplitude = 100 }, or profile = "speed.csv"'
         raise InputError(place, "names no torque", right)
     for name in brakes:
-        if name in torques and (least := torques[name].smallest) < 0:
+        if name in given and (least := given[name].smallest) < 0:
             raise InputError(f"{place}.{name}", f"reaches {least:g} N·m", "a brake's torque is 0 or more")
     return Drive(str(entry.get("title", f"drive {number}")), speed, torques)
 

@@ -12,7 +12,7 @@ from matching.match.case import Case, Move, unscaled
 from matching.match.demands import Demands, ExceededLimit, demands, rig_values
 from matching.match.requirements import TORQUE_OVER_SPEED
 from matching.match.result import TargetResult
-from matching.match.targets import counterparts, released_moves, shares_of, target_modes
+from matching.match.targets import on_rig, released_moves, shares_of, target_modes
 from matching.match.verify import Traces, Verification
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
@@ -37,7 +37,7 @@ class MatchProblem:
     targets : list of (Mode, Mode)
         Each target mode of the vehicle, undamped and damped.
     on_rig : sequence of Mode or None
-        The rig's mode that corresponds to each.
+        The mode of the rig without control that corresponds to each.
     shares : dict of str to float
         Largest share of each move in the energy of a target mode, by name.
     demands : Demands
@@ -62,13 +62,13 @@ class MatchProblem:
 
 def problem_of(case: Case) -> MatchProblem:
     """Work out targets, weights, demands and what is released."""
-    on_rig, asked = counterparts(case), demands(case)
-    shares = shares_of(case, modes(case.vehicle), on_rig)
+    rig_modes, asked = on_rig(case), demands(case)
+    shares = shares_of(case, modes(case.vehicle), rig_modes)
     moving = released_moves(case, shares)
     released = needed_to_keep(case, moving, asked)
     moves = tuple(move for move in case.moves if move in moving or move.name in released)
     return MatchProblem(
-        case, target_modes(case), on_rig,
+        case, target_modes(case), rig_modes,
         dict(zip((move.name for move in case.moves), shares.tolist(), strict=True)), asked, moves, released,
         infeasible_limits(case, moves, asked),
     )  # fmt: skip

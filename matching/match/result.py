@@ -9,7 +9,9 @@ from typing import Any
 
 from matching.match.case import Case
 from matching.match.driving import Driving
-from matching.match.in_time import InTime, OpenLash, simulate_deviations
+from matching.match.findings import Finding
+from matching.match.free_play import OpenLash
+from matching.match.in_time import InTime, simulate_deviations
 from matching.match.loop import linear_bed
 from matching.match.loop_modes import LoopMode
 from matching.match.minutes import Minutes
@@ -163,17 +165,46 @@ class Contribution:
 
 
 @dataclass(frozen=True)
+class Remedy:
+    """A single change of a case that was solved, judged and matched.
+
+    Attributes
+    ----------
+    change : mapping
+        Key of the case, or ``rig: key`` of its rig file, with what is to be written there, SI.
+    words : str
+        The change in words.
+    factor : float
+        How far it goes: the larger of new over old and old over new, 1 for a requirement that is waived or a sensor
+        that is added.
+    measured, unmeasured : float
+        Response errors with it.
+    """
+
+    change: Mapping[str, Any]
+    words: str
+    factor: float
+    measured: float
+    unmeasured: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``result.json`` holds it."""
+        return {**vars(self), "change": dict(self.change)}
+
+
+@dataclass(frozen=True)
 class MatchResult(Displayed):
     """A match: what was asked, what was tuned, how well it does, and how that was checked.
 
     Attributes
     ----------
-    status : str
-        ``matched`` or ``limited``.
-    limits : tuple of str
-        What stands in the way, most binding first.
-    notes : tuple of str
-        What the user should know in addition.
+    findings : tuple of Finding
+        What stands in the way, most binding first, then what is to be known of drawn beds.
+    remarks : tuple of str
+        What else the user should know.
+    remedies : tuple of Remedy
+        Single changes of the case with which it was matched, the smallest first; see
+        :mod:`matching.match.remedies`.
     case, tuned : Case
         As asked and with the tuned values.
     vehicle_modes, rig_modes : tuple of Mode
@@ -201,9 +232,8 @@ class MatchResult(Displayed):
         What ``in_time`` is, where it was worked out during the verification; None where only on request.
     """
 
-    status: str
-    limits: tuple[str, ...]
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    remarks: tuple[str, ...]
     case: Case
     tuned: Case
     vehicle_modes: tuple[Mode, ...]
@@ -225,6 +255,26 @@ class MatchResult(Displayed):
     lash: OpenLash | None = None
     driving: Driving | None = None
     simulated_in_time: InTime | None = field(default=None, repr=False)
+    remedies: tuple[Remedy, ...] = ()
+
+    @property
+    def status(self) -> str:
+        """``matched``, or ``limited`` where a finding stands in the way."""
+        return "limited" if self.limits else "matched"
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What stands in the way, in sentences, most binding first."""
+        return tuple(one.sentence() for one in self.findings if one.limits)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know in addition, in sentences."""
+        return (*self.remarks, *(one.sentence() for one in self.findings if not one.limits))
+
+    def limited_by(self, cause: str) -> bool:
+        """Whether a cause (:data:`matching.match.findings.CAUSES`) stands in the way."""
+        return any(one.cause == cause and one.limits for one in self.findings)
 
     @property
     def robust(self) -> Verification | None:
@@ -249,6 +299,8 @@ class MatchResult(Displayed):
             "status": self.status,
             "limits": list(self.limits),
             "notes": list(self.notes),
+            "findings": [one.to_dict() for one in self.findings],
+            "remedies": [one.to_dict() for one in self.remedies],
             "title": self.case.title,
             "structure": self.case.loop.structure.name,
             "vehicle": {"modes": [mode.to_dict() for mode in self.vehicle_modes]},
@@ -284,7 +336,6 @@ def _of_beds(checked: Verification) -> dict[str, Any]:
     loop, required = checked.loop, checked.required
     return {
         **({} if checked.beds is None else {"beds": checked.beds.to_dict()}),
-        "passivity": None if checked.passivity is None else checked.passivity.to_dict(),
         "command_noise": dict(loop.command_noise),
         "unexpected_torque_of_offsets": dict(loop.unexpected_torque),
         "margin": {

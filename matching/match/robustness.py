@@ -1,13 +1,16 @@
-"""What beds and loop of a match do not keep: sentences that limit it, and sentences that are only noted."""
+"""What beds and loop of a match do not keep: what limits it, and what is only noted."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case
-from matching.match.in_time import OpenLash
-from matching.match.opened import WAIVED
+from matching.match.findings import Finding
+from matching.match.free_play import OpenLash
 from matching.match.verify import Verification
 
 
@@ -17,8 +20,8 @@ def of_beds(robust: Verification) -> BedsCheck:
     return robust.beds
 
 
-def not_kept(case: Case, robust: Verification, play: OpenLash | None = None) -> list[str]:
-    """Sentences on what makes a match limited; the requirements are the same for every control structure.
+def not_kept(case: Case, robust: Verification, play: OpenLash | None = None) -> list[Finding]:
+    """What makes a match limited; the requirements are the same for every control structure.
 
     ``play`` is what beds with free play do in time, None where it was not simulated: then a bed that is not stable with
     softer cut shafts counts as one that may swing on.
@@ -29,75 +32,88 @@ def not_kept(case: Case, robust: Verification, play: OpenLash | None = None) -> 
         *_error("unmeasured torques", robust.errors.unmeasured, case.unmeasured_tolerance),
         *_damped_too_little(robust),
         *_slow_feed_forward(robust),
-        *_unstable_worst_bed(robust),
+        *_worst_bed(robust, stable=False),
         *_loop(robust),
-        *(_swings_on(robust, play) if robust.required.opened_shafts else []),
+        *(_free_play(robust, play) if robust.required.opened_shafts else []),
     ]
 
 
-def noted(case: Case, robust: Verification, play: OpenLash | None = None) -> list[str]:
-    """Sentences on what does not limit a match: errors of drawn beds, a worst bed that is damped too little, free play
-    that does not swing on in time."""
-    sentences, beds = [], of_beds(robust)
+@dataclass(frozen=True)
+class DrawnBedsSettings:
+    """When drawn beds are worth a sentence though they limit nothing.
+
+    Attributes
+    ----------
+    few : float
+        Share of the drawn beds beyond an error that is asked of the bed as planned, up to which nothing is said: one
+        bed in twenty.
+    """
+
+    few: float = 0.05
+
+
+DRAWN_BEDS = DrawnBedsSettings()
+
+
+def noted(case: Case, robust: Verification, play: OpenLash | None = None) -> list[Finding]:
+    """What does not limit a match: errors of drawn beds, a worst bed that is damped too little, free play that does not
+    swing on in time."""
+    found, beds = [], of_beds(robust)
     for what, errors, allowed in (
-        ("measured", beds.measured, case.tolerance), ("unmeasured", beds.unmeasured, case.unmeasured_tolerance),
-    ):  # fmt: skip
-        median = quantile(errors, 0.5)
-        if median is not None and median > allowed:
-            sentences.append(
-                f"half of the drawn beds have a response error to {what} torques of {median:.3f} or more, {allowed:g} "
-                "is allowed of the bed as planned"
-            )
-    worst = beds.worst
-    if worst is not None and worst.mode is not None and 0 < worst.damping_ratio < worst.mode.asked:
-        sentences.append(
-            f"the worst bed within [uncertainty] is stable; its mode at {worst.mode.words()} has a damping ratio of "
-            f"{worst.damping_ratio:.4f}, {100 * worst.damping_ratio / worst.mode.asked:.0f} % of the "
-            f"{worst.mode.asked:.4f} that this mode needs on drawn beds; it depends most on {', '.join(worst.named)}"
-        )
+        ("measured torques", beds.measured, case.tolerance),
+        ("unmeasured torques", beds.unmeasured, case.unmeasured_tolerance),
+    ):
+        beyond = beds.drawn - int(np.searchsorted(errors, allowed, side="right"))
+        most = quantile(errors, 0.95)
+        if most is not None and beyond > DRAWN_BEDS.few * beds.drawn:
+            found.append(Finding("beds_error", most, allowed, where=what, beds=(beyond, beds.drawn), limits=False))
+    found += _worst_bed(robust, stable=True)
     if not robust.required.opened_shafts:
-        sentences += _swings_on(robust, play) if case.loop.structure.is_observer or play is not None else []
-    elif play is not None and not play.limit_cycles:
-        sentences += [f"{softer}; in time {play.words()}" for softer in _opened(robust)]
-    return sentences
+        if case.loop.structure.is_observer or play is not None:
+            found += [replace(one, limits=False) for one in _free_play(robust, play)]
+    elif play is not None and not play.limit_cycles and _opened(robust):
+        found.append(replace(_played(robust, play), limits=False))
+    return found
 
 
-def _unstable(robust: Verification) -> list[str]:
+def _unstable(robust: Verification) -> list[Finding]:
     beds = of_beds(robust)
     if beds.stable == beds.drawn:
         return []
-    return [f"{beds.drawn - beds.stable} of {beds.drawn} beds drawn within [uncertainty] are not stable"]
+    return [Finding("beds_not_stable", beds=(beds.drawn - beds.stable, beds.drawn))]
 
 
-def _damped_too_little(robust: Verification) -> list[str]:
-    """A sentence for every mode that is damped too little on stable beds: where, whose, on how many."""
+def _damped_too_little(robust: Verification) -> list[Finding]:
+    """Every mode that is damped too little on stable beds: where, whose, on how many."""
     beds = of_beds(robust)
     return [
-        f"{fault.beds} of {beds.drawn} beds drawn within [uncertainty] damp the mode at {fault.mode.words()} too "
-        f"little: its damping ratio is {fault.mode.damping_ratio:.4f} at worst, {fault.mode.asked:.4f} is asked of it"
+        Finding(
+            "beds_damping", fault.mode.damping_ratio, fault.mode.asked, where=fault.mode.words(),
+            beds=(fault.beds, beds.drawn),
+        )
         for fault in beds.faults
-    ]
+    ]  # fmt: skip
 
 
-def _slow_feed_forward(robust: Verification) -> list[str]:
+def _slow_feed_forward(robust: Verification) -> list[Finding]:
     """That the model which runs on known torques rings on longer than the vehicle; it is the same on every bed."""
     slowest, asked = robust.slowest_own, robust.required.decay_rate
     if slowest is None or slowest.rate >= asked:
         return []
-    return [
-        f"the controller's model that runs on known torques has a mode at {slowest.frequency:.3g} Hz that decays with "
-        f"{slowest.rate:.3g} 1/s, {asked:.3g} 1/s is asked of it; it is the same on every bed"
-    ]
+    return [Finding("slow_feed_forward", slowest.rate, asked, "1/s", f"{slowest.frequency:.3g} Hz")]
 
 
-def _unstable_worst_bed(robust: Verification) -> list[str]:
+def _worst_bed(robust: Verification, *, stable: bool) -> list[Finding]:
+    """The worst bed of the box where it is not stable, or is stable and damped too little."""
     worst = of_beds(robust).worst
-    if worst is None or worst.damping_ratio > 0:
+    if worst is None:
         return []
-    return [
-        f"the worst bed within [uncertainty] is not stable (damping ratio {worst.damping_ratio:.4f}); it depends most "
-        f"on {', '.join(worst.named)}"
-    ]
+    data, mode = {"depends_on": ", ".join(worst.named)}, worst.mode
+    if not stable:
+        return [Finding("worst_bed", worst.damping_ratio, data=data)] if worst.damping_ratio <= 0 else []
+    if mode is None or not 0 < worst.damping_ratio < mode.asked:
+        return []
+    return [Finding("worst_bed", worst.damping_ratio, mode.asked, where=mode.words(), limits=False, data=data)]
 
 
 # Whether free play makes a bed swing on is decided in time, on nonlinear beds with play. That the bed as planned is
@@ -106,22 +122,21 @@ def _unstable_worst_bed(robust: Verification) -> list[str]:
 # sufficient, since drawn beds have other shares, and a command at its limit of torque is less gain than the share says.
 
 
-def swings_on(robust: Verification, play: OpenLash | None) -> bool:
-    """Whether free play limits a match."""
-    return robust.required.opened_shafts and bool(_swings_on(robust, play))
-
-
-def _swings_on(robust: Verification, play: OpenLash | None) -> list[str]:
+def _free_play(robust: Verification, play: OpenLash | None) -> list[Finding]:
     """That free play in the cut shafts makes beds swing on; that it may, where it was not simulated."""
-    waived = WAIVED if robust.required.opened_shafts else ""
-    softer = _opened(robust)
     if play is None:
-        return [
-            f"{each}, as free play that opens lets a shaft appear: it may swing on there{waived}" for each in softer
-        ]
-    if not play.limit_cycles:
-        return []
-    return [f"{play.words()}{''.join(f'; {each}' for each in softer)}{waived}"]
+        return [_played(robust, play)] if _opened(robust) else []
+    return [_played(robust, play)] if play.limit_cycles else []
+
+
+def _played(robust: Verification, play: OpenLash | None) -> Finding:
+    asked, softer = robust.required.opened_shafts, "; ".join(_opened(robust))
+    if play is None:
+        return Finding("free_play", data={"in_time": False, "not_stable": softer, "asked": asked})
+    return Finding(
+        "free_play", play.largest_swing, play.vehicle_swing, "N·m", beds=(play.limit_cycles, play.drawn),
+        data={"in_time": True, "not_stable": softer, "asked": asked, "words": play.words()},
+    )  # fmt: skip
 
 
 def _opened(robust: Verification) -> list[str]:
@@ -139,33 +154,26 @@ def _opened(robust: Verification) -> list[str]:
     return []
 
 
-def _error(what: str, value: float | None, allowed: float) -> list[str]:
+def _error(what: str, value: float | None, allowed: float) -> list[Finding]:
     if value is None or value <= allowed:
         return []
-    return [f"the response error to {what} is {value:.3f}, {allowed:g} is allowed"]
+    return [Finding("response_error", value, allowed, where=what)]
 
 
-def _loop(robust: Verification) -> list[str]:
-    """Roll-off and noise."""
+def _loop(robust: Verification) -> list[Finding]:
+    """Roll-off, noise and offsets."""
     loop, required = robust.loop, robust.required
-    sentences = []
+    found = []
     if loop.largest_rolled_off > required.rolled_off:
-        sentences.append(
-            f"the loop has not rolled off at {required.rolled_off_from:g} Hz: |T| is {loop.largest_rolled_off:.2f} "
-            f"there, {required.rolled_off:g} is allowed"
-        )
-    if worst := _worst_share(loop.command_noise, required.command_noise):
-        name, noise, allowed = worst
-        sentences.append(
-            f"sensor noise makes {noise:.1f} N·m rms of command at dynamometer {name}, {allowed:g} N·m is allowed"
-        )
-    if worst := _worst_share(loop.unexpected_torque, required.sensor_offset):
-        name, torque, allowed = worst
-        sentences.append(
-            f"a minute after every sensor is off by its uncertainty, the flange torque of dynamometer {name} is "
-            f"{torque:.1f} N·m from what the observer expects, {allowed:g} N·m is allowed"
-        )
-    return sentences
+        where = f"{required.rolled_off_from:g} Hz"
+        found.append(Finding("roll_off", loop.largest_rolled_off, required.rolled_off, where=where))
+    for cause, figures, allowed in (
+        ("command_noise", loop.command_noise, required.command_noise),
+        ("sensor_offset", loop.unexpected_torque, required.sensor_offset),
+    ):
+        if worst := _worst_share(figures, allowed):
+            found.append(Finding(cause, worst[1], worst[2], "N·m", worst[0]))
+    return found
 
 
 def _worst_share(figures: Mapping[str, float], allowed: Sequence[float]) -> tuple[str, float, float] | None:

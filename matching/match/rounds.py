@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from matching.match.objective import OF_ERRORS, Evaluation, Search
+from matching.match.objective import OF_ERRORS, Evaluation, Search, SpeedSearch
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ def within_errors(search: Search, end: SearchEnd) -> bool:
     return bool(end.judged.least_margins[-OF_ERRORS:].min() >= search.settings.kept)
 
 
-def misses(search: Search, end: SearchEnd) -> bool:
+def misses(search: Search | SpeedSearch, end: SearchEnd) -> bool:
     """Whether a robustness requirement is missed by more than the reserve by which the search draws it in."""
     margins = end.judged.least_margins[:-OF_ERRORS]
     reserves = np.full(len(margins), search.settings.reserve)
-    reserves[: len(search.active)] = search.settings.damping_reserve
+    reserves[: search.beds_seen] = search.settings.damping_reserve
     return bool((margins < -reserves).any())
 
 
@@ -86,7 +86,7 @@ def _improve(search: Search, begin: np.ndarray, within: tuple[np.ndarray, np.nda
     count, settings = 0, search.settings
     moving = np.flatnonzero(search.free)
     room = search.judged(begin).margins
-    of_damping = np.arange(len(room)) < len(search.active)
+    of_damping = np.arange(len(room)) < search.beds_seen
     of_errors = np.arange(len(room)) >= len(room) - search.of_errors
     robust = bool(room[~of_errors].min(initial=np.inf) >= settings.kept)
     kinds = (

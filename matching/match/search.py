@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from matching.match.damping import stable_loops
 from matching.match.loop import bed_of, closed_poles, side_by_side
-from matching.match.objective import Search
+from matching.match.objective import OF_ERRORS, Search, SpeedSearch
 from matching.match.opened import OPENED
 from matching.match.rounds import SearchEnd, end_at, judged_again, keeps_all, misses, rounds, within_errors
 from matching.match.variables import CONTROLLER
@@ -41,6 +42,8 @@ class Found:
         The best end of a feedback law's gains alone.
     failures : mapping of str to int
         Settings that were tried and have no controller, by the reason.
+    play : BothWays or None
+        Where beds with free play cost the errors of a controller: both ways.
     """
 
     values: dict[str, float]
@@ -50,6 +53,7 @@ class Found:
     keeps_all: bool
     gains_alone: SearchEnd | None = None
     failures: Mapping[str, int] = field(default_factory=dict)
+    play: BothWays | None = None
 
 
 def solve(
@@ -63,7 +67,8 @@ def solve(
     weights alone come near the end. The cost of a feedback law has several valleys: its gains are tuned alone from
     several starts, then everything from the best end, and from the case's own gains where no end keeps every
     requirement. No answer is worse than the case as given.
-    With ``begins``, values by name (SI), it begins at these instead.
+    With ``begins``, values by name (SI), an observer's search begins at these first, that of a feedback law at these
+    alone.
     """
     settings, of_observer = search.settings, search.case.loop.tunes_observer
     given = end_at(search, search.begin())
@@ -72,10 +77,11 @@ def solve(
     search.free = of_controller if of_observer else everything
     begin_at = [search.begin(values) for values in begins]
     ends, gains = _from_starts(search, begin_at)
-    if search.opened and misses(search, ends[0]):
-        # no controller was found that keeps them: what is delivered is the best one without them
-        search.leave_out_opened()
-        ends, gains = _from_starts(search, begin_at)
+    play = None
+    if search.sees_opened and not _holds(search, ends[0]):
+        ends = [*_from_less_noise(search, begin_at), *ends]
+        if not _holds(search, ends[0]):
+            ends, play = _both_ways(search, ends, begin_at)
     tell("controller")
     left = settings.most_steps - sum(end.steps for end in ends)
     alone = best = _with_scenarios(search, ends[0], left, 1 if of_observer else settings.joint_rounds)
@@ -99,8 +105,89 @@ def solve(
     best = min(zip(stable, ends_now, strict=True), key=lambda one: (not one[0], one[1].penalised_cost))[1]
     return Found(
         search.values(best.x), best, tuple(end.judged.cost for end in ends), alone,
-        keeps_all(search, best), gains, dict(search.failures),
+        keeps_all(search, best), gains, dict(search.failures), play,
     )  # fmt: skip
+
+
+class BothWays(NamedTuple):
+    """Values by name, SI, of the best controller that keeps beds with free play at rest, and of the best one without.
+
+    ``kept`` is None where no controller was found that keeps them.
+    """
+
+    kept: dict[str, float] | None
+    without: dict[str, float]
+
+
+def _both_ways(
+    search: Search, kept: list[SearchEnd], begins: list[np.ndarray]
+) -> tuple[list[SearchEnd], BothWays | None]:  # fmt: skip
+    """Where free play stands in the way of the errors: ends with and without beds that free play opens.
+
+    Each way is begun at the end of the other one, so that the easier requirement never ends worse. What is delivered
+    keeps the play, unless no controller does, or the errors without it are smaller by more than it is worth.
+    """
+    pools = search.leave_out_opened()
+    without = [_followed(search, kept[0].x)]
+    if not _is_good(search, without[0]):
+        without += _from_starts(search, begins)[0]
+    without = _best_first(search, without)
+    unseen = search.see_again(pools)
+    kept = _best_first(search, [*kept, _followed(search, without[0].x)])
+    holds = not misses(search, kept[0])
+    missed = _error_missed(kept[0]) if holds else np.inf
+    if missed == 0:
+        return kept, None
+    ways = BothWays(search.values(kept[0].x) if holds else None, search.values(without[0].x))
+    if (1 + missed) <= (1 + search.settings.play_is_worth) * (1 + _error_missed(without[0])):
+        return kept, ways
+    search.see_again(unseen)
+    return without, ways
+
+
+def _holds(search: Search, end: SearchEnd) -> bool:
+    """Whether no requirement is missed, the errors included."""
+    return not misses(search, end) and within_errors(search, end)
+
+
+def _from_less_noise(search: Search, begins: list[np.ndarray]) -> list[SearchEnd]:
+    """An end that keeps beds with free play, reached by homotopy in the noise of the sensors; none where it is not.
+
+    The valley of controllers that keep them is wide where sensors are accurate and narrows with their noise. A search
+    from afar misses it; one that begins in it, and goes on with more noise step by step, stays in it. So more accurate
+    sensors never make an answer worse.
+    """
+    factor, settings = search.settings.less_noise, search.settings
+    quiet = search.with_less_noise(factor)
+    end = _from_starts(quiet, begins)[0][0]
+    while _holds(quiet, end):
+        if factor == 1:
+            return [end]
+        factor = max(1.0, factor / settings.noise_step)
+        quiet = search.with_less_noise(factor)
+        end = _followed(quiet, end.x)
+    return []
+
+
+def _followed(search: Search, x: np.ndarray) -> SearchEnd:
+    """Where a search of an observer from a point (m,) ends, begun with the beds as planned alone."""
+    search.see_planned_beds()
+    return rounds(search, end_at(search, x), search.settings.rounds, search.settings.most_steps // 4)
+
+
+def _best_first(search: Search, ends: Sequence[SearchEnd]) -> list[SearchEnd]:
+    """The ends by what the search asks now, the best one first."""
+    return sorted((judged_again(search, end) for end in ends), key=lambda end: end.penalised_cost)
+
+
+def _error_missed(end: SearchEnd) -> float:
+    """By how much, as a share of what is allowed, an error of the bed as planned is too large; 0 where none is."""
+    return max(0.0, -float(end.judged.least_margins[-OF_ERRORS:].min()))
+
+
+def _is_good(search: Search, end: SearchEnd) -> bool:
+    """Whether an observer's search may end here."""
+    return keeps_all(search, end) and within_errors(search, end) and end.judged.cost <= 1
 
 
 def _restarted(search: Search, best: SearchEnd) -> tuple[SearchEnd, SearchEnd | None]:
@@ -131,7 +218,7 @@ def is_stable(search: Search, x: np.ndarray) -> bool:
     return all(_is_stable(one, x) for one in search.members)
 
 
-def _is_stable(search: Search, x: np.ndarray) -> bool:
+def _is_stable(search: SpeedSearch, x: np.ndarray) -> bool:
     _, poles = search.pool_poles(x)
     closed = [number for number in range(len(search.positions)) if number not in search.opened]
     planned = closed_poles(side_by_side([bed_of(search.hardware(x).case, {})]), search.controller(x))
@@ -158,35 +245,27 @@ def _with_scenarios(search: Search, best: SearchEnd, left: int, most_rounds: int
 
 def _from_starts(search: Search, given: list[np.ndarray]) -> tuple[list[SearchEnd], SearchEnd | None]:
     """Where the starts ended, the best one first, and the best end of a feedback law's gains alone."""
-    settings, starts = search.settings, given or _starts(search)
+    settings, of_observer = search.settings, search.case.loop.tunes_observer
+    starts = [*given, *_starts(search)] if of_observer or not given else given
     ends: list[SearchEnd] = []
-    of_observer = search.case.loop.tunes_observer
     most_rounds, most_steps, gains = settings.rounds, settings.most_steps // 4, None
     if not of_observer:
         (starts, gains), most_rounds = _with_gains(search, starts), settings.joint_rounds
-    begins = _ranked([_anew(search, start) for start in starts]) if of_observer else [_anew(search, x) for x in starts]
-    begins = begins[: min(settings.starts, OPENED.starts) if search.opened else settings.starts]
-
-    def is_good(end: SearchEnd) -> bool:
-        return of_observer and keeps_all(search, end) and within_errors(search, end) and end.judged.cost <= 1
-
-    search.active = (0,)
-    for begin in begins:
+    begins = [_anew(search, x) for x in starts]
+    begins = _ranked(begins) if of_observer else begins
+    search.see_planned_beds()
+    for begin in begins[: min(settings.starts, OPENED.starts) if search.sees_opened else settings.starts]:
         ends.append(rounds(search, end_at(search, begin.x), most_rounds, most_steps))
-        if is_good(ends[-1]):
+        if of_observer and _is_good(search, ends[-1]):
             break
-    if (
-        of_observer
-        and settings.blind
-        and not any(keeps_all(search, end) and within_errors(search, end) for end in ends)
-    ):
-        best = min((judged_again(search, end) for end in ends), key=lambda end: end.penalised_cost)
-        for x in _scattered(search, best.x)[: settings.followed]:
-            search.active = (0,)
-            ends.append(rounds(search, end_at(search, x), most_rounds, most_steps))
-            if is_good(ends[-1]):
+    # where play is seen, what stands in the way may be the play: that is tried before other starts are
+    scatter = of_observer and settings.blind and not search.sees_opened
+    if scatter and not any(keeps_all(search, end) and within_errors(search, end) for end in ends):
+        for x in _scattered(search, _best_first(search, ends)[0].x)[: settings.followed]:
+            ends.append(_followed(search, x))
+            if _is_good(search, ends[-1]):
                 break
-    return sorted((judged_again(search, end) for end in ends), key=lambda end: end.penalised_cost), gains
+    return _best_first(search, ends), gains
 
 
 def _with_gains(search: Search, starts: list[np.ndarray]) -> tuple[list[np.ndarray], SearchEnd | None]:
@@ -234,7 +313,7 @@ def _starts(search: Search, about: np.ndarray | None = None) -> list[np.ndarray]
 
 def _anew(search: Search, x: np.ndarray) -> SearchEnd:
     """A start judged with the beds alone that are least damped there."""
-    search.active = (0,)
+    search.see_planned_beds()
     return end_at(search, x)
 
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
 from matching.match.case import Case, Move
 from modelling.errors import InputError
 from modelling.modal.modes import damped_modes, modes
+from modelling.modal.pairing import closeness, counterparts, damped_counterparts, pairs
 from modelling.modal.result import Mode, Modes
-from modelling.modal.sensitivity import mac
+from modelling.system import System
 
 # --- Target modes.
-
-FARTHEST_DAMPED = float(np.log(1.5))  # between a mode's damped and undamped frequency, logarithm
-LEAST_SCORE = 1e-3  # of any pair that may be one mode, so that as many as possible are paired
 
 
 def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
@@ -26,7 +23,9 @@ def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
     1 % apart may come in another order, or mix, once they are damped.
     """
     plain, damped = modes(case.vehicle), damped_modes(case.vehicle)
-    counterpart = _paired(plain, damped, {f"inertias.{part.name}": part.J.value for part in case.vehicle.inertias})
+    counterpart = damped_counterparts(
+        plain, damped, {f"inertias.{part.name}": part.J.value for part in case.vehicle.inertias}
+    )
     pairs = []
     for number, target in enumerate(case.targets, 1):
         where = f"{case.path}: targets[{number}].mode"
@@ -46,34 +45,12 @@ def target_modes(case: Case) -> list[tuple[Mode, Mode]]:
     return pairs
 
 
-def _paired(plain: Modes, damped: Modes, inertia: Mapping[str, float]) -> dict[int, Mode]:
-    """The damped mode of every undamped one that has one, by the number of the latter."""
-    elastic = [mode for mode in plain if mode.frequency > 0]
-    swinging = [mode for mode in damped if mode.frequency > 0 and mode.damping_ratio < 1]
-    score = np.zeros((len(elastic), len(swinging)))
-    for row, first in enumerate(elastic):
-        for column, second in enumerate(swinging):
-            far = abs(np.log(second.frequency / first.frequency))
-            if first.symmetry == second.symmetry and far <= FARTHEST_DAMPED:
-                score[row, column] = LEAST_SCORE + weighted_mac(first.shape, second.shape, inertia) * np.exp(-far)
-    places = zip(*scipy.optimize.linear_sum_assignment(score, maximize=True), strict=True)
-    return {elastic[row].number: swinging[column] for row, column in places if score[row, column] > 0}
-
-
-def weighted_mac(first: Mapping[str, complex], second: Mapping[str, complex], inertia: Mapping[str, float]) -> float:
-    """Modal assurance criterion over what both shapes hold, each coordinate weighted by its inertia, kg·m² (else 1)."""
-    names = [name for name in first if name in second]
-    weight = np.sqrt([inertia.get(name, 1.0) for name in names])
-    a, b = (weight * np.array([shape[name] for name in names]) for shape in (first, second))
-    return float(abs(np.vdot(a, b)) ** 2 / max(np.vdot(a, a).real * np.vdot(b, b).real, 1e-300))
-
-
 # --- Weights on changes: what holds much of a target mode's energy moves with little weight, what holds little is
 # fixed.
 #
 # Shares are the modal sensitivity coefficients of the paper's Eqs. 6 and 7, summed over mirror images. Quantities of
-# the residual vehicle are judged by the vehicle's target modes, adapters and rotors by the rig mode of the same
-# symmetry that is most like the target on what both share, ratios and the loop's own quantities always move.
+# the residual vehicle are judged by the vehicle's target modes, adapters and rotors by the modes of the rig without
+# control that move the shared parts like these, ratios and the loop's own quantities always move.
 
 LEAST_SHARE_TO_MOVE = 0.01  # of a target mode's energy: with less a quantity is fixed, not identified accurately
 
@@ -93,40 +70,20 @@ def shares_of(case: Case, vehicle: Modes, rig_modes: list[Mode | None]) -> np.nd
     return np.array([share(case, move, vehicle, rig_modes) for move in case.moves])
 
 
-def counterparts(case: Case) -> list[Mode | None]:
-    """For every target the rig mode that answers to it: same symmetry, most alike on the shared inertias, or None."""
-    rig = modes(case.rig)
-    shared = [
-        part.name for part in case.rig.inertias if part.name in {inertia.name for inertia in case.vehicle.inertias}
-    ]
-    counterpart_modes: list[Mode | None] = []
-    for wanted, _ in target_modes(case):
-        shape = np.array([[wanted.shape.get(f"inertias.{name}", 0.0)] for name in shared])
-        elastic = [mode for mode in rig if mode.frequency > 0 and mode.symmetry == wanted.symmetry]
-        if not elastic:
-            counterpart_modes.append(None)
-            continue
-        if np.abs(shape).max(initial=0.0) < 1e-6:  # it leaves the shared part at rest: the lowest of its symmetry
-            counterpart_modes.append(elastic[0])
-            continue
-        macs = [
-            float(mac(shape, np.array([[mode.shape.get(f"inertias.{name}", 0.0)] for name in shared]))[0, 0])
-            for mode in elastic
-        ]
-        counterpart_modes.append(
-            elastic[int(np.argmax(np.array(macs) > 0.8)) if max(macs) > 0.8 else int(np.argmax(macs))]
-        )
-    return counterpart_modes
+def on_rig(case: Case) -> list[Mode | None]:
+    """For every target the mode of the rig without control that moves the shared parts like it; None without one."""
+    numbers = [wanted.number for wanted, _ in target_modes(case)]
+    became = counterparts(case.vehicle, case.rig, list(dict.fromkeys(numbers)))
+    return [became.get(number) for number in numbers]
 
 
-def _nearest(found: Modes, wanted: Sequence[Mode]) -> list[Mode]:
-    """Of the elastic modes of a vehicle those of the wanted symmetries that come nearest in frequency."""
-    elastic = [mode for mode in found if mode.frequency > 0]
-    alike = ([mode for mode in elastic if mode.symmetry == one.symmetry] for one in wanted)
-    return [
-        min(some, key=lambda mode: abs(np.log(mode.frequency / one.frequency)))
-        for one, some in zip(wanted, alike, strict=True) if some
-    ]  # fmt: skip
+def _of_simple_vehicle(vehicle: System, wanted: Sequence[Mode]) -> list[Mode]:
+    """Modes of a residual vehicle of the user's own, whose parts have other names, paired with the wanted ones by
+    frequency and symmetry."""
+    elastic = [mode for mode in modes(vehicle) if mode.frequency > 0]
+    near = closeness(*np.meshgrid([m.frequency for m in wanted], [m.frequency for m in elastic], indexing="ij"))
+    alike = np.array([[one.symmetry == other.symmetry for other in elastic] for one in wanted]).reshape(near.shape)
+    return [elastic[column] for _, column in pairs(np.where(alike, near, 0.0))]
 
 
 def share(case: Case, move: Move, vehicle: Modes, rig_modes: list[Mode | None]) -> float:
@@ -136,9 +93,11 @@ def share(case: Case, move: Move, vehicle: Modes, rig_modes: list[Mode | None]) 
     if move.name.startswith("residual_vehicle."):
         judged = [vehicle[target.mode - 1] for target in case.targets]
         if case.simple_vehicle is not None:
-            judged = _nearest(modes(case.simple_vehicle), judged)
+            judged = _of_simple_vehicle(case.simple_vehicle, judged)
     else:
         judged = [mode for mode in rig_modes if mode]
+        if not judged:  # no mode of the rig tells what matters: nothing is fixed
+            return 1.0
     best = 0.0
     for mode in judged:
         total = 0.0

@@ -9,7 +9,7 @@ the drawn value too. Every draw is worked out by the exact loop, as a match judg
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,10 +19,10 @@ import numpy as np
 import scipy
 
 from matching.match.beds import loop_frequencies, margins_of
-from matching.match.box import of_system
 from matching.match.case import Case, apply
 from matching.match.case_file import case_files, movable
 from matching.match.damping import damping_ratios, is_stable_loop, rates, stable_loops, without_resting
+from matching.match.kept import FollowedModes, allowed_of, candidates_of, errors_of_mode, kept, target_modes_of
 from matching.match.loop import (
     SampledController,
     beds_of,
@@ -34,16 +34,14 @@ from matching.match.loop import (
     linear_bed,
     responses,
     responses_of,
+    side_by_side,
 )
-from matching.match.loop_modes import ClosedLoop, LoopMode, eigenvalue_of, neutral_motions
+from matching.match.loop_modes import ClosedLoop, LoopMode, neutral_motions
 from matching.match.requirements import requirements
 from matching.match.responses import ComparedBed, log_squares, nodes_of
-from matching.match.targets import target_modes
-from matching.match.verify import candidates_of, target_modes_of
 from matching.studies import run
 from modelling.display import Displayed
 from modelling.errors import VERSION, InputError, unknown
-from modelling.linear.state_space import state_spaces
 
 # --- How a result spreads over draws, and which inputs drive it.
 
@@ -201,9 +199,8 @@ class Prepared:
         self.modes = {
             f"{kind}_mode_{row.vehicle_mode}": row.mode for kind, rows in reached.items() for row in rows if row.mode
         }
-        self.wanted = {target.mode: eigenvalue_of(mode) for target, (_, mode) in zip(
-            self.case.targets, target_modes(self.case), strict=True
-        )}  # fmt: skip
+        step, planned = self.controller.sample_time, closed_poles(side_by_side([self.bed.bed]), self.controller)
+        self.followed = FollowedModes.of(self.case, rates(planned, step)[0], self.modes)
         self.nodes = nodes_of(ComparedBed(self.case, self.bed, self.controller))
         grid = loop_frequencies(self.case)
         begin = min(self.required.margin_from, grid[-1])
@@ -253,36 +250,17 @@ class Prepared:
         ):  # fmt: skip
             squares = log_squares(responses(of_band, acting, known), of_band.vehicle)[:, :, pairs].mean(axis=2)
             figures[name] = np.sqrt(squares @ self.nodes.weights)
-        vehicles = state_spaces(case.vehicle, [of_system(of_bed, case.vehicle) for of_bed in values])
-        own = list(np.linalg.eigvals(np.stack([space.A for space in vehicles])))
+        of_vehicles, of_beds = self.followed.on(case, values, rates(poles, controller.sample_time))
         for name, mode in self.modes.items():
-            s = np.full(len(beds), mode.eigenvalue)  # no bed moves what known torques alone excite
-            if mode.belongs_to == "feedback":
-                s = nearest(rates(poles, controller.sample_time), mode.eigenvalue)
+            # no bed moves what known torques alone excite
+            s = of_beds.get(name, np.full(len(beds), mode.eigenvalue))
             figures[f"{name}_frequency"], figures[f"{name}_damping_ratio"] = (
                 np.abs(s) / (2 * np.pi),
                 -s.real / np.abs(s),
             )
             if name.startswith("target"):  # against the vehicle with the same specimen
-                wanted = nearest_of(own, self.wanted[int(name.rpartition("_")[2])])
-                figures[f"{name}_frequency_error"] = np.abs(s) / np.abs(wanted) - 1
-                figures[f"{name}_damping_error"] = wanted.real / np.abs(wanted) - s.real / np.abs(s)
+                figures |= errors_of_mode(name, s, of_vehicles[int(name.rpartition("_")[2])])
         return figures
-
-
-FAR = 1e9  # 1/s, in the place of poles that do not swing
-
-
-def nearest(s: np.ndarray, to: complex) -> np.ndarray:
-    """Of the poles of each bed (b, x), 1/s, the one nearest on a logarithmic scale to that of the bed as planned."""
-    far = np.abs(np.log(np.where(s.imag > 0, s, FAR) / to))
-    return s[np.arange(len(s)), far.argmin(axis=1)]
-
-
-def nearest_of(eigenvalues: Sequence[np.ndarray], to: complex) -> np.ndarray:
-    """Of the eigenvalues of each vehicle, 1/s, the one nearest on a logarithmic scale (b,)."""
-    swinging = [s[s.imag > 0] for s in eigenvalues]
-    return np.array([s[np.abs(np.log(s / to)).argmin()] if len(s) else complex(np.nan) for s in swinging])
 
 
 def _of_feedback(modes: Sequence[LoopMode]) -> tuple[LoopMode, ...]:
@@ -442,42 +420,18 @@ def tolerance(
     }
     x = np.concatenate([draw(varied, seed, number, count) for number, count in chunks])
     nominal = rows[0]["nominal"]
-    inputs = Regressors([quantity.name for quantity in varied], x)
-    spreads = [spread(name, unit_of(name), nominal[name], values[name], inputs) for name in nominal if not judged(name)]
+    names = [quantity.name for quantity in varied]
+    inputs = Regressors(names, x)
+    spreads = []
+    for name in (name for name in nominal if not judged(name)):
+        there = np.isfinite(values[name])  # a draw without the mode has lost it, which its yield says
+        of_draws = inputs if there.all() else Regressors(names, x[there])
+        if there.any():
+            spreads.append(spread(name, unit_of(name), nominal[name], values[name][there], of_draws))
     asked, counted_from = case.limits["modulus_margin"], requirements(case).margin_from
     allowed = allowed_of(case, nominal)
-    shares = yields(values, allowed)
+    shares = {name: float(which.mean()) for name, which in kept(values, allowed).items()}
     return Tolerance(case.title, draws, seed, varied, tuple(spreads), shares, asked, counted_from, allowed)
-
-
-def allowed_of(case: Case, names: Iterable[str]) -> dict[str, float]:
-    """How large the results of a draw may be either way, for the draw to count as kept: what a match asks.
-
-    The modulus margin is asked of the bed as planned alone, so of draws it is shown and does not count.
-    """
-    allowed = {"response_error": case.tolerance, "response_error_unmeasured": case.unmeasured_tolerance}
-    for target in case.targets:
-        allowed[f"target_mode_{target.mode}_frequency_error"] = target.frequency_tolerance
-        allowed[f"target_mode_{target.mode}_damping_error"] = target.damping_tolerance
-    if case.loop.structure.has_feed_forward:  # its targets are the model's own modes, the same on every bed
-        allowed = {name: value for name, value in allowed.items() if not name.startswith("target")}
-    return {name: value for name, value in allowed.items() if name in names}
-
-
-def yields(values: Mapping[str, np.ndarray], allowed: Mapping[str, float]) -> dict[str, float]:
-    """Shares of draws that keep each demand, and all of them; see :class:`Tolerance`.
-
-    Parameters
-    ----------
-    values : mapping of str to ndarray (b,)
-        ``stable`` and ``damped`` (1 or 0), and results by name.
-    allowed : mapping of str to float
-        How large each may be either way.
-    """
-    kept = {name: values[name] > 0.5 for name in ("stable", "damped")}
-    kept |= {name: kept["stable"] & (np.abs(values[name]) <= limit) for name, limit in allowed.items()}
-    kept["all"] = np.logical_and.reduce(list(kept.values()))
-    return {name: float(value.mean()) for name, value in kept.items()}
 
 
 def required_range(name: str, allowed: Mapping[str, float], asked: float) -> tuple[float, float]:
@@ -486,7 +440,7 @@ def required_range(name: str, allowed: Mapping[str, float], asked: float) -> tup
     Parameters
     ----------
     name : str
-        As in :func:`yields`, or ``modulus_margin``.
+        As in :func:`matching.match.kept.kept`, or ``modulus_margin``.
     allowed : mapping of str to float
     asked : float
         Modulus margin.

@@ -64,6 +64,13 @@ class SearchSettings:
         Times that the search of a feedback law begins again from its end, as long as that is worth a round.
     opened : bool
         Whether beds with opened cut shafts have to stay stable, where the case asks for it.
+    play_is_worth : float
+        Relative increase of an error beyond its tolerance at which a controller that keeps beds with free play at rest
+        is delivered rather than one that does not.
+    less_noise, noise_step : float
+        Where beds with free play are not kept: times less noise of the sensors from which the search comes back, and by
+        which factor from step to step. On drawn beds with encoders of 512 to 4096 counts steps of 1.4 stayed in the
+        valley.
     scenarios : int
         Times that the least damped beds of the whole box are added to the pool.
     blind : int
@@ -135,6 +142,9 @@ class SearchSettings:
     joint_rounds: int = 3
     restarts: int = 3
     opened: bool = True
+    play_is_worth: float = 0.05
+    less_noise: float = 8.0
+    noise_step: float = 1.4
     scenarios: int = 2
     blind: int = 64
     followed: int = 4

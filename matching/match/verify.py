@@ -16,11 +16,12 @@ from matching.match.beds import (
     loop_figures,
     loop_frequencies,
     margins_of,
+    noise_of_sensors,
     planned,
-    sensor_noise,
 )
 from matching.match.case import Case
 from matching.match.damping import decay_rates, is_stable_loop, rates, stable_loops, without_resting
+from matching.match.kept import ReachedTarget, candidates_of, target_modes_of
 from matching.match.loop import (
     Body,
     LinearBed,
@@ -45,14 +46,11 @@ from matching.match.loop_modes import (
     LoopMode,
     eigenvalue_of,
     emulated,
-    match_mode,
     neutral_motions,
     on_emulated_side,
 )
-from matching.match.passivity import Passivity, passivity_of
 from matching.match.requirements import Requirements, requirements
 from matching.match.responses import ResponseError, error_figures
-from matching.match.running import TOO_LARGE, RunningLaw, grown, run
 from matching.match.targets import target_modes
 from modelling.bed.bed import ControlLaw
 from modelling.bed.manoeuvres import Kick
@@ -66,11 +64,15 @@ from modelling.fidelity.measures import (
     fidelity_distribution,
     fidelity_of_signals,
 )
+from modelling.fidelity.over_range import REST, error_over_range
 from modelling.linear.elements import elements
 from modelling.linear.state_space import discretise
 from modelling.linear.steady_motion import is_linear, operating_motion, torques_of
 from modelling.modal.result import Mode
 from modelling.modal.ringing import Ringing, read_modes
+from modelling.running.beds import BedRows
+from modelling.running.controllers import ControllerRows, Schedule, plain
+from modelling.running.run import TOO_LARGE, grown, run
 from modelling.simulation.stepping import SimulationError
 from modelling.system import System, mirror_image
 
@@ -145,44 +147,54 @@ def free_motion(
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Traces (t,) of a system without control under torques (t,) in N·m, in steps of s."""
     count = len(next(iter(torques.values())))
-    beds = NonlinearBeds([system], replace(parts.case.loop, values={**parts.case.loop.values, "sample_time": step}))
-    drives = torque_columns(torques, beds.drives, count)[:, :, None]
-    found = run(beds, drives, range(len(system.sensors)), keep_states=True)
+    loop = replace(parts.case.loop, values={**parts.case.loop.values, "sample_time": step})
+    plant = BedRows(NonlinearBeds([system], loop))
+    found = run(plant, None, _of_inputs(torques, plant.inputs), samples=count, states=True)
     if found.lost.any() or found.states is None:
         raise grown(count * step)
-    return _traces(system, parts, found.readings[:, :, 0], *beds.twists(found.states))
+    beds = plant.beds
+    return _traces(system, parts, found.readings[:, :, 0] - beds.steady[:, 0], *beds.twists(found.states[:, :, 0]))
+
+
+def _of_inputs(torques: Mapping[str, np.ndarray], inputs: Sequence[str]) -> dict[str, np.ndarray]:
+    """Those of some torques that act at these inputs."""
+    return {name: np.asarray(torque) for name, torque in torques.items() if name in inputs}
 
 
 def matched_motion(parts: LinearBed, torques: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m: the law runs as on the bed, unlimited.
+    """Traces (t,) of the rig with its loop closed under torques (t,) in N·m: the exported code runs, unlimited.
 
     The bed is the nonlinear one, also where the rig is linear: nothing of it is what the controller was designed with.
     """
-    loop, k, system = parts.case.loop, len(parts.dynamometers), parts.rig.system
+    loop, system = parts.case.loop, parts.rig.system
     law, count = control_law(parts), len(next(iter(torques.values())))
     inverters, flanges, delays = (
         tuple(each.tolist())
         for each in (loop.lags("inverter_lag"), loop.lags("torque_sensor_lag"), loop.command_delays())
     )
-    hardware = BedHardware(inverters, flanges, delays, (1.0,) * k)
-    beds = NonlinearBeds([system], loop, parts.dynamometers, [hardware])
-    unlimited = np.full((k, 1), np.inf)
-    running = RunningLaw(
-        law, [beds.model.sensors.index(name) for name in law.sensors],
-        [law.sensors.index(name) for name in loop.flanges],
-        known_torques(parts, law, torques)[:, :, None], (-unlimited, unlimited),
-    )  # fmt: skip
-    drives = torque_columns(torques, beds.drives, count)[:, :, None]
-    found = run(beds, drives, range(len(system.sensors)), running, keep_states=True)
+    hardware = BedHardware(inverters, flanges, delays, (1.0,) * len(parts.dynamometers))
+    plant = BedRows(NonlinearBeds([system], loop, parts.dynamometers, [hardware]), law.sensors)
+    beds = plant.beds
+    at_flanges = tuple(-1 if one.torque_sensor is None else law.sensors.index(one.torque_sensor)
+                       for one in parts.dynamometers)  # fmt: skip
+    at_rotors = tuple(law.sensors.index(one.speed_sensor) for one in parts.dynamometers)
+    rotors = [beds.model.sensors.index(one.speed_sensor) for one in parts.dynamometers]
+    # a sample of speed hold at the operating point, from whose readings and commands the emulation counts
+    schedule = Schedule.held_first(1, count + 1, beds.steady[rotors], beds.trim)
+    controller = ControllerRows(plain(law, at_flanges, at_rotors), schedule)
+    waiting = {name: np.r_[torque[0], torque] for name, torque in torques.items()}
+    known = dict(zip(law.known, known_torques(parts, law, waiting).T, strict=True))
+    found = run(plant, controller, _of_inputs(waiting, plant.inputs), known, samples=count + 1, states=True)
     if found.lost.any() or found.states is None:
         raise grown(count * loop["sample_time"])
-    traces = _traces(system, parts, found.readings[:, :, 0], *beds.twists(found.states))
-    added, held, turning = beds.air_gap(found.states), torques_of(system), operating_readings(system)
+    states, readings = found.states[1:, :, 0], found.readings[1:, :, 0]
+    traces = _traces(system, parts, readings - beds.steady[:, 0], *beds.twists(states))
+    added, held, turning = beds.air_gap(states), torques_of(system), operating_readings(system)
     for j, dyno in enumerate(parts.dynamometers):
         place, torque = f"dynamometers.{dyno.name}", added[:, j] + held[dyno.torque_input]
         speed = traces[dyno.speed_sensor] + turning[dyno.speed_sensor]
         traces |= {f"{place}.torque": torque, f"{place}.speed": speed, f"{place}.power": torque * speed}
-        traces[f"{place}.command"] = found.commands[:, j, 0] + held[dyno.torque_input]
+        traces[f"{place}.command"] = found.commands[1:, j, 0]
     return traces
 
 
@@ -243,14 +255,12 @@ def disagreement(parts: LinearBed, traces: Traces) -> float | None:
     sensors = compared_sensors(parts.case)
     names = [*sensors, *(f"dynamometers.{dyno.name}.command" for dyno in parts.dynamometers)]
     wanted = np.stack([traces.matched[name] for name in names], axis=1)
-    held = torques_of(parts.rig.system)
+    held, by_name = torques_of(parts.rig.system), {part.name: part.measures for part in parts.case.rig.sensors}
     wanted[:, len(sensors) :] -= [held[dyno.torque_input] for dyno in parts.dynamometers]
     torques = traces.applied_from_start
     foretold = foretold_motion(parts, torques, sensors)[len(next(iter(torques.values()))) - len(wanted) :]
-    ranges = np.ptp(wanted, axis=0)
-    moving = ranges > AT_REST
-    off = np.sqrt(np.mean((foretold - wanted) ** 2, axis=0))[moving] / ranges[moving]
-    return float(off.max(initial=0.0))
+    kinds = [*(by_name[name] for name in sensors), *["command"] * len(parts.dynamometers)]
+    return float(error_over_range(wanted, foretold, kinds=kinds).largest)
 
 
 def _traces(
@@ -292,7 +302,6 @@ COVERAGE_FACTOR = 2.0
 LONGEST_DELAY = 0.25  # s: a delay beyond it counts as none of the fidelity, and so does a tenth of it at 30 Hz
 DRAWS = 5_000
 RATE = 8.0  # samples a period of f_max that are enough; simulated signals carry no noise to average
-AT_REST = 1e-9  # N·m, rad/s, rad/s²
 SHORT = {"system_dynamics": "R_SD", "residual_vehicle_model": "R_RVM", "measurement_uncertainty": "R_MU"}
 
 
@@ -337,7 +346,7 @@ def match_fidelity(parts: LinearBed, traces: Traces) -> MatchFidelity | None:
     every = max(int(1 / (RATE * f_max * parts.case.loop["sample_time"])), 1)
     wanted = _signals(parts, traces)
     resting = tuple(
-        member.name for members in wanted.values() for member in members if np.ptp(member.reference) <= AT_REST
+        member.name for members in wanted.values() for member in members if np.ptp(member.reference) <= REST.smallest
     )
     kept = {
         domain: [member for member in members if member.name not in resting and member.name in traces.matched]
@@ -727,14 +736,6 @@ def response_deviations(
 FRESH = 1_000_003  # added to the seed: beds that the search has not drawn
 
 
-class ReachedTarget(NamedTuple):
-    """Number of a target mode of the vehicle, the mode that it became, None without one, and their MAC."""
-
-    vehicle_mode: int
-    mode: LoopMode | None
-    mac: float
-
-
 class OwnMode(NamedTuple):
     """A mode of what runs on known torques alone: its frequency, Hz, and rate of decay, 1/s."""
 
@@ -783,8 +784,6 @@ class Verification:
         What the user should know.
     beds : BedsCheck or None
         Fresh beds; None where none were drawn.
-    passivity : Passivity or None
-        Of the controlled bed at the cut; None without fresh beds, or where the bed cannot be told from its specimen.
     """
 
     stable: bool
@@ -806,7 +805,6 @@ class Verification:
     traces: Traces | None = field(repr=False)
     notes: tuple[str, ...]
     beds: BedsCheck | None = field(default=None, repr=False)
-    passivity: Passivity | None = None
 
     @property
     def modulus_margin(self) -> float:
@@ -865,7 +863,7 @@ def verify(
     controller, required, neutral = controller_on(bed), requirements(case), neutral_motions(bed)
     loop = ClosedLoop.of(bed, controller)
     poles, own_poles, modes = loop.poles, loop.own_poles, loop.modes()
-    figures = loop_figures(planned(case, sensor_noise(case, controller.sensors)), controller, required)
+    figures = loop_figures(planned(case, noise_of_sensors(case, controller.sensors)), controller, required)
     checks = {"sampled loop": is_stable_loop(poles, neutral)}
     if len(own_poles):
         checks["feed-forward poles"] = is_stable_loop(own_poles, neutral)
@@ -889,7 +887,6 @@ def verify(
         response_deviations(case, controller, required, neutral) if deviations else (), traces,
         (*notes, *remarks_on(case, neutral)),
         check_beds(case, controller, neutral, required, beds, seed + FRESH) if beds else None,
-        passivity_of(case, controller) if beds else None,
     )  # fmt: skip
 
 
@@ -942,19 +939,3 @@ def remarks_on(case: Case, neutral: int) -> list[str]:
         rigid = "1 rigid motion stands" if neutral == 1 else f"{neutral} rigid motions stand"
         remarks.append(f"{rigid} at 0 without drag and coast, as in the vehicle")
     return remarks
-
-
-def candidates_of(case: Case, modes: Sequence[LoopMode]) -> tuple[LoopMode, ...]:
-    """The modes among which a target is looked for: of a model-based feed-forward those that known torques excite."""
-    kind = "feed_forward" if case.loop.structure.has_feed_forward else "feedback"
-    return tuple(mode for mode in modes if mode.belongs_to == kind) or tuple(modes)
-
-
-def target_modes_of(case: Case, candidates: tuple[LoopMode, ...]) -> tuple[ReachedTarget, ...]:
-    """For every target the mode that it became."""
-    inertia = {f"inertias.{inertia.name}": inertia.J.value for inertia in case.vehicle.inertias}
-    reached = []
-    for target, (_, wanted) in zip(case.targets, target_modes(case), strict=True):
-        best = match_mode(wanted, candidates, inertia)
-        reached.append(ReachedTarget(target.mode, *(best or (None, 0.0))))
-    return tuple(reached)

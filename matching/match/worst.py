@@ -10,7 +10,7 @@ import numpy as np
 from matching.match.beds import (
     descended,
 )
-from matching.match.objective import Search
+from matching.match.objective import Search, SpeedSearch
 from matching.match.rounds import SearchEnd, misses
 from modelling.errors import NoDesign
 
@@ -64,7 +64,7 @@ def add_scenarios(search: Search, at: SearchEnd) -> bool:
     return any(added)
 
 
-def _added(search: Search, at: SearchEnd) -> bool:
+def _added(search: SpeedSearch, at: SearchEnd) -> bool:
     settings, box = search.settings, search.case.uncertainty
     if not box.uncertain:
         return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from string import Formatter
 from typing import Any
 
@@ -32,7 +33,19 @@ from matching.report.common import (
     styled,
     unit,
 )
-from matching.report.page import Fold, Picture, Provenance, Report, Show, Step, Table, View, in_terminal, register
+from matching.report.page import (
+    Fold,
+    Picture,
+    Provenance,
+    Report,
+    Show,
+    Step,
+    Table,
+    View,
+    in_terminal,
+    made_from,
+    register,
+)
 from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_words, shared_place
 from modelling.model_file import dumps
@@ -600,6 +613,9 @@ PLACES = {
     "inputs": "the input", "sensors": "the sensor",
 }  # fmt: skip
 LEAST_RIVAL_CONFIDENCE = 0.1  # from which the answer names a rival
+LEAST_BESIDE = 0.3  # of what a cause leaves, from which the answer says over what a free torque takes it
+ALIKE_SHARE = 0.9  # of the share of a cause, from which another one ties with it
+MOST_RIVALS = 3  # that the answer names beside one cause
 LEAST_SHOWN = 2.5e-5  # of a fidelity's standard uncertainty: twice that is 0.00 % where it is less
 
 
@@ -623,9 +639,12 @@ def answer(result: Mapping[str, Any]) -> str:
         ended = any(note.endswith(BEST_SO_FAR) for note in result.get("notes", []))
         none = "None of the effects that were tried before the end" if ended else "None of the known effects"
         return f"{none} explains what the model misses{size} on held-out data{_doubtful(result)}."
-    clauses = [clause(cause) + _rivals(cause) for cause in causes]
+    clauses = [clause(cause) + _rivals(cause) if named(cause) else _something(cause) for cause in causes]
     text = clauses[0] if len(clauses) == 1 else f"{', '.join(clauses[:-1])}, and {clauses[-1]}"
-    text = text[:1].upper() + text[1:] if text.startswith(("the ", "each ")) else text
+    text = (
+        "in this recording " if result.get("judged_by") == "blocks" and result["verdict"] != "explained" else ""
+    ) + text
+    text = text[:1].upper() + text[1:] if text.startswith(("the ", "each ", "in ", "something ")) else text
     if changed := _changed_most(result["errors"]):
         text += f"; with {'it' if len(causes) == 1 else 'them'} the error of {_pooled(result)}{' and '.join(changed)}"
         text += " times the noise on held-out data"
@@ -639,11 +658,59 @@ def certain(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [cause for cause in result["causes"] if cause.get("in_model", True)]
 
 
+NAMED = 0.5  # share of a kind from which the answer gives its name, as DiagnosisSettings.named
+
+
+def named(cause: Mapping[str, Any]) -> bool:
+    """Whether the kind of a cause is told from its rivals and from a free force."""
+    return bool(cause.get("confidence", 1.0) >= NAMED)
+
+
+def _something(cause: Mapping[str, Any]) -> str:
+    """A cause in the model whose kind is open: something is at the shaft link, most like hysteresis (0.28)."""
+    values = ", ".join(f"{spaced(key)} {measured(estimate)}" for key, estimate in cause["parameters"].items())
+    text = f"something is at {_subject(cause['at'])}, most like {spaced(cause['kind'])}"
+    text += f" ({cause['confidence']:.2f}; {values})"
+    least = max(LEAST_RIVAL_CONFIDENCE, ALIKE_SHARE * cause["confidence"])
+    rivals = [kind_and_place(rival) for rival in cause["alternatives"] if rival["confidence"] >= least]
+    if rivals:
+        return text + f", not told from {' or '.join(rivals[:MOST_RIVALS])}"
+    beside = cause.get("beside", {"share": 0.0})
+    if beside["share"] > LEAST_BESIDE:
+        text += f", beside which a free torque over {beside['over']} takes {percent(beside['share'])} of the rest"
+    return text
+
+
+def there(cause: Mapping[str, Any]) -> float:
+    """Probability that something is at the place of a cause; of an older result, its confidence in the place."""
+    return float(cause.get("there", cause.get("place_confidence", 1.0)))
+
+
+def _left_by(cause: Mapping[str, Any]) -> str:
+    """Error of the sensor that gains most by a cause, without and with it, in times the noise."""
+    rows = [(name, pair["without"], pair["with"]) for name, pair in cause.get("left", {}).items()]
+    if not rows:
+        return ""
+    name, before, after = min(rows, key=lambda row: row[2] / max(row[1], SMALLEST_ERROR))
+    return f"{name} {number(before, 3)} → {number(after, 3)}"
+
+
 def _doubtful(result: Mapping[str, Any]) -> str:
     """Where something is whose kind or size is not known, as the end of a sentence; empty where nothing is."""
     rest = [cause for cause in result["causes"] if not cause.get("in_model", True)]
     where = dict.fromkeys(_subject(cause["at"]) for cause in rest)
-    return f"; something is at {' and at '.join(where)}, but its kind or its size is not certain" if where else ""
+    reasons = dict.fromkeys(WHY_NOT.get(cause.get("why_not") or "", UNKNOWN_WHY) for cause in rest)
+    return f"; something may be at {' and at '.join(where)}, but {' or '.join(reasons)}" if where else ""
+
+
+UNKNOWN_WHY = "its kind or its size is not certain"
+WHY_NOT = {
+    "by_chance": "unseen data gain no more by it than by chance",
+    "within_uncertainty": "its values are no larger than their uncertainty",
+    "explains_little": "it explains little of what is left",
+    "second_recording": "a second recording is met worse with it",
+    "table": "a table of the torque takes its place",
+}
 
 
 def _pooled(result: Mapping[str, Any]) -> str:
@@ -807,6 +874,9 @@ REASONS = {
     "worse_unseen": "held-out data are met worse with it",
     "at_bound": "it ends at the bound of its range",
     "rival": "another explains more",
+    "within_uncertainty": "its values do not differ from those of no effect",
+    "negligible": "its torque is too small to matter",
+    "by_chance": "held-out data are not met better with it beyond chance",
     "no_fit": "it has no fit",
 }
 NO_CAUSE = "More than noise remains, and no known effect explains enough of it to be named."
@@ -819,6 +889,10 @@ HOW_CHANNELS = (
 HOW_ERRORS = (
     "Root mean square of measured minus simulated; the simulation starts from fitted states and uses no measured "
     "sensor afterwards."
+)
+HOW_CAUSES = (
+    "There: probability that unseen data are met better with it. Kind: its share among its rivals, at most what a free "
+    "force at its place leaves of it. Left: error of the sensor that gains most, on unseen data, without and with it."
 )
 HOW_CANDIDATES = (
     "Every candidate was refitted together with all uncertain quantities. The confidence weighs fitted and held-out "
@@ -855,7 +929,7 @@ def report(
         answer=answer(result),
         good=verdict != "unexplained",
         lists={"What to do next": [Step(step) for step in _to_do(result)]},
-        table=Table([_cause(cause, result.get("discrepancy", [])) for cause in causes], ""),
+        table=Table([_cause(cause, result.get("discrepancy", [])) for cause in causes], HOW_CAUSES if causes else ""),
         folds=[
             Fold("The channels, before any physics",
                  [*_channels(result.get("channels", []), units), Show("channels")], told=True),
@@ -870,8 +944,9 @@ def report(
             Fold("Fidelity as a residual vehicle model",
                  _fidelity(result["fidelity"]) if result["fidelity"] else [], told=True),
             Fold("Candidates", _candidates(result["candidates"])),
-            Fold("Fitted quantities of the model",
-                 [Table(quantities)] if quantities else ["Only the start states were fitted."]),
+            Fold("Fit report: values, standard uncertainties, correlations",
+                 [Table(quantities), Table(_correlations(result))] if quantities or result.get("correlations")
+                 else ["Only the start states were fitted."]),
         ],
         notes=result["notes"],
     )  # fmt: skip
@@ -893,6 +968,14 @@ def _channels(channels: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -
     return [Table(rows, HOW_CHANNELS)] if rows else []
 
 
+def _correlations(result: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Pairs of fitted values that the recording does not tell apart well, the most correlated first."""
+    return [
+        {"value": row["first"], "and": row["second"], "correlation": number(row["correlation"], 3)}
+        for row in result.get("correlations", [])
+    ]
+
+
 def _spans(spans: Mapping[str, Sequence[float]]) -> str:
     return "; ".join(f"{name} {number(low, 3)} … {number(high, 3)}" for name, (low, high) in spans.items())
 
@@ -901,7 +984,17 @@ def _to_do(result: Mapping[str, Any]) -> list[str]:
     """What the reader should do, in sentences."""
     steps = [f"{step[:1].upper()}{step[1:]}." for step in to_correct(result)]
     if certain(result):
-        steps.append("Use extended.toml: it is the model with the named causes, and every command reads it.")
+        gain = result.get("gain", {})
+        before, after = gain.get("nrmse_before"), gain.get("nrmse_after")
+        if before is None or after is None or after < before:
+            steps.append("Use extended.toml: it is the model with the named causes, and every command reads it.")
+        else:
+            steps.append("Do not use extended.toml: unseen data are not met better with it.")
+        if result.get("judged_by") == "blocks" and result["verdict"] != "explained":
+            steps.append(
+                "Record another drive and give it with --holdout: blocks of one drive share its temperature and its "
+                "excitation, so they cannot tell whether the causes hold elsewhere."
+            )
     if result["next_recording"]:
         words = result["next_recording"]
         steps.append(f"{words[:1].upper()}{words[1:]}.")
@@ -922,21 +1015,23 @@ def _cause(cause: Mapping[str, Any], curves: Sequence[Mapping[str, Any]]) -> dic
     """A row of the table; of a cause that is not sure of its kind or size: something at its place, and its shape."""
     values = [f"{spaced(key)} {measured(estimate)}" for key, estimate in cause["parameters"].items()]
     known, where = cause.get("in_model", True), [cause["at"]] if isinstance(cause["at"], str) else cause["at"]
+    sure = named(cause)
     shapes = [curve for curve in curves if any(at.startswith(curve["at"]) for at in where)]
     looks = [f"torque over the {one['over']}, {number(100 * one['share'], 2)} % of the rest" for one in shapes[:1]]
     return {
-        "cause": spaced(cause["kind"]) if known else f"something, as {spaced(cause['kind'])} would be",
+        "cause": spaced(cause["kind"]) if sure else f"something, most like {spaced(cause['kind'])}",
         "at": place(cause["at"]), "values, standard uncertainty": ", ".join(values),
-        "confidence": f"{cause['confidence']:.2f}", "in the place": f"{cause.get('place_confidence', 1.0):.2f}",
-        "in extended.toml": "yes" if known else "; ".join(["no", *looks]),
-        "χ² without it over χ² with it": number(cause["gain"], 3),
+        "there": f"{there(cause):.2f}", "kind": f"{cause['confidence']:.2f}",
+        "left, in times the noise": _left_by(cause),
+        "in extended.toml": "yes" if known else f"no: {WHY_NOT.get(cause.get('why_not') or '', UNKNOWN_WHY)}",
+        "shape": "; ".join(looks) if not (known and sure) else "",
     }  # fmt: skip
 
 
 def _evidence(cause: Mapping[str, Any]) -> list[str]:
     notes = [f"{key}: {estimate['note']}" for key, estimate in cause["parameters"].items() if "note" in estimate]
     rivals = [f"{kind_and_place(rival)} ({rival['confidence']:.2f})" for rival in cause["alternatives"][:3]]
-    said = f"{kind_and_place(cause)}, confidence {cause['confidence']:.2f}: {cause['evidence']}"
+    said = f"{kind_and_place(cause)}, there {there(cause):.2f}, kind {cause['confidence']:.2f}: {cause['evidence']}"
     return [said, *notes, *([f"rivals: {', '.join(rivals)}"] if rivals else [])]
 
 
@@ -1033,10 +1128,51 @@ def _delay(signal: Mapping[str, Any]) -> str:
     return f"{number(1e3 * signal['delay'], 3)} ± {number(1e3 * signal['delay_standard_uncertainty'], 2)} ms"
 
 
+# --- The extended model as a file: its values with their uncertainty, where they come from, and the three answers.
+
+RANGE = 3.0  # standard uncertainties to each side of a fitted quantity: its range from now on
+
+
+def extended_file(diagnosis: Diagnosis) -> str:
+    """The text of ``extended.toml``: comments that say how sure every value is, then the model. The range of a fitted
+    quantity is the stated one as far as the fit leaves it open."""
+    result = diagnosis.to_dict()
+    sources = ", ".join(dict.fromkeys(Path(source).name for source in diagnosis.sources))
+    lines = [f"Fitted to {sources or 'a recording'}, {made_from('', None).date}. Value ± standard uncertainty:"]
+    lines += [_sure(name, estimate) for name, estimate in result["parameters"].items()]
+    for cause in certain(result):
+        lines.append(f"effect {kind_and_place(cause)}:")
+        lines += [f"  {_sure(key, estimate)}" for key, estimate in cause["parameters"].items()]
+        left = _left_by(cause)
+        lines.append(f"  there {there(cause):.2f}, kind {cause['confidence']:.2f}" + (f", left {left}" if left else ""))
+    if len(lines) > 1 or certain(result):
+        return "".join(f"# {line}\n" for line in lines) + "\n" + dumps(_with_ranges(diagnosis))
+    return dumps(diagnosis.extended)
+
+
+def _sure(name: str, estimate: Mapping[str, Any]) -> str:
+    return f"{name} = {measured(estimate)}" + (f", {estimate['note']}" if estimate.get("note") else "")
+
+
+def _with_ranges(diagnosis: Diagnosis) -> System:
+    """The extended model with the ranges of its fitted quantities as the fit leaves them; one at a bound, or that the
+    recording does not determine, keeps its range."""
+    ranges = {}
+    for name, estimate in diagnosis.parameters.items():
+        quantity = diagnosis.extended.parameters.get(name)
+        if quantity is None or quantity.lower is None or quantity.upper is None or estimate.note:
+            continue
+        away = RANGE * estimate.standard_uncertainty
+        low, high = max(quantity.lower, quantity.value - away), min(quantity.upper, quantity.value + away)
+        if low < quantity.value < high:
+            ranges[name] = low, high
+    return diagnosis.extended.with_ranges(ranges)
+
+
 register(
     Diagnosis,
     View(
         "diagnosis.json", report, pictures, content,
-        others=lambda diagnosis: {"extended.toml": dumps(diagnosis.extended)},
+        others=lambda diagnosis: {"extended.toml": extended_file(diagnosis)},
     ),
 )  # fmt: skip

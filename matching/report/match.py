@@ -15,7 +15,8 @@ from matplotlib.ticker import LogLocator, MultipleLocator, NullLocator
 from matching.match.beds import BedsCheck, quantile
 from matching.match.case import Case, Compared
 from matching.match.case_file import case_files
-from matching.match.in_time import InTime, OpenLash
+from matching.match.free_play import OpenLash
+from matching.match.in_time import InTime
 from matching.match.loop import bed_set, controller_of, frequency_response, return_difference
 from matching.match.loop_modes import LoopMode
 from matching.match.result import AdapterTrade, MatchResult, TargetResult
@@ -140,13 +141,9 @@ def requirement_rows(robust: Verification) -> list[dict[str, str]]:
         asked = "no limit" if allowed == np.inf else f"at most {number(allowed)} N·m"
         what = f"flange torque of dynamometer {name} that offsets of all sensors make unexpected in a minute"
         rows.append((what, f"{number(torque, 3)} N·m", asked, torque <= allowed))
-    table = [
+    return [
         {"requirement": what, "value": value, "asked": asked, "": HOLDS[holds]} for what, value, asked, holds in rows
     ]
-    if robust.passivity is not None:
-        what = "bed at the cut with another specimen, readings of the specimen's own sensors held"
-        table.append({"requirement": what, "value": robust.passivity.words(), "asked": "a figure, not asked", "": ""})
-    return table
 
 
 def bed_errors(beds: BedsCheck) -> list[dict[str, str]]:
@@ -486,10 +483,9 @@ def columns(result: MatchResult) -> list[Column]:
 
 
 def nearest(modes: Sequence[Mode | LoopMode], frequency: float, symmetry: str) -> Mode | LoopMode | None:
-    """The mode of a symmetry whose frequency lies nearest to a frequency in Hz."""
-    alike = [
-        mode for mode in modes if mode.symmetry == symmetry and mode.kinetic and 0 < mode.frequency <= MODES_HIGHEST_HZ
-    ]
+    """The mode whose frequency lies nearest to a frequency in Hz, of the same symmetry where there is one."""
+    moving = [mode for mode in modes if mode.kinetic and 0 < mode.frequency <= MODES_HIGHEST_HZ]
+    alike = [mode for mode in moving if mode.symmetry == symmetry] or moving
     return min(alike, key=lambda mode: abs(mode.frequency - frequency), default=None)
 
 
@@ -792,18 +788,33 @@ def answer(result: Mapping[str, Any]) -> str:
         band = f"{number(error['band'][0])}–{number(error['band'][1])} Hz"
         return (
             f"The rig reproduces the vehicle's response: it has the target {mode} at {frequencies} within tolerance, "
-            f"and its response error over {band} {fall}."
+            f"and its response error over {band} {fall}. {_beyond_on_beds(result)}".rstrip()
         )
     first = result["limits"][0] if result["limits"] else "a check fails"
     first = first[:1].lower() + first[1:] if first[1:2].islower() else first
     return f"The rig cannot reproduce the vehicle's response within these bounds: {first.rstrip('.')}."
 
 
+def _beyond_on_beds(result: Mapping[str, Any]) -> str:
+    """That more than one drawn bed in twenty is beyond an error that the bed as planned keeps; empty where none is."""
+    said = []
+    for finding in result.get("findings", []):
+        if finding["cause"] == "beds_error":
+            beyond, drawn = finding["beds"]
+            often = (
+                f"one drawn bed in {drawn / beyond:.0f}" if beyond < drawn / 3 else f"{beyond} of {drawn} drawn beds"
+            )
+            is_ = "is" if beyond < drawn / 3 else "are"
+            said.append(f"{often} {is_} beyond {number(finding['allowed'])} for {finding['where']}")
+    return f"That holds as planned; {sentence(said)}." if said else ""
+
+
 def key_figures(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Rows of the table below the verdict, with the columns of :data:`HEADS`."""
     asked, error = result.get("asked", {}), result["response_error"]
     rows: list[tuple[str, ...]] = [
-        (_mode(target), f"{hertz(target['vehicle'])} Hz", f"{hertz(target['rig'])} Hz",
+        (_mode(target), f"{hertz(target['vehicle'])} Hz",
+         "no such mode" if target["rig"] is None else f"{hertz(target['rig'])} Hz",
          f"{hertz(target['matched'])} Hz", "met" if target["met"] else "NOT MET")
         for target in result["targets"][:MOST_TARGETS]
     ]  # fmt: skip
@@ -812,16 +823,26 @@ def key_figures(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
     def at_most(name: str) -> str:
         return f"≤ {number(asked[name], 2)}" if name in asked else ""
 
-    rows.append(("response error", "", before, number(error["after"], 2), at_most("tolerance")))
+    beds = result.get("beds") if (result.get("beds") or {}).get("drawn") else None
+
+    def error_rows(what: str, value: float, tolerance: str, on_beds: str) -> None:
+        """The error of the bed as planned, and its median and 95 % over the drawn beds."""
+        rows.append((what, "", before, number(value, 2), at_most(tolerance)))
+        median, most = ((beds or {}).get(f"{on_beds}_{part}") for part in ("median", "95"))
+        if beds and median is not None and most is not None:
+            spread = f"{number(median, 2)}, {number(most, 2)}"
+            rows.append((f"  on {beds['drawn']} drawn beds: median, 95 %", "", "", spread, ""))
+
+    error_rows("response error", error["after"], "tolerance", "error")
     structure = STRUCTURES[result["structure"]]
     if structure.has_feed_forward or structure.is_observer:
-        unmeasured = number(error["unmeasured_after"], 2)
-        rows.append(("response error, unmeasured torques", "", before, unmeasured, at_most("unmeasured_tolerance")))
-    beds = result.get("beds")
-    if beds and beds["drawn"]:
-        spread = f"{number(beds['unmeasured_median'], 2)}, {number(beds['unmeasured_95'], 2)}"
-        rows.append((f"  on {beds['drawn']} drawn beds: median, 95 %", "", "", spread, ""))
-        rows.append(("drawn beds stable, damped", "", "", f"{beds['stable']}, {beds['damped']}", str(beds["drawn"])))
+        error_rows(
+            "response error, unmeasured torques", error["unmeasured_after"], "unmeasured_tolerance", "unmeasured"
+        )
+    if beds:
+        kept = f", {beds['kept']}" if "kept" in beds else ""  # a result of an older version has none
+        what = "drawn beds stable, damped" + (", within all tolerances" if kept else "")
+        rows.append((what, "", "", f"{beds['stable']}, {beds['damped']}{kept}", str(beds["drawn"])))
     rows += driving_report.key_rows(result)
     if limited := [need for need in result.get("needs", []) if need["limit"]]:
         most = max(limited, key=lambda need: need["peak"] / need["limit"])
@@ -908,10 +929,11 @@ def report(
     if len(plant) > MOST_MOVED:
         tuned.append(Step(f"{len(plant) - MOST_MOVED} more quantities moved: result.json"))
     more = [Step(limit) for limit in content["limits"][1:MOST_LIMITS]]
-    lists: dict[str, list[Step]] = {"What else limits the match": more, "Tuned": tuned}
+    remedies = {} if content["status"] == "matched" else {REMEDIES: _remedies(content)}
+    lists: dict[str, list[Step]] = {**remedies, "What else limits the match": more, "Tuned": tuned}
     if result is not None:
         watch = [Step(line) for line in to_watch(result)]
-        lists = {"What to do now": to_do(result, folder), "What else limits the match": more,
+        lists = {**remedies, "What to do now": to_do(result, folder), "What else limits the match": more,
                  "What may spoil it": watch}  # fmt: skip
     return Report(
         title=content.get("title") or "Match of a test bed to a vehicle",
@@ -923,6 +945,18 @@ def report(
         folds=_evidence(result, content) if result else (),
         notes=content["notes"] if result else (),
     )
+
+
+REMEDIES = "What would make it a match, each change solved by itself"
+
+
+def _remedies(content: Mapping[str, Any]) -> list[Step]:
+    """Single changes with which the case was matched, with the errors that each leaves."""
+    return [
+        Step(remedy["words"], f"response error {number(remedy['measured'], 2)}, to unmeasured torques "
+             f"{number(remedy['unmeasured'], 2)}")
+        for remedy in content.get("remedies", [])
+    ]  # fmt: skip
 
 
 def _evidence(result: MatchResult, content: Mapping[str, Any]) -> list[Fold]:
@@ -1048,7 +1082,11 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
     """What to order and which command comes next; where it is limited, how to see where it would not be."""
     points = []
     if result.status != "matched":
-        points = [Step(f"Change what stands in the way: {limit}") for limit in result.limits[:MOST_LIMITS]]
+        points = [
+            Step(f"Change what stands in the way: {one.sentence()}", f"evidence: {one.place}" if one.place else "")
+            for one in [one for one in result.findings if one.limits][:MOST_LIMITS]
+            if not result.remedies
+        ]
         other = next((row.name for row in result.parameters if row.name.startswith("rig.")), "loop.inverter_lag")
         command = f"rigmatch map {result.case.path or 'CASE'} --x loop.dead_time --y {other} --out {folder}/map"
         return [*points, Step("See over two quantities where the match would hold", command=command)]
@@ -1108,7 +1146,7 @@ def in_time_table(truth: InTime, lash: OpenLash | None) -> Table:
         cells = {"what is wrong on the bed": row.words}
         for name in truth.sensors:
             for head, errors in ((spaced(name), row.measured), (f"{spaced(name)}, unmeasured", row.unmeasured)):
-                cells[head] = "not stable" if errors is None else percent(errors[name])
+                cells[head] = "not stable" if errors is None else percent(errors[name]) if name in errors else "at rest"
         rows.append(cells)
     return Table(
         rows, HOW_IN_TIME.format(seconds=number(truth.seconds, 3), lash=f"{_lash(lash)} {_standstill(truth)}".strip())

@@ -117,6 +117,9 @@ def order_figure(found: OrderResponse) -> Figure:
             (above, found.shafts, found.peak_torques),
             (below, found.inertias, np.degrees(found.peak_angles)),
         ):
+            if not len(names):  # no shaft: nothing carries a torque
+                axes.set_axis_off()
+                continue
             largest = np.argsort(-values.max(axis=0), kind="stable")[:SHAFTS_DRAWN]
             for place, column in enumerate(sorted(largest)):
                 axes.semilogy(speed, values[:, column], label=spaced(names[column]), **curve(place))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -57,7 +58,7 @@ class NonlinearBeds:
     """Rigs with lags, or vehicles where there are no dynamometers.
 
     States [model, air-gap torques as commanded (k), lagged flange torques (k), commands on their way (i·k), newest
-    first]; the first three absolute. Everything outside counts from the operating point: commands, torques, readings.
+    first]; the first three absolute. Commands and torques count from the operating point.
 
     Parameters
     ----------
@@ -66,7 +67,18 @@ class NonlinearBeds:
     loop : Loop
     dynamometers : sequence of Dynamometer (k)
     hardware : sequence of BedHardware (b)
-        Of vehicles only one value of each counts: none.
+        None of vehicles.
+
+    Attributes
+    ----------
+    drives, commanded : list of str (d), tuple of str (k)
+        Inputs that act from outside, and those of the dynamometers.
+    steady, trim, drive_trim : ndarray (y, b), (k, b), (d, b)
+        Readings, commands and torques from outside at the operating point, absolute.
+    start : ndarray (x, b)
+        States there.
+    step : float
+        s, of a sample.
     """
 
     def __init__(
@@ -74,6 +86,7 @@ class NonlinearBeds:
         hardware: Sequence[BedHardware] = (),
     ):  # fmt: skip
         self.model, step, k = compiled(systems[0]), loop["sample_time"], len(dynamometers)
+        self.step = step
         p, points = _parameters(self.model, systems), [operating_motion(system) for system in systems]
         rate = max(steps_per_second(self.model, _flat(self.model, row)[None]) for row in p)
         if hardware:
@@ -84,29 +97,35 @@ class NonlinearBeds:
         held = np.stack([point.inputs for point in points])
         names = list(self.model.inputs)
         driven = [dynamometer.torque_input for dynamometer in dynamometers]
-        self.drives = [name for name in names if name not in driven]
+        self.drives, self.commanded = [name for name in names if name not in driven], tuple(driven)
+        self.trim, self.drive_trim = (held[:, [names.index(name) for name in some]].T for some in (driven, self.drives))
         weights = [[arrivals(delay, step, self.pieces) for delay in bed.delays] for bed in hardware]
         # dynamometers with a flange, by number, and its torque sensor
         self._flanges = {j: one.torque_sensor for j, one in enumerate(dynamometers) if one.torque_sensor is not None}
         of_bed = [[*bed.inverter_lags, *bed.torque_sensor_lags, *bed.torque_gains] for bed in hardware]
         parameters = np.hstack([p, held, *([np.array(of_bed)] if k else [])])
         count = len(systems)
-        sample, readings = self._functions(k, driven, step)
-        self._sample = _RepeatedCall(external(sample).map(count), parameters)
-        self._readings = _RepeatedCall(external(readings).map(count), parameters)
+        self.functions, self.parameters = self._functions(k, driven, step), np.ascontiguousarray(parameters)
+        self._readings = _RepeatedCall(external(self.functions[1]).map(count), parameters)
         still = np.zeros((len(self.model.states) + 2 * k, count))
         still[: len(self.model.states)] = np.stack([point.state for point in points], axis=1)
-        still[len(self.model.states) : len(self.model.states) + k] = held[:, [names.index(name) for name in driven]].T
-        flanges = [self.model.sensors.index(name) for name in self._flanges.values()]
+        still[len(self.model.states) : len(self.model.states) + k] = self.trim
+        self.flange_sensors = tuple(self._flanges.values())
+        self.flange_states = [len(self.model.states) + k + j for j in self._flanges]
+        flanges = [self.model.sensors.index(name) for name in self.flange_sensors]
         self.steady = self._readings(still, np.zeros((len(self.drives), count)))
-        still[[len(self.model.states) + k + j for j in self._flanges]] = self.steady[flanges]
-        self.dynamometers, self._longest = k, max((each.shape[1] for row in weights for each in row), default=0)
-        self.start = np.vstack([still, np.zeros((self._longest * k, count))])
-        self._physical, self._middles = len(still), ((np.arange(self.pieces) + 0.5) / self.pieces)[None, :, None]
-        self._arriving = np.zeros((count, k, self.pieces, self._longest))  # of a bed, dynamometer, piece, sample ago
+        still[self.flange_states] = self.steady[flanges]
+        self.dynamometers, self.longest = k, max((each.shape[1] for row in weights for each in row), default=0)
+        self.start = np.vstack([still, np.zeros((self.longest * k, count))])
+        self.physical, self.middles = len(still), (np.arange(self.pieces) + 0.5) / self.pieces
+        self.arriving = np.zeros((count, k, self.pieces, self.longest))  # of a bed, dynamometer, piece, sample ago
         for i, row in enumerate(weights):
             for j, each in enumerate(row):
-                self._arriving[i, j, :, : each.shape[1]] = each
+                self.arriving[i, j, :, : each.shape[1]] = each
+
+    @cached_property
+    def _sample(self) -> _RepeatedCall:
+        return _RepeatedCall(external(self.functions[0]).map(len(self.parameters)), self.parameters)
 
     def _functions(self, k: int, driven: Sequence[str], step: float) -> tuple[ca.Function, ca.Function]:
         """(x, what acts in each fine step [commands (k); torques (d)], p) → x; (x, torques, p) → readings (y,)."""
@@ -149,33 +168,28 @@ class NonlinearBeds:
 
         ``before`` are the torques now, ``after`` those at the next sample.
         """
-        k, n, later = self.dynamometers, self._physical, np.empty_like(x)
+        k, n, later = self.dynamometers, self.physical, np.empty_like(x)
         # of what acts, as the compiled function has it: one column a bed and fine step
         act = self._sample.acting.T.reshape(x.shape[1], self.pieces, -1)
         torques = before.T[:, None]
-        act[:, :, k:] = torques if after is before else torques + (after - before).T[:, None] * self._middles
+        act[:, :, k:] = (
+            torques if after is before else torques + (after - before).T[:, None] * self.middles[None, :, None]
+        )
         if k:
             later[n : n + k], later[n + k :] = commands, x[n:-k]
-            by_bed = later[n:].reshape(self._longest, k, -1).transpose(2, 1, 0)[..., None]  # (b, k, i, 1)
-            act[:, :, :k] = (self._arriving @ by_bed)[..., 0].transpose(0, 2, 1)
+            by_bed = later[n:].reshape(self.longest, k, -1).transpose(2, 1, 0)[..., None]  # (b, k, i, 1)
+            act[:, :, :k] = (self.arriving @ by_bed)[..., 0].transpose(0, 2, 1)
         later[:n] = self._sample.found(x[:n])
         return later
 
-    def read(self, x: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """Readings of all the model's sensors (y, b), less those at the operating point; no sensor's lag."""
-        read: np.ndarray = self._readings(x[: self._physical], torques) - self.steady
-        return read
+    def absolute(self, x: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """Readings of all the model's sensors (y, b); no sensor's lag."""
+        return self._readings(x[: self.physical], torques)
 
     def twists(self, states: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
         """Twists (t, s) of the springs of the first bed for its states (t, x), less those at the start, and names."""
         parts, n = elements(self.model, self.model.p0[None]), len(self.model.states)
-        return (states - self.start[:, 0])[:, :n] @ parts.deflection_jacobian.T, parts.springs
-
-    def lagged(self, x: np.ndarray) -> np.ndarray:
-        """Torques of the flanges (f, b) behind their lag, less those at the operating point."""
-        at = [len(self.model.states) + self.dynamometers + j for j in self._flanges]
-        lagged: np.ndarray = x[at] - self.start[at]
-        return lagged
+        return (states[:, :n] - self.start[:n, 0]) @ parts.deflection_jacobian.T, parts.springs
 
     def air_gap(self, states: np.ndarray) -> np.ndarray:
         """Air-gap torques (t, k) as commanded, of the first bed, less those at the operating point."""

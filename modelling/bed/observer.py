@@ -21,11 +21,24 @@ from modelling.bed.bed import (
 from modelling.bed.vehicle import ResidualVehicle
 from modelling.errors import InputError, NoDesign
 from modelling.modal.modes import damped_modes
-from modelling.system import System
+from modelling.system import Sensor, System
 
 # --- What the design of the observer needs of rig, residual vehicle and loop, whatever its weights are.
 
 NOISE = {"torque": 0.3, "speed": 0.08}  # N·m, rad/s of a sensor without uncertainty, as flanges and encoders have
+
+
+def sensor_noise(sensor: Sensor, sample_time: float) -> float:
+    """Standard deviation of a reading, SI.
+
+    A speed that is counted is the difference of two angles, each rounded to a count, over the sample: a quantum is
+    2π/counts/T, and the standard deviation is the quantum over √6, as both roundings are even over a count.
+    """
+    if sensor.counts is None:
+        return sensor.uncertainty or NOISE[sensor.measures]
+    quantum = 2 * np.pi / sensor.counts / sample_time
+    return float(np.hypot(sensor.uncertainty or 0.0, quantum / np.sqrt(6.0)))
+
 
 FORGETTING_PER_SAMPLE = 1e-5  # of an estimated or known torque: a random walk without it has no bounded variance
 MODES = 2  # that a swinging torque is estimated for; each adds two states a dynamometer
@@ -33,6 +46,10 @@ SWING_DAMPING = 0.02  # ratio, of such a torque, at least: how far from the mode
 OF_MODES_DAMPING = 0.4  # the same over the modes' damping: a third of it is what a loop is asked for, and this is in it
 FASTEST_SWING_RAD = 0.5  # of such a torque, from sample to sample
 SMALLEST_SHARE = 1e-3  # of a mode's energy in the cut shafts
+# s over which the zero of a flange's torque moves by its uncertainty. Half shafts behind an open differential, and
+# wheel motors, hold no difference of their rotors: an observer that takes a zero for a torque turns them against each
+# other for ever. With the zero among what is estimated, the speeds hold that difference.
+ZERO_TIME_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -69,7 +86,11 @@ class ObserverModel:
         The estimated torques' states from sample to sample: a torque that wanders at every input of the rig and at
         every rotor, and one that swings with an emulated mode at every rotor, two states each.
     drifts : tuple of str (e)
-        The weight that states how fast each of these states wanders.
+        The weight that states how fast each of these states wanders; empty of a flange's zero.
+    zero_rates : ndarray (e,)
+        How fast the zero of a flange's torque wanders, N·m/s^0.5; 0 of torques.
+    of_zeros : ndarray (y, e)
+        Readings by these states: the zeros of the flanges alone.
     noises : dict of str to ndarray (x, k)
         What torques without memory do, by the weight that states their size: at the rotors, in the cut shafts.
     speed_error : ndarray (k, x)
@@ -87,6 +108,8 @@ class ObserverModel:
     states: int
     wandering: np.ndarray
     drifts: tuple[str, ...]
+    zero_rates: np.ndarray
+    of_zeros: np.ndarray
     noises: dict[str, np.ndarray]
     speed_error: np.ndarray
     readings: Readings
@@ -152,11 +175,19 @@ def observer_model(
     swinging[:, ::2] = np.tile(at_rotors, len(turns) // k)
     stay = (1 - FORGETTING_PER_SAMPLE) * np.eye(len(on_rig) + k)
     drifts = ("torque_drift",) * len(on_rig) + ("dynamometer_drift",) * k + ("dynamometer_swing",) * 2 * len(turns)
+    readings = _readings(model, rig, loop)
+    flanges, others = readings.kinds.count("torque"), len(drifts)
+    of_zeros = np.zeros((len(readings.kinds), others + flanges))
+    of_zeros[:flanges, others:] = np.eye(flanges)
+    rates = np.r_[np.zeros(others), readings.noise[:flanges] * np.sqrt(2 / ZERO_TIME_S)]
+    zeros = np.zeros((len(at_rotors), flanges))
     return ObserverModel(
-        replace(bed, torques=np.hstack([at_inputs, at_rotors, swinging, of_known])), model.rig_states + loop.lag_states,
-        block_diag(stay, *turns), drifts, {"dynamometer_noise": at_rotors, "shaft_noise": in_shafts},
+        replace(bed, torques=np.hstack([at_inputs, at_rotors, swinging, zeros, of_known])),
+        model.rig_states + loop.lag_states,
+        block_diag(stay, *turns, np.exp(-step / ZERO_TIME_S) * np.eye(flanges)), (*drifts, *("",) * flanges), rates,
+        of_zeros, {"dynamometer_noise": at_rotors, "shaft_noise": in_shafts},
         np.pad(model.speed_error, ((0, 0), (0, len(bed.whole) - len(model.space.A)))),
-        _readings(model, rig, loop), known,
+        readings, known,
         tuple(dynamometer.name for dynamometer in loop.dynamometers), step, further.shape[1],
     )  # fmt: skip
 
@@ -197,7 +228,7 @@ def _readings(model: BedModel, rig: System, loop: Loop) -> Readings:
             raise InputError(
                 "loop.measures", f"{name!r} measures an {sensors[name].measures}", "a speed or torque is needed"
             )
-        noise.append(sensors[name].uncertainty or NOISE[sensors[name].measures])
+        noise.append(sensor_noise(sensors[name], loop["sample_time"]))
     rows = np.stack([model.space.output(name) for name in names])[:, :states]
     return Readings(rows, np.array(noise), tuple(kinds), loop.controller_sensors)
 
@@ -294,8 +325,9 @@ def filter_of(model: ObserverModel, weights: Mapping[str, float]) -> Filter:
     bed, n, e, root = model.bed, model.states, model.estimated, np.sqrt(model.sample_time)
     push = bed.torques[:n, :e]
     A = np.block([[bed.whole[:n, :n], push], [np.zeros((e, n)), model.wandering]])
-    C = np.hstack([model.readings.rows, np.zeros((len(model.readings.rows), e))])
-    drift = np.array([weights[name] for name in model.drifts]) * root
+    C = np.hstack([model.readings.rows, model.of_zeros])
+    drift = np.array([weights[name] if name else rate for name, rate in
+                      zip(model.drifts, model.zero_rates, strict=True)]) * root  # fmt: skip
     white = np.hstack([columns * (weights[name] / root) for name, columns in model.noises.items()])
     Q = np.zeros((n + e, n + e))
     Q[:n, :n] = white[:n] @ white[:n].T + STATE_NOISE * np.eye(n)
@@ -374,7 +406,7 @@ def assembled(model: ObserverModel, ahead: Ahead, F: np.ndarray, corrected: np.n
     size, y, more, known = len(A), len(model.readings.rows), len(ahead.A), model.torques_known
     m = size - model.estimated
     L, C = np.vstack([laid_out(model, corrected), np.zeros((more, y))]), np.zeros((y, size + more))
-    C[:, : model.states] = model.readings.rows
+    C[:, : model.states], C[:, m:size] = model.readings.rows, model.of_zeros
     whole = block_diag(A, ahead.A)
     whole[:size, size + m :] = (1 - NOW) * W[:, :known]
     difference = ahead.F.copy()
@@ -670,7 +702,7 @@ def scaled_starts(rig: System, loop: Loop) -> tuple[dict[str, float], ...]:
         np.log(rig.parameters[f"inertias.{inputs[one.torque_input].on}.J"].value) for one in loop.dynamometers
     ]))  # fmt: skip
     noise = np.exp(np.mean([
-        np.log(sensors[one.speed_sensor].uncertainty or NOISE["speed"]) for one in loop.dynamometers
+        np.log(sensor_noise(sensors[one.speed_sensor], loop["sample_time"])) for one in loop.dynamometers
     ]))  # fmt: skip
     torque = float(inertia * noise / (TUNED_FOR["inertia"] * TUNED_FOR["speed_noise"]))
     light = float((TUNED_FOR["inertia"] / inertia) ** 2)

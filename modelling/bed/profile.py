@@ -1,20 +1,22 @@
-"""A speed profile driven: torques over time with which a driver makes the nonlinear vehicle follow it."""
+"""A speed profile driven: torques over time with which a driver makes the nonlinear vehicle follow it, when asked."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from modelling.bed.bed import Loop
-from modelling.bed.manoeuvres import RecordedTorque
+from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque
 from modelling.bed.nonlinear import NonlinearBeds
 from modelling.errors import InputError, unknown
-from modelling.linear.steady_motion import torques_of
 from modelling.recordings.read import read_signals
+from modelling.running.beds import BedRows
+from modelling.running.run import run
 from modelling.simulation.stepping import SimulationError
 from modelling.system import Sensor, System
 from modelling.toml import no_pipe
@@ -111,62 +113,108 @@ def read_speed_profile(file: Any, folder: Path, place: str) -> SpeedProfile:
     return SpeedProfile(time, recording["vehicle_speed"], grade)
 
 
-def driven_along(
-    profile: SpeedProfile, driver: Driver, vehicle: System, loop: Loop, bodies: Sequence[str], radius: float,
-    turning: Mapping[str, float],
-) -> dict[str, RecordedTorque]:  # fmt: skip
+@dataclass(frozen=True, eq=False)
+class DrivenTorques(Mapping[str, Manoeuvre]):
     """Torques by input, less those of the vehicle's operating point, with which a driver follows a profile.
 
     The driver sits in the nonlinear vehicle; grades act on its bodies. What comes out is played to vehicle and bed
-    alike.
+    alike. It is driven once, when a torque is first asked for.
 
-    Parameters
+    Attributes
     ----------
+    profile, driver : SpeedProfile, Driver
     vehicle : System
         At the operating point where the profile begins, at rest at standstill.
-    bodies : sequence of str
+    loop : Loop
+        Its sample time is the driver's.
+    bodies : tuple of str
         Inertias whose mean speed is the vehicle's; ``radius`` (m) is that of the tyres.
+    radius : float
     turning : mapping of str to float
         Speed of every inertia of the vehicle in motion, rad/s: how the torque of a driver is shared among brakes; empty
         without any.
+    given : mapping of str to Manoeuvre
+        Torques that are stated beside the profile.
 
     Raises
     ------
     InputError
-        If the road climbs and nothing acts on the bodies.
+        At once, if the road climbs and nothing acts on the bodies.
     SimulationError
-        If the vehicle's motion grows out of bounds.
+        When it is driven, if the vehicle's motion grows out of bounds.
     """
-    step = loop["sample_time"]
-    time = np.arange(round(float(profile.time[-1]) / step) + 1) * step
-    wanted = np.interp(time, profile.time, profile.speed) / radius
-    torques = _of_grade(np.interp(time, profile.time, profile.grade), vehicle, bodies, radius)
-    sensors = tuple(Sensor(f"driven_speed_{name}", "speed", name) for name in bodies)
-    beds = NonlinearBeds([replace(vehicle, sensors=(*vehicle.sensors, *sensors))], loop)
-    rows = [beds.model.sensors.index(sensor.name) for sensor in sensors]
-    begin, trim = float(beds.steady[rows].mean()), torques_of(vehicle)[driver.input]
-    acting = np.zeros((len(time), len(beds.drives), 1))
-    for name, torque in torques.items():
-        acting[:, beds.drives.index(name), 0] = torque
-    own, integral, x = beds.drives.index(driver.input), trim, beds.start
-    on = {part.name: part.on for part in vehicle.inputs}
-    braked = {
-        beds.drives.index(name): turning[on[driver.input]] / turning[on[name]] / len(driver.brakes)
-        for name in driver.brakes
-    }
-    for n in range(len(time)):
-        error = wanted[n] - begin - float(beds.read(x, acting[n])[rows].mean())
-        asked = driver.proportional * error + integral
-        given = float(np.clip(asked, -driver.largest, driver.largest))
-        integral += driver.integral * step * error if given == asked else 0.0
-        acting[n:, own, 0] = (max(given, 0.0) if braked else given) - trim
-        for number, ratio in braked.items():
-            acting[n:, number, 0] = max(-given, 0.0) * abs(ratio)
-        x = beds.advance(x, np.zeros((0, 1)), acting[n], acting[n])
-        if not np.isfinite(x).all():
-            raise SimulationError("drives", f"the vehicle's motion grows out of bounds at {time[n]:g} s", "check it")
-    torques |= {name: acting[:, beds.drives.index(name), 0] for name in (driver.input, *driver.brakes)}
-    return {name: RecordedTorque.of(time, torque) for name, torque in torques.items()}
+
+    profile: SpeedProfile
+    driver: Driver
+    vehicle: System
+    loop: Loop
+    bodies: tuple[str, ...]
+    radius: float
+    turning: Mapping[str, float]
+    given: Mapping[str, Manoeuvre]
+
+    def __post_init__(self) -> None:
+        self._names  # noqa: B018  # a road that nothing can act for is said when the case is read
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        of_grade = _of_grade(self.profile.grade, self.vehicle, self.bodies, self.radius)
+        return tuple(dict.fromkeys((*of_grade, self.driver.input, *self.driver.brakes, *self.given)))
+
+    def __getitem__(self, name: str) -> Manoeuvre:
+        return self.given[name] if name in self.given else self._driven[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    @cached_property
+    def _driven(self) -> dict[str, RecordedTorque]:
+        step, profile, driver = self.loop["sample_time"], self.profile, self.driver
+        time = np.arange(round(float(profile.time[-1]) / step) + 1) * step
+        wanted = np.interp(time, profile.time, profile.speed) / self.radius
+        torques = _of_grade(np.interp(time, profile.time, profile.grade), self.vehicle, self.bodies, self.radius)
+        sensors = tuple(Sensor(f"driven_speed_{name}", "speed", name) for name in self.bodies)
+        vehicle = replace(self.vehicle, sensors=(*self.vehicle.sensors, *sensors))
+        plant = BedRows(NonlinearBeds([vehicle], self.loop), [sensor.name for sensor in sensors],
+                        held=(driver.input, *driver.brakes))  # fmt: skip
+        trim = plant.idle()[:, 0]
+        at_wheel = _Following(driver, wanted, self._shares(), trim[0], step, plant.sensors)
+        found = run(plant, at_wheel, torques, samples=len(time), keep=())
+        if found.lost.any():
+            raise SimulationError("drives", "the vehicle's motion grows out of bounds", "check it")
+        torques |= {name: found[name][:, 0] - at for name, at in zip(plant.commands, trim, strict=True)}
+        return {name: RecordedTorque.of(time, torque) for name, torque in torques.items()}
+
+    def _shares(self) -> np.ndarray:
+        """Torque of each brake over the driver's (brakes,)."""
+        on, driver = {part.name: part.on for part in self.vehicle.inputs}, self.driver
+        ratios = [self.turning[on[driver.input]] / self.turning[on[name]] for name in driver.brakes]
+        return np.abs(np.array(ratios)) / max(len(ratios), 1)
+
+
+@dataclass
+class _Following:
+    """A driver as a controller: torque of its input, then of its brakes (N·m), for the speeds of the bodies."""
+
+    driver: Driver
+    wanted: np.ndarray
+    shares: np.ndarray
+    integral: float
+    span: float
+    sensors: tuple[str, ...]
+    known: tuple[str, ...] = ()
+
+    def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """See :class:`modelling.running.plant.Controller`."""
+        driver, error = self.driver, float(self.wanted[sample] - readings.mean())
+        asked = driver.proportional * error + self.integral
+        given = min(max(asked, -driver.largest), driver.largest)
+        self.integral += driver.integral * self.span * error if given == asked else 0.0
+        own = max(given, 0.0) if len(self.shares) else given
+        return np.concatenate([[own], max(-given, 0.0) * self.shares])[:, None]
 
 
 def _of_grade(grade: np.ndarray, vehicle: System, bodies: Sequence[str], radius: float) -> dict[str, np.ndarray]:

@@ -3,47 +3,79 @@
 from __future__ import annotations
 
 import ctypes
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from modelling.controller.c_source import c_sources
 from modelling.controller.law import ExportedController
-from modelling.simulation.compiled import library_of
+from modelling.simulation.compiled import compiler, library_of
 
 OPTIMISATION = "-O2"  # speed only
 SHIM = """
 #include <stddef.h>
 size_t batch_size(void) { return sizeof(controller); }
-void batch_begin(unsigned char *all, int count)
+void batch_begin(unsigned char *all, int count, const double *value, const int *samples)
 {
     for (int b = 0; b < count; b++) {
-        controller_init((controller *)(all + (size_t)b * sizeof(controller)));
+        controller *c = (controller *)(all + (size_t)b * sizeof(controller));
+        const double *next = value;
+        controller_init(c);
+@SETTINGS@
+        c->settings.frozen_samples = samples[0];
+        c->settings.life_samples = samples[1];
+        c->settings.ride_samples = samples[2];
     }
+}
+void row_step(void *row, const double *own, int mode, unsigned life, int trigger, double *out, int *state)
+{
+    controller_input input;
+    controller_output output;
+    memset(&input, 0, sizeof input);
+    for (int i = 0; i < READINGS; i++) { input.reading[i] = own[i]; }
+    for (int i = 0; i < KNOWN; i++) { input.known[i] = own[READINGS + i]; }
+    for (int i = 0; i < DYNAMOMETERS; i++) { input.hold_speed[i] = own[READINGS + KNOWN + i]; }
+    for (int i = 0; i < DYNAMOMETERS; i++) { input.added_torque[i] = own[READINGS + KNOWN + DYNAMOMETERS + i]; }
+    input.trigger = trigger;
+    input.mode = mode;
+    input.life = life;
+    controller_step((controller *)row, &input, &output);
+    for (int i = 0; i < DYNAMOMETERS; i++) { out[i] = output.command[i]; }
+    state[0] = output.mode;
+    state[1] = output.fault;
 }
 void batch_step(unsigned char *all, int count, const double *in, int mode, unsigned life, int trigger, double *out,
                 int *state)
 {
     for (int b = 0; b < count; b++) {
-        controller *c = (controller *)(all + (size_t)b * sizeof(controller));
-        controller_input input;
-        controller_output output;
-        const double *own = in + b * (READINGS + KNOWN + 2 * DYNAMOMETERS);
-        for (int i = 0; i < READINGS; i++) { input.reading[i] = own[i]; }
-        for (int i = 0; i < KNOWN; i++) { input.known[i] = own[READINGS + i]; }
-        for (int i = 0; i < DYNAMOMETERS; i++) { input.hold_speed[i] = own[READINGS + KNOWN + i]; }
-        for (int i = 0; i < DYNAMOMETERS; i++) {
-            input.added_torque[i] = own[READINGS + KNOWN + DYNAMOMETERS + i];
-        }
-        input.trigger = trigger;
-        input.mode = mode;
-        input.life = life;
-        controller_step(c, &input, &output);
-        for (int i = 0; i < DYNAMOMETERS; i++) { out[b * DYNAMOMETERS + i] = output.command[i]; }
-        state[2 * b] = output.mode;
-        state[2 * b + 1] = output.fault;
+        row_step(all + (size_t)b * sizeof(controller), in + b * (READINGS + KNOWN + 2 * DYNAMOMETERS), mode, life,
+                 trigger, out + b * DYNAMOMETERS, state + 2 * b);
     }
 }
 """
+# of a controller's settings, in the order of their values
+ARRAYS = (
+    "torque_limit", "speed_limit", "hold_proportional", "hold_integral", "lost_torque", "torque_gain", "power_limit",
+    "check_torque", "check_speed", "curve_speeds", "curve_torques", "unexpected", "opened_torque",
+)  # fmt: skip
+C_NAMES = {"curve_speeds": "curve_speed", "curve_torques": "curve_torque"}
+
+
+def _source(controller: ExportedController) -> str:
+    """C of a controller without its settings, so that all controllers of one law share a library."""
+    settings = controller.settings
+    neutral: dict[str, Any] = {name: np.zeros(getattr(settings, name).shape) for name in ARRAYS}
+    neutral |= {"opened_share": 0.0, "frozen_samples": 0, "life_samples": 0, "ride_samples": 0}
+    files = c_sources(replace(controller, title="", settings=replace(settings, **neutral)))
+    taken = [
+        f"        for (int i = 0; i < {len(getattr(settings, name))}; i++) {{ c->settings.{C_NAMES.get(name, name)}[i] "
+        "= *next++; }"
+        for name in ARRAYS
+    ]  # fmt: skip
+    shim = SHIM.replace("@SETTINGS@", "\n".join([*taken, "        c->settings.opened_share = *next++;"]))
+    source = "\n".join([files["controller.h"], files["controller.c"], shim]).replace('#include "controller.h"', "")
+    return source.replace('#include "controller_data.h"', files["controller_data.h"])
 
 
 class ControllerBatch:
@@ -58,23 +90,22 @@ class ControllerBatch:
 
     def __init__(self, controller: ExportedController, count: int):
         self._count, self._k = count, len(controller.law.dynamometers)
-        files = c_sources(controller)
-        parts = [files["controller.h"], files["controller.c"], SHIM]
-        source = "\n".join(parts).replace('#include "controller.h"', "")
-        source = source.replace('#include "controller_data.h"', files["controller_data.h"])
-        library = library_of(source, OPTIMISATION, ["batch_size", "batch_begin", "batch_step"])
+        library = None
+        if compiler():
+            library = library_of(_source(controller), OPTIMISATION, ["batch_size", "batch_begin", "row_step"])
         self._python = [controller.running() for _ in range(count)] if library is None else []
+        self.row_step: Any = None if library is None else library.row_step
         if library is None:
             return
+        self._batch_step = library.batch_step
+        settings = controller.settings
+        values = np.concatenate([*(getattr(settings, name) for name in ARRAYS), [settings.opened_share]])
+        samples = np.array([settings.frozen_samples, settings.life_samples, settings.ride_samples], np.int32)
         library.batch_size.restype = ctypes.c_size_t
-        self._all = np.zeros(library.batch_size() * count, np.uint8)
-        width = len(controller.law.sensors) + len(controller.law.known) + 2 * self._k
-        self._in, self._out = np.zeros((count, width)), np.zeros((count, self._k))
-        self._state = np.zeros((count, 2), np.int32)
-        library.batch_begin(ctypes.c_void_p(self._all.ctypes.data), count)
-        self._step = library.batch_step
-        pointers = [ctypes.c_void_p(array.ctypes.data) for array in (self._all, self._in, self._out, self._state)]
-        self._pointers = pointers
+        self.bytes_each = library.batch_size()
+        self.memory = np.zeros((count, self.bytes_each), np.uint8)
+        library.batch_begin(*(ctypes.c_void_p(part.ctypes.data) for part in (self.memory,)), count,
+                            *(ctypes.c_void_p(part.ctypes.data) for part in (values, samples)))  # fmt: skip
 
     def step(
         self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int,
@@ -94,8 +125,9 @@ class ControllerBatch:
             commands = np.stack([answer.commands for answer in answers], axis=1)
             modes, faults = (np.array([getattr(one, key) for one in answers]) for key in ("mode", "fault"))
             return commands, modes, faults
-        y, w = len(readings), len(readings) + len(known)
-        self._in[:, :y], self._in[:, y:w], self._in[:, w:] = readings.T, known.T, np.vstack([hold, more]).T
-        everything, given, sent, state = self._pointers
-        self._step(everything, self._count, given, mode, ctypes.c_uint(life & 0xFFFFFFFF), int(trigger), sent, state)
-        return self._out.T.copy(), self._state[:, 0].copy(), self._state[:, 1].copy()
+        given = np.ascontiguousarray(np.vstack([readings, known, hold, more]).T, dtype=float)
+        sent, state = np.empty((self._count, self._k)), np.empty((self._count, 2), np.int32)
+        memory, numbers, to, found = (ctypes.c_void_p(part.ctypes.data) for part in (self.memory, given, sent, state))
+        life_sign = ctypes.c_uint(life & 0xFFFFFFFF)
+        self._batch_step(memory, self._count, numbers, mode, life_sign, int(trigger), to, found)
+        return sent.T.copy(), state[:, 0].copy(), state[:, 1].copy()

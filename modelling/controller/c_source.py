@@ -21,7 +21,6 @@ from modelling.controller.law import (
     KEPT_SAMPLES,
     LARGEST_SHARE,
     MEAN_OF_OFF,
-    MEAN_SAMPLES,
     MEAN_SHARE,
     REMEMBERED_SAMPLES,
     SAMPLES_IN_A_ROW,
@@ -29,6 +28,7 @@ from modelling.controller.law import (
     TURNING,
     WATCHED_SAMPLES,
     ExportedController,
+    mean_samples,
 )
 from modelling.escape import c_comment
 
@@ -51,7 +51,7 @@ def memory_bytes(controller: ExportedController) -> int:
     x, w, s = controller.law.states, len(controller.law.known), len(controller.watched.shafts)
     v, t = controller.law.vehicle_states, len(tyres_of(controller))
     settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 1 + (t + 3 if v else 0)
-    state = x + 4 * y + (w + 1) + 7 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
+    state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
     return 8 * (settings + state) + 4 * (17 + k + 3 * y + 2 * (s + 1))
 
 
@@ -110,7 +110,7 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_HELD_BELOW_LIMIT {_real(HELD_BELOW_LIMIT)}",
         f"#define CONTROLLER_SLOWEST {_real(SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {SAMPLES_IN_A_ROW}",
-        f"#define CONTROLLER_MEAN_SAMPLES {MEAN_SAMPLES}",
+        f"#define CONTROLLER_MEAN_SAMPLES {mean_samples(law.sample_time)}",
         f"#define CONTROLLER_FADE {_real(FADE_S)} /* s */",
         f"#define CONTROLLER_MEAN_OF_OFF {MEAN_OF_OFF}",
         f"#define CONTROLLER_MEAN_SHARE {_real(MEAN_SHARE)}",

@@ -11,7 +11,7 @@ from scipy.linalg import solve_discrete_are
 from modelling.bed.bed import ControlLaw
 from modelling.bed.stepped import Emulation, Law, SteppedLaw
 from modelling.bed.vehicle import FeedForward
-from modelling.errors import InputError
+from modelling.errors import NoDesign
 from modelling.linear.state_space import StateSpace
 
 # --- The sampled laws of feedback and of a feed-forward next to it.
@@ -225,7 +225,10 @@ ZERO_TORQUE, SPEED_HOLD, EMULATION, CHANNEL_CHECK = 0, 1, 2, 3  # modes
 FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
 OVERSPEED, TORQUE_GONE, UNEXPECTED = (FAULTS.index(name) for name in ("overspeed", "torque gone", "unexpected"))
 HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
-MEAN_SAMPLES = 8  # that an exponential mean holds, from which an emulation begins: a quarter of one sample's noise
+# s that the exponential means hold from which an emulation begins. Twice the mean less the mean of the mean follows a
+# hold that still comes to its speed without a lag (double exponential smoothing), and leaves a sixth of one sample's
+# noise at 1 kHz; what is left of it the observer estimates. Chosen by trial.
+MEAN_S = 0.05
 SAMPLES_IN_A_ROW = 2  # in which two readings at once have to be unexpected: then the model does not hold
 MEAN_OF_OFF = 10  # samples that the mean of what a reading is off from what is expected holds
 MEAN_SHARE = 0.25  # of the allowed: how far that mean may be off. Healthy beds reached 0.09 in drives of every kind
@@ -347,6 +350,11 @@ class Answer:
     fault: int
 
 
+def mean_samples(sample_time: float) -> int:
+    """Samples that the means hold from which an emulation begins; ``sample_time`` in s."""
+    return max(round(MEAN_S / sample_time), 1)
+
+
 class SupervisedController:
     """A control law with its supervision.
 
@@ -388,7 +396,10 @@ class SupervisedController:
         if isinstance(self.law, SteppedLaw):
             begun, cut = self.law.begin(np.zeros(y), np.zeros(k))
             self._emulation = begun, begun, cut
-        self._last, self._mean, self._averaged = np.zeros(y), np.zeros(y), 0
+        self._last, self._averaged = np.zeros(y), 0
+        # of readings, known torques and commands, and the means of these means
+        self._means, self._slow = ((np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)) for _ in range(2))
+        self._mean_samples = mean_samples(self.law.sample_time)
         self._past_torques = np.zeros((max(KEPT_SAMPLES, WATCHED_SAMPLES), k))
         self._deviations = np.zeros((WATCHED_SAMPLES, y))
         self._watch.reset()
@@ -445,7 +456,7 @@ class SupervisedController:
             self._sent = np.zeros(len(self._sent))
         if not unknown:
             if self._mode != EMULATION:
-                self._average(readings)
+                self._average(readings, known)
             self._last = readings.copy()
             self._past_torques = np.vstack([self._flange_torques(readings), self._past_torques[:-1]])
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
@@ -585,10 +596,12 @@ class SupervisedController:
         self._gone |= (self._watch.watched.carried[opened] != 0).any(axis=0)  # the rotors that it loaded
         return bool(self._gone.any())
 
-    def _average(self, readings: np.ndarray) -> None:
-        """Readings are averaged while nothing is emulated: the noise of one sample is no offset of the emulation."""
-        self._averaged = min(self._averaged + 1, MEAN_SAMPLES)
-        self._mean += (readings - self._mean) / self._averaged
+    def _average(self, readings: np.ndarray, known: np.ndarray) -> None:
+        """What an emulation begins from is averaged before it: noise of one sample is no offset of the emulation."""
+        self._averaged = min(self._averaged + 1, self._mean_samples)
+        for mean, slow, value in zip(self._means, self._slow, (readings, known, self._sent), strict=True):
+            mean += (value - mean) / self._averaged
+            slow += (mean - slow) / self._averaged
 
     def _enter(self, mode: int, readings: np.ndarray, known: np.ndarray, hold: np.ndarray) -> None:
         if mode == self._mode:
@@ -604,10 +617,13 @@ class SupervisedController:
             error = np.where(blind, 0.0, wanted - readings[self._speeds])
             self._integral = carried - self.settings.hold_proportional * error
         if mode == EMULATION:
-            self._average(readings)
-            self._start = self._mean.copy(), known.copy(), self._sent.copy()
+            self._average(readings, known)
+            readings_start, known_start, sent_start = (
+                2 * mean - slow for mean, slow in zip(self._means, self._slow, strict=True)
+            )
+            self._start = readings_start, known_start, sent_start
             if isinstance(self.law, SteppedLaw):
-                begun, cut = self.law.begin(self._start[0], self._start[2])
+                begun, cut = self.law.begin(readings_start, sent_start)
                 self._emulation = begun, begun, cut
             self._state = np.zeros(self.law.states)
             self._past_torques[:] = self._flange_torques(readings)
@@ -711,7 +727,12 @@ ON_THE_CIRCLE = 1e-6  # of |z|: poles this near 1 are angles that nothing depend
 
 
 def hold_gains(
-    bed: StateSpace, rotor_inertias: np.ndarray, dead_time: float, lag: float, sample_time: float
+    bed: StateSpace,
+    rotor_inertias: np.ndarray,
+    dead_time: float,
+    lag: float,
+    sample_time: float,
+    largest: np.ndarray | float = np.inf,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Proportional (k,) and integral (k,) gains, N·m·s/rad and N·m/rad, of a speed hold that is stable on the rig.
 
@@ -723,22 +744,22 @@ def hold_gains(
         kg·m².
     dead_time, lag, sample_time : float
         s; the lag of inverter and sensor together.
+    largest : ndarray (k,) or float
+        N·m·s/rad: a larger proportional gain would make more command of a speed's noise than is allowed.
 
     Raises
     ------
-    InputError
+    NoDesign
         If no such gains are stable.
     """
     crossover = CROSSOVER_TIMES_DELAY / (dead_time + lag + sample_time)
-    proportional = rotor_inertias * crossover
-    integral = proportional * crossover / INTEGRAL_BELOW
+    proportional = np.minimum(rotor_inertias * crossover, largest)
+    integral = proportional**2 / rotor_inertias / INTEGRAL_BELOW  # its crossover is the gain over the inertia
     for _ in range(HALVINGS):
         if _is_stable(bed, proportional, integral, dead_time, sample_time):
             return proportional, integral
         proportional, integral = proportional / 2, integral / 4
-    raise InputError(
-        "controller", "no speed hold is stable on this rig", "check dead time, lags and the rotors' inertias"
-    )
+    raise NoDesign("no speed hold is stable on this rig; check dead time, lags and the rotors' inertias")
 
 
 def _is_stable(bed: StateSpace, proportional: np.ndarray, integral: np.ndarray, dead: float, step: float) -> bool:

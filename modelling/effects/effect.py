@@ -338,6 +338,10 @@ class EquationBuilder(Protocol):
     def sign(self, speed: sm.Expr) -> sm.Expr:
         """Sign of a speed (rad/s), smoothed over a stick speed that the simulation keeps small."""
 
+    @property
+    def follow_time(self) -> sm.Symbol:
+        """Time (s) in which a limited rate follows where it may, which the simulation keeps small."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -722,6 +726,7 @@ class Kind:
         """
         parameter = self.parameters[key]
         if parameter.lower > 0:  # a scale: it may differ much from the guess, but not be 0
+            guess = min(max(guess, parameter.lower), parameter.upper)
             return max(parameter.lower, guess / 20), min(parameter.upper, guess * 20)
         return parameter.lower, parameter.upper
 

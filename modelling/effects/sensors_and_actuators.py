@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 
 import numpy as np
-from sympy import Float, Max, Min, pi, sin, sqrt
+from sympy import Max, Min, pi, sin, sqrt
 
 from modelling.effects.effect import (
     LONG_DELAYS,
@@ -354,8 +354,6 @@ LEAST_AMPLITUDE = 0.2
 
 # --- An actuator whose torque cannot change as fast as it is asked to.
 
-FOLLOWS = 2e-3  # s in which it follows where it may; its delay is taken off the recording, and at 30 Hz it errs by 4 %
-
 
 class RateLimit(Kind):
     """Acts with the recorded value, which changes by ``rate`` (N·m/s) at most."""
@@ -367,13 +365,16 @@ class RateLimit(Kind):
     parameters = {"rate": Parameter("N*m/s", lower=1e-9)}
     rate_bound = "rate"
     looks_ahead = True
+    abrupt = True
     state = State("signal", "{place} behind its rate limit", settles=True)
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
-        wanted = path.value
-        path.delay -= Float(FOLLOWS)
+        # where it may follow it does so within a short time, which is taken off the recording again; a simulation makes
+        # that time so short that it changes no reading
+        wanted, follows = path.value, assembly.follow_time
+        path.delay -= follows
         path.value = assembly.add_state(
-            f"{path.place}.{self.kind}", lambda z: Max(-p["rate"], Min(p["rate"], (wanted - z) / FOLLOWS))
+            f"{path.place}.{self.kind}", lambda z: Max(-p["rate"], Min(p["rate"], (wanted - z) / follows))
         )
 
     def guesses(self, motion: FittedMotion, at: str) -> Iterator[Guess]:
@@ -384,9 +385,11 @@ class RateLimit(Kind):
         return self._at(motion, at, best["rate"] * np.geomspace(0.6, 1.7, 9))
 
     def _at(self, motion: FittedMotion, at: str, rates: Iterable[float]) -> Iterator[Guess]:
+        """Rates with which the signal gets through its range within the recording; of a signal that hardly ever
+        changes, the quantiles of its rate are rounding."""
         signal = motion.signal(at)
         for rate in rates:
-            if rate > 0:
+            if rate * float(np.ptp(motion.time)) > float(np.ptp(signal)) > 0:
                 slow = motion.per_segment(partial(_followed, float(rate)), signal)
                 yield Guess(({at: slow - signal},), _known("rate", float(rate)))
 

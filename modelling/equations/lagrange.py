@@ -285,8 +285,9 @@ def _rigid_train(system: System, inertia: str, without: str = "") -> set[str]:
 
 STICK_SPEED = "simulation.stick_speed"  # rad/s over which the sign of a speed turns
 RECORDING = "simulation.recording"  # its number from 1 in the order of a fit; 0 of any other motion
+FOLLOW_TIME = "simulation.follow_time"  # s in which a limited rate follows where it may
 CREEP = "simulation.creep"  # rad/s at which a held brake gives way under its full torque
-SIMULATION_DEFAULTS = {STICK_SPEED: 1e-3, CONTACT_TIME: 1e-4, RECORDING: 0.0, CREEP: 0.0}
+SIMULATION_DEFAULTS = {STICK_SPEED: 1e-3, CONTACT_TIME: 1e-4, RECORDING: 0.0, FOLLOW_TIME: 5e-4, CREEP: 0.0}
 
 
 class Assembly:
@@ -392,6 +393,11 @@ class Assembly:
     def sign(self, speed: sm.Expr) -> sm.Expr:
         """Sign of a speed, turning over a stick speed that the simulation keeps small."""
         return sm.tanh(speed / self.simulation(STICK_SPEED))
+
+    @property
+    def follow_time(self) -> sm.Symbol:
+        """Time (s) in which a limited rate follows where it may, which the simulation keeps small."""
+        return self.simulation(FOLLOW_TIME)
 
     @property
     def recording(self) -> sm.Symbol:

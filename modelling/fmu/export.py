@@ -23,7 +23,7 @@ from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import ExportedController
 from modelling.effects.effect import SECOND_STATE
 from modelling.equations.casadi_code import Model, compiled
-from modelling.equations.lagrange import CREEP, RECORDING, SIMULATION_DEFAULTS, STICK_SPEED
+from modelling.equations.lagrange import CREEP, FOLLOW_TIME, RECORDING, SIMULATION_DEFAULTS, STICK_SPEED
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.errors import InputError
 from modelling.escape import c_comment, c_identifier, c_string, xml
@@ -67,9 +67,10 @@ def output_variables(model: Model) -> list[Variable]:
     ]
 
 
-OF_FRICTION = {
-    STICK_SPEED: "speed over which the sign of dry friction turns",
-    CREEP: "speed at which a held brake gives way under its full torque",
+OF_SHARPNESS = {
+    STICK_SPEED: ("rad/s", "speed over which the sign of dry friction turns"),
+    CREEP: ("rad/s", "speed at which a held brake gives way under its full torque"),
+    FOLLOW_TIME: ("s", "time in which a limited rate follows where it may"),
 }
 
 
@@ -80,11 +81,9 @@ def parameter_variables(model: Model) -> list[Variable]:
         place, _, key = name.rpartition(".")
         if name == CONTACT_TIME:
             continue
-        if name in OF_FRICTION:
-            nonzero = name == STICK_SPEED
-            variables.append(
-                Variable(name, "parameter", "rad/s", float(value), OF_FRICTION[name], 0.0, nonzero=nonzero)
-            )
+        if name in OF_SHARPNESS:
+            unit, meaning = OF_SHARPNESS[name]
+            variables.append(Variable(name, "parameter", unit, float(value), meaning, 0.0, nonzero=name != CREEP))
             continue
         low, high, nonzero = _bounds(system, name)
         if name == RECORDING:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from modelling.display import Displayed, labelled
 from modelling.errors import InputError, unknown
@@ -15,6 +14,8 @@ from modelling.linear.linearise import Linear, linearise
 from modelling.linear.state_space import response
 from modelling.linear.steady_motion import is_linear
 from modelling.modal.modes import damped_modes, modes
+from modelling.modal.pairing import mac, pairs
+from modelling.modal.result import Modes
 from modelling.system import Effect, OperatingPoint, Sensor, System
 
 POINTS = 400  # speeds of a diagram unless stated: a peak of 1 % damping is met within a tenth of its width
@@ -59,9 +60,14 @@ class Campbell(Displayed):
         """The content of ``campbell.json``, SI."""
         return {
             "of": self.of, "crossings": [one._asdict() for one in self.crossings], "orders": list(self.orders),
-            "speeds": self.speeds.tolist(), "frequencies": self.frequencies.tolist(),
-            "damping_ratios": self.damping_ratios.tolist(),
+            "speeds": self.speeds.tolist(), "frequencies": _listed(self.frequencies),
+            "damping_ratios": _listed(self.damping_ratios),
         }  # fmt: skip
+
+
+def _listed(values: np.ndarray) -> list[list[float | None]]:
+    """Values (s, m) of modes over speed; None where a mode is not there."""
+    return [[None if np.isnan(value) else value for value in row] for row in values.tolist()]
 
 
 class Critical(NamedTuple):
@@ -187,7 +193,8 @@ def campbell(system: System, speeds: np.ndarray, of: str, orders: Sequence[float
         line = order * speeds / TWO_PI
         for mode in range(frequencies.shape[1]):
             apart = frequencies[:, mode] - line
-            for i in np.flatnonzero(np.diff(np.signbit(apart))):
+            there = np.isfinite(apart[:-1]) & np.isfinite(apart[1:])  # a mode that is not there meets nothing
+            for i in np.flatnonzero(there & (np.diff(np.signbit(apart)))):
                 share = apart[i] / (apart[i] - apart[i + 1])
                 speed = float(speeds[i] + share * (speeds[i + 1] - speeds[i]))
                 crossings.append(Crossing(float(order), mode + 1, speed, order * speed / TWO_PI))
@@ -196,26 +203,27 @@ def campbell(system: System, speeds: np.ndarray, of: str, orders: Sequence[float
 
 
 def _followed(system: System, speeds: np.ndarray, of: str) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies and damping ratios (s, m) of damped modes; NaN where a mode is not there."""
+    """Frequencies and damping ratios (s, m) of damped modes; NaN where a mode is not there or does not swing."""
     found = [damped_modes(turning(system, of, float(speed))) for speed in speeds]
     most = max(len(one) for one in found)
     frequencies, ratios = np.full((len(speeds), most), np.nan), np.full((len(speeds), most), np.nan)
-    place = np.arange(len(found[0]))
+    place, J = np.arange(len(found[0])), {f"inertias.{one.name}": one.J.value for one in system.inertias}
+    weight = np.diag([J.get(name, 0.0) for name in found[0].masses])
     for i, now in enumerate(found):
         if i:
-            place = _places(found[i - 1], now, place, most)
-        frequencies[i, place], ratios[i, place] = now.frequencies, now.damping_ratios
-    return frequencies, ratios
+            place = _places(found[i - 1], now, place, most, weight)
+        swings = np.abs(now.damping_ratios) < 1  # an overdamped motion has no frequency that an order could meet
+        frequencies[i, place] = np.where(swings, now.frequencies, np.nan)
+        ratios[i, place] = np.where(swings, now.damping_ratios, np.nan)
+    ever = np.isfinite(frequencies).any(axis=0)
+    return frequencies[:, ever], ratios[:, ever]
 
 
-def _places(before: Any, now: Any, place: np.ndarray, most: int) -> np.ndarray:
+def _places(before: Modes, now: Modes, place: np.ndarray, most: int, weight: np.ndarray) -> np.ndarray:
     """Columns (m,) of the modes now, from those before: each stays with the mode that its shape is most like."""
-    a, b = before.mass_amplitudes, now.mass_amplitudes
-    products = np.abs(a.conj().T @ b) ** 2
-    likeness = products / np.outer(np.sum(np.abs(a) ** 2, axis=0), np.sum(np.abs(b) ** 2, axis=0)).clip(1e-300)
-    rows, columns = linear_sum_assignment(-likeness)
     places = np.full(len(now), -1)
-    places[columns] = place[rows]
+    for row, column in pairs(mac(before.mass_amplitudes, now.mass_amplitudes, weight), -1.0):
+        places[column] = place[row]
     free = iter(sorted(set(range(most)) - set(places.tolist())))
     return np.array([next(free) if one < 0 else one for one in places])
 

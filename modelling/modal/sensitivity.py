@@ -8,37 +8,16 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import scipy
 
 from modelling.equations.casadi_code import Model, compiled
 from modelling.linear.elements import elements
 from modelling.linear.steady_motion import reference_motion
 from modelling.modal.modes import modes_of
+from modelling.modal.pairing import mac, pairs
 from modelling.modal.result import Modes
 from modelling.system import System
 
-# --- Which mode became which when parameters change: the modal assurance criterion and following by it.
-
-
-def mac(first: np.ndarray, second: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """Modal assurance criterion |v'Ww|²/(v'Wv · w'Ww), normalised: 0 … 1 whatever the scale of the shapes.
-
-    Parameters
-    ----------
-    first, second : ndarray (n, m), (n, l)
-        Shapes, real or complex.
-    weight : ndarray (n, n), optional
-        Positive definite; the mass matrix makes distinct modes of one system score 0. Default: the unit matrix
-        (Allemang and Brown 1982).
-
-    Returns
-    -------
-    ndarray (m, l)
-    """
-    weighted = second if weight is None else weight @ second
-    other = first if weight is None else weight @ first
-    norms = np.sum(np.conj(first) * other, axis=0).real[:, None] * np.sum(np.conj(second) * weighted, axis=0).real
-    return np.abs(np.conj(first).T @ weighted) ** 2 / np.maximum(norms, 1e-300)
+# --- Modes followed by their shapes when parameters change.
 
 
 @dataclass(frozen=True)
@@ -86,8 +65,8 @@ def track_vectors(model: Model, p: np.ndarray) -> Tracked:
     mac_values = np.ones(order.shape)
     for i in range(1, len(p)):
         score = mac(batch.shapes[i - 1][:, order[i - 1]], batch.shapes[i], (mass[i - 1] + mass[i]) / 2)
-        rows, columns = scipy.optimize.linear_sum_assignment(-score)
-        order[i], mac_values[i] = columns, score[rows, columns]
+        columns = [column for _, column in pairs(score, -1.0)]
+        order[i], mac_values[i] = columns, score[range(len(columns)), columns]
     return Tracked(np.take_along_axis(batch.frequencies, order, axis=1), order, mac_values, batch)
 
 

@@ -1,7 +1,7 @@
 """A process of its own that reads one file with a library in C, which a damaged file may crash, stall or fill.
 
 :func:`modelling.recordings.readers.read_in_child` starts it. Standard input holds the request, standard output the
-answer: a line of JSON, then the numbers as they lie in memory.
+answer, a line of JSON; the numbers go into the file that the request names, as they lie in memory, column by column.
 """
 
 from __future__ import annotations
@@ -19,22 +19,24 @@ from modelling.errors import InputError
 from modelling.recordings.readers import reader_of
 
 
-def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
-    """The table as text and numbers, or the line that says why there is none."""
+def _answer(request: dict[str, Any]) -> dict[str, Any]:
+    """The table without its numbers, which are written, or why there is none."""
     path = Path(request["path"])
     try:
         table = reader_of(path)(path, request["used"], **request["options"])
     except InputError as error:
-        return {"wrong": [error.where, error.wrong, error.right]}, b""
+        return {"wrong": [error.where, error.wrong, error.right]}
     except ModuleNotFoundError as error:
-        return {"needs": error.name}, b""
+        return {"needs": error.name}
     except MemoryError:
-        return {"memory": True}, b""
+        return {"memory": True}
     except OSError as error:
-        return {"wrong": [str(path), error.strerror or "cannot be read", "name a readable file"]}, b""
+        return {"wrong": [str(path), error.strerror or "cannot be read", "name a readable file"]}
     head = {"columns": [(column.name, column.unit) for column in table.columns]}
-    numbers = b"".join(np.ascontiguousarray(column.values, dtype=np.float64).tobytes() for column in table.columns)
-    return head | {"notes": table.notes, "others": table.others}, numbers
+    with open(request["numbers"], "wb") as file:
+        for column in table.columns:
+            np.ascontiguousarray(column.values, dtype=np.float64).tofile(file)
+    return head | {"notes": table.notes, "others": table.others}
 
 
 def main() -> None:
@@ -51,8 +53,7 @@ def main() -> None:
             resource.setrlimit(resource.RLIMIT_AS, (request["bytes"], resource.getrlimit(resource.RLIMIT_AS)[1]))
             resource.setrlimit(resource.RLIMIT_CPU, (request["seconds"], resource.getrlimit(resource.RLIMIT_CPU)[1]))
             resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
-    head, numbers = _answer(request)
-    output.write(json.dumps(head).encode() + b"\n" + numbers)
+    output.write(json.dumps(_answer(request)).encode())
     output.flush()
 
 

@@ -337,6 +337,8 @@ def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str
         "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
     }  # fmt: skip
     with TemporaryDirectory(prefix="rigmatch-") as temporary:  # asammdf leaves files there
+        numbers = Path(temporary) / "numbers"
+        request["numbers"] = str(numbers)
         try:
             done = subprocess.run(
                 [sys.executable, "-P", "-m", CHILD], input=json.dumps(request).encode(), capture_output=True,
@@ -344,7 +346,9 @@ def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             raise too_slow from None
-    line, _, numbers = done.stdout.partition(b"\n")
+        # mapped, so that memory holds what is looked at alone; the file lives as long as its values do
+        values = np.memmap(numbers, np.float64, "c") if numbers.exists() and numbers.stat().st_size else np.zeros(0)
+    line = done.stdout
     if not line or done.returncode:
         code = done.returncode
         if sys.platform != "win32" and code == -signal.SIGXCPU:
@@ -359,8 +363,8 @@ def read_in_child(path: Path, used: Collection[str] | None, options: Mapping[str
     if "memory" in head:
         raise InputError(str(path), f"needs more than {most / 1e9:.1f} GB to be read", DAMAGED)
     count = len(head["columns"])
-    values = np.frombuffer(numbers, dtype=np.float64).reshape(count, -1 if count else 0).copy()
-    columns = [Column(name, unit, own) for (name, unit), own in zip(head["columns"], values, strict=True)]
+    rows = values.reshape(count, -1 if count else 0)
+    columns = [Column(name, unit, np.asarray(own)) for (name, unit), own in zip(head["columns"], rows, strict=True)]
     return Table(tuple(columns), notes=tuple(head["notes"]), others=tuple(head["others"]))
 
 

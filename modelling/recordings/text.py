@@ -99,7 +99,8 @@ class _Line:
 class _Layout:
     """How a file is laid out: names and units of all columns, the columns (by index) to read, the first line after.
 
-    ``regular`` is the step of time (s) where the file states it in place of a column.
+    ``regular`` is the step of time (s) where the file states it in place of a column; of a file that ends within a row
+    ``rows`` are the lines before that.
     """
 
     path: Path
@@ -110,6 +111,7 @@ class _Layout:
     first_line: int
     notes: tuple[str, ...] = ()
     regular: float | None = field(default=None)
+    rows: int | None = None
 
     @property
     def others(self) -> tuple[str, ...]:
@@ -148,6 +150,8 @@ def _read(path: Path, encoding: str, used: Collection[str] | None, header: int |
     with path.open(encoding=encoding, newline="") as file:
         layout = _layout(path, file, used, header)
         begin = file.tell()
+        layout = _without_cut_row(file, layout)
+        file.seek(begin)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of no rows: the caller says so
@@ -161,6 +165,20 @@ def _read(path: Path, encoding: str, used: Collection[str] | None, header: int |
             file.seek(begin)
             return _read_row_by_row(file, layout)
     return layout.table(values, None)
+
+
+CUT_OFF = "the last row has no end of line and is left out: a logger that was cut off has not written all of it"
+LONGEST_MARK = 4  # bytes of a character, in any encoding
+
+
+def _without_cut_row(file: TextIO, layout: _Layout) -> _Layout:
+    """The layout of a file whose rows all end but the last one, which is then left out: a logger was cut off there."""
+    with layout.path.open("rb") as raw:
+        raw.seek(-min(LONGEST_MARK, raw.seek(0, 2)), 2)
+        if any(end in raw.read() for end in (b"\n", b"\r")):
+            return layout
+    rows = sum(1 for _ in file)
+    return layout if rows < 2 else replace(layout, rows=rows - 1, notes=(*layout.notes, CUT_OFF))
 
 
 # --- The header, and what stands above and below it.
@@ -360,7 +378,7 @@ def _regular_lines(file: TextIO, layout: _Layout) -> Iterator[str]:
     decimal: set[str] = set()
     if not layout.columns:
         raise ValueError
-    for line in file:
+    for line in islice(file, layout.rows):
         if (len(line.split()) - 1 if blanks else line.count(layout.separator)) != separators:
             raise ValueError
         if comma:
@@ -426,7 +444,8 @@ def _read_row_by_row(file: TextIO, layout: _Layout) -> Table:
 def _rows(file: TextIO, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and cells of the rows that are not blank; empty cells beyond the header are left out."""
     number, count = layout.first_line - 1, len(layout.names)
-    while text := file.readline(LONGEST_LINE):
+    last = None if layout.rows is None else number + layout.rows
+    while number != last and (text := file.readline(LONGEST_LINE)):
         number += 1
         where = f"{layout.path}: line {number}"
         if len(text) >= LONGEST_LINE and not text.endswith("\n"):

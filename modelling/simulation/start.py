@@ -39,7 +39,34 @@ def checked(model: Model, time: np.ndarray, inputs: Inputs) -> tuple[np.ndarray,
         raise InputError(
             f"inputs.{model.inputs[column]}", f"is not finite at {time[sample]:g} s", "fill or cut the gap"
         )
-    return time, np.ascontiguousarray(u)
+    return time, np.ascontiguousarray(_with_possible_brakes(model, time, u))
+
+
+BRAKE_NOISE = 0.02  # of its largest value: so far below 0 the torque of a brake is noise or a zero that is off
+
+
+def _with_possible_brakes(model: Model, time: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Inputs (t, u) with brakes that do not drive: noise below 0 is 0.
+
+    Raises
+    ------
+    InputError
+        If a brake has a torque below 0, as most loggers write one: it would drive what it brakes.
+    """
+    columns = [list(model.inputs).index(name) for name in model.system.brakes]
+    if not columns or not (u[:, columns] < 0).any():
+        return u
+    for column in columns:
+        lowest = int(u[:, column].argmin())
+        if u[lowest, column] < -BRAKE_NOISE * np.abs(u[:, column]).max():
+            raise InputError(
+                f"inputs.{model.inputs[column]}",
+                f"is {u[lowest, column]:.4g} N·m at {time[lowest]:g} s: the torque of a brake is 0 or more",
+                "record it positive, or turn it with sign = -1 in a channel file",
+            )
+    u = u.copy()
+    u[:, columns] = np.maximum(u[:, columns], 0.0)
+    return u
 
 
 def _columns(model: Model, time: np.ndarray, inputs: Mapping[str, np.ndarray]) -> np.ndarray:

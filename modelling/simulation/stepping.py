@@ -11,7 +11,7 @@ import numpy as np
 
 from modelling.display import Displayed, labelled, series_frame
 from modelling.equations.casadi_code import Model
-from modelling.equations.lagrange import STICK_SPEED
+from modelling.equations.lagrange import FOLLOW_TIME, STICK_SPEED
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.errors import InputError
 from modelling.simulation import interpreted
@@ -465,7 +465,7 @@ def first_run(problem: InitialValueProblem, compiled: bool | None) -> FirstRun:
         If a state is not finite however small the steps, or an eigenvalue is too fast for any.
     """
     rates = rates_at_rest(problem.model, problem.p)
-    stepping = suited(rates, problem.time)
+    stepping = suited(rates, problem.time, problem.model)
     if not stepping.implicit and explicit_steps(rates) > MAX_STEPS_PER_SECOND:
         raise too_fast(rates.any, explicit_steps(rates))
     used, done = _finite_run(problem, stepping, compiled)
@@ -480,7 +480,7 @@ def along_the_motion(problem: InitialValueProblem, first: FirstRun, compiled: bo
         return first
     for p, motion in zip(problem.p, first.trajectories.states, strict=True):
         rates |= rates_along(model, p, motion, problem.inputs)
-    better = suited(rates, time)
+    better = suited(rates, time, model)
     if better.implicit != first.stepping.implicit or better.count(time) > first.stepping.count(time):
         stepping, done = _finite_run(problem, better, compiled)
         return FirstRun(done, stepping, rates)
@@ -492,12 +492,16 @@ def explicit_steps(rates: Rates) -> float:
     return max(rates.any / STABLE_STEP, rates.vibration / VIBRATION_STEP, rates.contact / CONTACT_STEP, 1.0)
 
 
-def suited(rates: Rates, time: np.ndarray) -> Stepping:
+def suited(rates: Rates, time: np.ndarray, model: Model) -> Stepping:
     """Implicit steps where far fewer follow every vibration than explicit ones need to be stable; else explicit.
 
-    Explicit ones are even in number from sample to sample; ``time`` (t,) in s.
+    Explicit ones are even in number from sample to sample; ``time`` (t,) in s. A limited rate is stepped explicitly
+    where that is possible: it is fast where it follows and jumps to its limit within a step, which the error estimate
+    of an implicit step does not see.
     """
     explicit = explicit_steps(rates)
+    if FOLLOW_TIME in model.parameters and explicit <= MAX_STEPS_PER_SECOND:
+        return Stepping(explicit / 2, refinement=2)
     accurate = max(rates.vibration / VIBRATION_STEP, rates.contact / CONTACT_STEP, 1.0)
     if explicit > IMPLICIT_COST * max(accurate, 1 / float(np.median(np.diff(time)))):
         return Stepping(min(accurate, MAX_STEPS_PER_SECOND), implicit=True)
@@ -637,7 +641,8 @@ def explicit_stepping(problem: InitialValueProblem, compiled: bool | None = None
     return Stepping(max(stable, stepping.mean_rate(problem.time)))
 
 
-# --- Dry friction sharp enough: what its regularisation changes is part of the error that a simulation controls.
+# --- Dry friction and limited rates sharp enough: what their regularisation changes is part of the error that a
+# simulation controls.
 
 SHARPER = 5.0  # times sharper from run to run; what still changes then is this less one times the error that is left
 MOST_RUNS = 5
@@ -646,7 +651,7 @@ STEPS_SHARE = 0.1  # of the tolerance, for the steps: a transition that a whole 
 
 @dataclass(frozen=True)
 class Sharpened:
-    """A run with friction as sharp as the tolerance asks.
+    """A run with friction and limited rates as sharp as the tolerance asks.
 
     ``stick_speed`` is in rad/s, NaN without dry friction. ``before`` holds the states (b, t, x) of the last blunter
     run, if there is one, ``change`` (y,) what sharpening has changed since then, as a share of each reading's range.
@@ -666,9 +671,9 @@ def sharp_enough(
     compiled: bool | None,
     most_runs: int,
 ) -> Sharpened:
-    """The run with a stick speed so small that it changes no reading by more than the tolerance.
+    """The run with a stick speed and a follow time so small that they change no reading by more than the tolerance.
 
-    The error of the regularised law is proportional to its stick speed, so it is read off two runs. Where a sharper
+    The error of a regularised law is proportional to them, so it is read off two runs. Where a sharper
     law comes no nearer (a torque that jumps between two samples; a motion that depends on it without end), the last run
     that did is taken, and its error says so.
 
@@ -681,11 +686,12 @@ def sharp_enough(
     tolerance : float
         Share of each reading's range.
     most_runs : int
-        0: the law stays as it is. Without dry friction it does anyway.
+        0: the law stays as it is. Without dry friction and limited rates it does anyway.
     """
-    if STICK_SPEED not in problem.model.parameters:
+    names = problem.model.parameters
+    at = [names.index(name) for name in (STICK_SPEED, FOLLOW_TIME) if name in names]
+    if not at:
         return Sharpened(blunt, problem, float("nan"), None, np.zeros(1))
-    at = problem.model.parameters.index(STICK_SPEED)
     best, smallest, before, last = blunt, np.inf, None, np.zeros(1)
     for _ in range(most_runs):
         p = problem.p.copy()
@@ -702,7 +708,8 @@ def sharp_enough(
         best, problem = replace(sharper, error=np.maximum(sharper.error, change)), replace(problem, p=p)
         if smallest <= tolerance:
             break
-    return Sharpened(best, problem, float(problem.p[0, at]), before, last)
+    speed = float(problem.p[0, names.index(STICK_SPEED)]) if STICK_SPEED in names else float("nan")
+    return Sharpened(best, problem, speed, before, last)
 
 
 # --- The error that a simulation states where a torque jumps or has a kink.

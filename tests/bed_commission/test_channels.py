@@ -17,8 +17,8 @@ from matching.bed.channels import channel_recording, judge_channels, plan_channe
 from matching.bed.excite import bed_inputs
 from matching.bed.lost_motion import lost_motion
 from matching.bed.simulated_bed import FmuBed
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from modelling.controller.law import CHECK_SPEED_SHARE
 from modelling.recordings.read import read_recording
 

@@ -18,7 +18,8 @@ from matching.bed import commission as circle
 from matching.bed.proof import plan_proof
 from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording
 from matching.cli import main
-from matching.export import exported_controller, tuned_case
+from matching.export import tuned_case
+from matching.match.exported import exported_controller
 from modelling.bed.observer import NOISE
 from modelling.errors import InputError
 

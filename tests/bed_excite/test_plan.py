@@ -24,7 +24,7 @@ from matching.bed.excite import (
     steps,
 )
 from matching.cli import main
-from matching.export import exported_controller
+from matching.match.exported import exported_controller
 from matching.match.loop import frequency_response, law_response, without_limits
 from modelling.bed.vehicle import cut
 

@@ -7,7 +7,7 @@ import pytest
 
 from matching.bed.excite import controlled_beds, recorded_bed
 from matching.bed.proof import PROOF, plan_proof
-from matching.export import exported_controller
+from matching.match.exported import exported_controller
 from matching.match.loop import without_limits
 from matching.match.responses import ComparedBed
 from modelling.bed.vehicle import cut

@@ -15,8 +15,8 @@ from scipy.linalg import expm
 
 from matching.bed.verify import judge, read_recordings, snapshots
 from matching.cli import main
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.match.loop import disturbing, linear_bed
 from matching.match.responses import error_figures
 from modelling.bed.controllers import STRUCTURES

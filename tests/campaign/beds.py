@@ -20,10 +20,11 @@ from matching.bed.excite import ExcitationOrder
 from matching.bed.proof import plan_proof
 from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording, with_faults
 from matching.bed.verify import judge, read_recordings
-from matching.export import exported_controller, tuned_case
+from matching.export import tuned_case
 from matching.match.box import Box
 from matching.match.case import Case
 from matching.match.case_file import case_files, load_case
+from matching.match.exported import exported_controller
 from matching.studies import append, rows
 from modelling.bed.vehicle import cut
 from modelling.errors import InputError

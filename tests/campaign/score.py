@@ -71,7 +71,7 @@ def place_confidences(rows: list[dict[str, Any]]) -> list[tuple[float, bool]]:
             there += [component(at) for at in (one["at"], *one.get("equivalent", []))]
             there += [component(same["at"]) for same in one.get("equivalent_causes", [])]
         for cause in row["found"]["causes"]:
-            out.append((cause["place_confidence"], any(component(where(cause)) & own for own in there)))
+            out.append((cause["there"], any(component(where(cause)) & own for own in there)))
     return out
 
 

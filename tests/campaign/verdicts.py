@@ -20,8 +20,8 @@ from matching.bed.commission import CommissionOrder, plan_speed
 from matching.bed.proof import Proof, plan_proof
 from matching.bed.simulated_bed import FmuBed, FmuController, proof_recording
 from matching.bed.verify import BedVerification, judge, read_recordings
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.match.match import match
 from modelling.errors import InputError
 from modelling.fmu.export import controller_fmu

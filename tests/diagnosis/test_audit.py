@@ -1,7 +1,5 @@
 """The audit of the channels on perfect models with one fault of a channel; confidence by draws of unseen blocks."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,6 @@ from matching.diagnosis.data import prepare_data
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.times import channel_times
-from matching.diagnosis.verdict import drawn_shares
 from modelling.model_file import load
 from modelling.recordings.read import read_recording
 from tests.campaign.perfect import draw, write
@@ -73,19 +70,6 @@ def test_a_late_channel_is_the_hypothesis_of_its_time(tmp_path):
     ((kind, at, values),) = suspected
     assert (kind, at) == ("sensor_delay", torque)
     assert values["delay"] == pytest.approx(5 * data.sampling_interval, abs=data.sampling_interval)
-
-
-def test_a_hypothesis_counts_as_often_as_it_predicts_drawn_blocks_best():
-    def error(*blocks):
-        return SimpleNamespace(blocks=np.array(blocks)[:, None])
-
-    better, worse = error(*[4.0] * 16), error(*[9.0] * 16)
-    np.testing.assert_array_equal(drawn_shares([better, worse, None], 100), [1.0, 0.0, 0.0])
-    np.testing.assert_array_equal(drawn_shares([better, better], 100), [0.5, 0.5])
-    rng = np.random.default_rng(2)
-    shares = drawn_shares([error(*rng.uniform(4, 9, 16)), error(*rng.uniform(4, 9, 16))], 500)
-    assert shares.sum() == pytest.approx(1.0)
-    assert 0.0 < shares[0] < 1.0
 
 
 @pytest.mark.parametrize("driven", [True, False])

@@ -12,7 +12,7 @@ from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit, polished, solve
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.settings import DiagnosisSettings
-from matching.diagnosis.unseen import Blocks, blocks_for, cut, unseen_errors
+from matching.diagnosis.unseen import Blocks, _restarted, blocks_for, cut, unseen_errors
 from modelling.model_file import from_dict
 
 J, DRAG, TORQUE, NOISE, COUNT = 0.5, 0.3, 2.0, 0.02, 6
@@ -60,18 +60,39 @@ def test_a_block_is_predicted_by_the_fit_without_it(wrong: float) -> None:
     fit, blocks = fitted(whole), cut(whole, COUNT)
     (found,) = unseen_errors(fit, blocks)
     number, readings = blocks.of(whole.segments[0]), whole.segments[0].readings[:, 0]
-    for block in range(1, COUNT):  # the start state is of the first, which is fitted to all of it
+    for block in range(1, COUNT):
         seen = number != block
         truth = least_squares(lambda q, seen=seen: (readings - speed(*q))[seen], [J, DRAG, 1.0], xtol=1e-12).x
-        expected = (readings - speed(*truth))[~seen] / NOISE
+        own, since = readings[~seen], TIME[~seen] - TIME[~seen][0]
+        decay = np.exp(-truth[1] * since / truth[0])  # the state with which the block begins is fitted to it: linear
+        free = own - TORQUE / truth[1] * (1 - decay)
+        expected = (free - decay * (decay @ free) / (decay @ decay)) / NOISE
         np.testing.assert_allclose(found[~seen, 0], expected, atol=0.1 + 0.05 * np.abs(expected).max())
 
 
 def test_what_happens_in_one_block_is_not_foretold_by_the_others() -> None:
     blocks = cut(data(np.zeros(len(TIME))), COUNT)
     there = blocks.of(data(np.zeros(len(TIME))).segments[0]) == 3
-    (found,) = unseen_errors(fitted(data(np.where(there, 10 * NOISE, 0.0))), blocks)
+    wave = 10 * np.sqrt(2) * NOISE * np.sin(2 * np.pi * 4 * TIME)
+    (found,) = unseen_errors(fitted(data(np.where(there, wave, 0.0))), blocks)
     assert np.sqrt(np.mean(found[there] ** 2)) == pytest.approx(10, rel=0.1)
+
+
+def test_an_error_of_the_speed_does_not_speak_against_a_later_block() -> None:
+    """A torque that nobody knows acts in the second second alone: the blocks long after it are met to their noise."""
+    free, start = speed(J, DRAG, 1.0), np.flatnonzero(TIME >= 1.0)[0]
+    kick = np.where(TIME >= 1.0, 0.5 * np.exp(-DRAG * (TIME - TIME[start]) / J), 0.0)  # of 0.5 rad/s, then fading
+    whole = data(kick)
+    blocks = cut(whole, COUNT)
+    fit = fitted(whole)
+    known = replace(fit, v=np.array([J, DRAG, 1.0]))
+    problem = known.problem
+    known = replace(known, residual=problem.residuals(known.v[None])[0])
+    late = blocks.of(whole.segments[0]) == COUNT - 4
+    free_run = (whole.segments[0].readings[:, 0] - free)[late] / NOISE
+    assert np.sqrt(np.mean(free_run**2)) > 5
+    (found,) = _restarted(problem, [blocks.of(whole.segments[0])], np.repeat(known.v[None], COUNT, axis=0))
+    assert np.sqrt(np.mean(found[late] ** 2)) == pytest.approx(1.0, abs=0.15)
 
 
 def test_a_segment_within_a_block_has_a_start_of_its_own() -> None:

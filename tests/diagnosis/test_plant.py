@@ -57,7 +57,7 @@ def test_every_fitted_candidate_is_listed_with_the_reason_it_was_not_taken(tmp_p
     taken = [(row["kind"], row["at"]) for row in rows if row["not_taken"] is None]
     assert taken == [(answer["kind"], answer["at"])]
     assert len(rows) == len({(row["kind"], str(row["at"])) for row in rows}) >= 4
-    reasons = {None, "not_better", "not_physical", "beyond_recording", "worse_unseen", "at_bound", "rival"}
+    reasons = {None, "not_better", "not_physical", "beyond_recording", "worse_unseen", "by_chance", "at_bound", "rival"}
     for row in rows:
         assert row["not_taken"] in reasons
         assert row["misfit"] >= 0.9 * rows[0]["misfit"]

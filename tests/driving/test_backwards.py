@@ -8,8 +8,8 @@ from driving.own_car import Bed, Car, Sensors, drive_car, run_bed, steady
 from driving.test_range import NOISE, RADIUS, SPEED_NOISE, STEP, told
 from needs import compiles
 
-from matching.export import exported_controller
 from matching.match.case_file import case_from_tables
+from matching.match.exported import exported_controller
 from matching.match.match import match
 from matching.match.operating_range import grid
 from modelling.controller.batch import ControllerBatch

@@ -9,8 +9,8 @@ from driving.own_car import Bed, Car, Sensors, drive_car, run_bed, still
 from needs import compiles
 
 from matching.bed.learn import Learned, learn, read_played
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.match.learning import Learner
 from matching.match.loop import control_law, linear_bed
 from matching.match.match import match

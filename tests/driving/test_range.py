@@ -9,7 +9,7 @@ from driving.own_car import Bed, Car, Sensors, drive_car, run_bed, steady
 from fmu.slave import slave
 from needs import compiles
 
-from matching.export import exported_controller
+from matching.match.exported import exported_controller
 from modelling.controller.batch import ControllerBatch
 from modelling.fmu.export import controller_fmu
 

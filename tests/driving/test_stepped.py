@@ -12,8 +12,8 @@ from fmu.slave import slave
 from needs import compiles
 from scipy.integrate import solve_ivp
 
-from matching.export import exported_controller
 from matching.match.case_file import case_files, case_from_tables, load_case
+from matching.match.exported import exported_controller
 from matching.match.operating_range import at_speed, grid
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
 from modelling.bed.stepped import Emulation

@@ -12,8 +12,8 @@ from needs import compiles
 from scipy.signal import cont2discrete, dlsim
 
 from matching.cli import main
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.match.loop import linear_bed
 from matching.match.verify import matched_motion
 from modelling.bed.controllers import STRUCTURES
@@ -189,8 +189,8 @@ class Bed:
 @pytest.mark.parametrize("controller", ["model_based"], indirect=True)
 def test_controller_and_bed_as_fmus_answer_like_the_vehicle(controller, path, case, reference_case, export):
     """Speed hold, emulation without a bump, a tip-in; side-shaft torque against the vehicle's closed-form response."""
-    case, step, count = with_structure(case, "model_based"), controller.law.sample_time, 800
-    on = 300  # samples of speed hold before: emulation begins at a steady speed
+    case, step, count = with_structure(case, "model_based"), controller.law.sample_time, 1500
+    on = 1000  # samples of speed hold before, twice its integral time: emulation begins at a steady speed
     turning = modes(case.rig)[0].shape  # the rigid motion: all turn at 20 rad/s of the left rotor
     rotor = turning["inertias.rotor_left"]
     motor = 100.0 * np.clip((np.arange(count + 1) - on - 50) / 50, 0, 1)  # N·m: a ramp of 50 ms

@@ -11,8 +11,8 @@ from fmu.linear_bed import LinearBed
 from fmu.slave import slave
 from needs import compiles
 
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.match.loop import linear_bed
 from modelling.controller.law import EMULATION, FAULTS, HELD_BELOW_LIMIT, NO_LIMIT, SPEED_HOLD, ZERO_TORQUE
 from modelling.fmu.export import controller_fmu

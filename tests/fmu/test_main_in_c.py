@@ -10,8 +10,8 @@ import pytest
 import scipy
 from needs import compiles
 
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from modelling.bed.controllers import STRUCTURES
 from modelling.controller.c_source import c_sources
 from modelling.linear.state_space import state_space

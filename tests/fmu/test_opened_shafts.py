@@ -7,8 +7,9 @@ import pytest
 from fmu.opened_bed import Trial, run
 from plant.marks import needs_compiler
 
-from matching.export import exported_controller, watched_bed, write_controller
+from matching.export import write_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller, watched_bed
 from modelling.controller.law import NO_LIMIT, TORQUE_GONE, WATCHED_SAMPLES, ShaftWatch, WatchedShafts, nothing_watched
 
 SMALLEST, SHARE, SETTLED = 50.0, 0.5, 3  # N·m, of the torque, samples

@@ -15,8 +15,8 @@ from fmu.slave import slave
 from needs import compiles
 
 from matching.cli import main
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.match.loop import linear_bed
 from modelling.controller.law import FAULTS
 

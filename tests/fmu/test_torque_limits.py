@@ -7,8 +7,8 @@ import pytest
 from fmu.slave import slave
 from needs import compiles
 
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from modelling.bed.controllers import STRUCTURES
 from modelling.bed.vehicle import TorqueCurve
 from modelling.fmu.export import controller_fmu

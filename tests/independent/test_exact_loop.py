@@ -9,7 +9,7 @@ from independent.dynamic_stiffness import Judge as Independent
 from independent.dynamic_stiffness import check_loop
 from match_beds.drawn_cases import draw
 
-from matching.match.beds import Judge, loop_figures, planned, sensor_noise
+from matching.match.beds import Judge, loop_figures, noise_of_sensors, planned
 from matching.match.case_file import load_case
 from matching.match.damping import damping_ratios
 from matching.match.loop import LinearBed, control_law, controller_on, linear_bed
@@ -41,7 +41,7 @@ def assert_alike(case, bed: LinearBed, seed: int) -> None:
         if found.stable[i]:  # an error is a difference of responses of size 1, which both have to some 1e-10
             assert found.measured[i] == pytest.approx(wanted.measured, rel=1e-6, abs=1e-9)
             assert found.unmeasured[i] == pytest.approx(wanted.unmeasured, rel=1e-6, abs=1e-9)
-    noise = sensor_noise(case, controller.sensors)
+    noise = noise_of_sensors(case, controller.sensors)
     figures = loop_figures(planned(case, noise), controller, required)
     judged = check_loop(case, law, noise[: len(law.sensors)], required.margin_from, required.rolled_off_from)
     difference = Independent(case, law, np.array([figures.margin_at])).planned()[0][0]

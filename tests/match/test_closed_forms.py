@@ -10,6 +10,7 @@ from match import drawn
 
 from matching.match.case_file import load_case
 from matching.match.demands import BehindCut, CutMotion, Demands
+from matching.match.findings import sentences
 from matching.match.limits import DeadTimeTrial, Relaxations, _delay
 from matching.match.loop import linear_bed
 from matching.match.problem import (
@@ -56,15 +57,15 @@ def test_a_dead_time_is_named_only_where_it_was_solved_and_did(small):
     missed = [SimpleNamespace(vehicle=5.0)]
     problem = problem_of(case)
     assert _delay(problem, missed, Relaxations()) == []
-    (enough,) = _delay(problem, missed, Relaxations(DeadTimeTrial(0.0005, 0.004)))
+    (enough,) = sentences(_delay(problem, missed, Relaxations(DeadTimeTrial(0.0005, 0.004))))
     assert enough.endswith("; solved with 4 ms, every target is met")
     degrees = 360 * 5.0 * case.loop["dead_time"]
     assert f"leaves {degrees:.0f}° at 5.00 Hz" in enough
-    (neither,) = _delay(problem, missed, Relaxations(DeadTimeTrial(0.0005, None)))
+    (neither,) = sentences(_delay(problem, missed, Relaxations(DeadTimeTrial(0.0005, None))))
     assert "solved with one sample, 0.5 ms, the targets are not met either" in neither
     assert "leaves" not in neither  # what does not help is not blamed
     assert "model_based" not in neither
-    *_, other = _delay(problem, missed, Relaxations(DeadTimeTrial(0.0005, None), {}, "model_based"))
+    *_, other = sentences(_delay(problem, missed, Relaxations(DeadTimeTrial(0.0005, None), {}, "model_based")))
     assert 'structure = "model_based"' in other
 
 

@@ -106,7 +106,8 @@ def test_what_mechanics_alone_would_take_names_both_ways_or_that_one_is_none(ine
     moves, loop = (SimpleNamespace(name="rig.shafts.flange.stiffness"),), SimpleNamespace(tunes_observer=False)
     case = SimpleNamespace(moves=moves, targets=(Target(2),), limits={}, rig=rig, loop=loop)
     question = SimpleNamespace(case=case, on_rig=["mode"], demands=Demands((part,), {}))
-    (said,) = limits._mechanics(question, [SimpleNamespace(vehicle_mode=2, vehicle=5.0)])
+    (found,) = limits._mechanics(question, [SimpleNamespace(vehicle_mode=2, vehicle=5.0)])
+    said = found.sentence()
     assert "200 N·m/rad in flange, which twists 29° (0.1 turns) at 100 N·m" in said
     assert ("no inertia behind the cuts, however large, does it alone" in said) == (inertia is None)
     assert ("or 7 times the inertia behind each cut, 3.5 kg·m² instead of 0.5" in said) == (inertia is not None)

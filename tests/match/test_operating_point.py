@@ -12,6 +12,7 @@ from scipy.signal import lsim
 
 from matching.match.case_file import case_files, load_case
 from matching.match.demands import BehindCut, CutMotion, Demands, demands
+from matching.match.findings import sentences
 from matching.match.limits import Relaxations, Solution, limits
 from matching.match.problem import problem_of, standstill
 from matching.report.match import content, operating_point, report
@@ -233,5 +234,5 @@ def test_a_limit_over_speed_is_named(compact):
     name = "dynamometer_torque_over_speed"
     less = replace(compact.case, limits=compact.case.limits | {name: 0.9 * used})
     found = Solution({}, compact.tuned, 0.0, (), True, [], verification)
-    stands = limits(problem_of(less), found, compact.targets, Relaxations())
+    stands = sentences(limits(problem_of(less), found, compact.targets, Relaxations()))
     assert any(f"{used:.2g}"[:3] in sentence and "at its speed" in sentence for sentence in stands)

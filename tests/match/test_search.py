@@ -12,7 +12,7 @@ from matching.match.case import apply
 from matching.match.case_file import load_case
 from matching.match.loop import controller_on, linear_bed
 from matching.match.loop_modes import neutral_motions
-from matching.match.objective import Search, search_for
+from matching.match.objective import Search, SpeedSearch, search_for
 from matching.match.opened import SHARES, Opened
 from matching.match.order import Delivered, Fresh, contributions, is_better
 from matching.match.problem import problem_of
@@ -53,7 +53,7 @@ def search_in(structure: str) -> Search:
     return search_for(problem.case, problem.moves, problem.shares, problem.demands, FEW)
 
 
-def begun(search: Search) -> np.ndarray:
+def begun(search: Search | SpeedSearch) -> np.ndarray:
     low, high = search.bounds()
     own = {one.name: search.case.loop[one.name[5:]] for one in search.variables if one.name.startswith("loop.")}
     return np.clip(search.begin(own), low + 0.01, high - 0.01)
@@ -71,7 +71,7 @@ def test_a_resolvent_is_the_inverse_even_where_a_matrix_has_no_eigenvectors():
 @pytest.mark.parametrize("structure", ["pi", "model_based", "observer"])
 def test_first_derivatives_of_cost_and_requirements(structure):
     """By controller, residual vehicle and adapters: what is worked backwards against differences of the figures."""
-    search = search_in(structure)
+    search = search_in(structure).members[0]
     x = begun(search)
     search.activate(x)
     cost, room = search.slopes(x)
@@ -107,7 +107,7 @@ def test_the_answer_is_the_same_whenever_it_is_asked():
 
 
 def test_the_search_sees_the_damping_that_the_judge_sees_with_opened_shafts_too():
-    search = search_in("observer")
+    search = search_in("observer").members[0]
     x = begun(search)
     case = apply(search.case, search.values(x))
     bed = linear_bed(case)
@@ -121,7 +121,7 @@ def test_the_search_sees_the_damping_that_the_judge_sees_with_opened_shafts_too(
 
 
 def test_a_search_that_sees_opened_beds_sees_them_until_they_are_left_out():
-    search = search_in("observer")
+    search = search_in("observer").members[0]
     x = end_at(search, begun(search)).x
     seen = [number for number in search.active if number in search.opened]
     before = search.judged(x)
@@ -133,7 +133,7 @@ def test_a_search_that_sees_opened_beds_sees_them_until_they_are_left_out():
 
 def test_a_stated_requirement_is_what_the_search_keeps():
     """Requirements are keys of [limits]: a key that is stated changes what the search has to keep."""
-    search = search_in("observer")
+    search = search_in("observer").members[0]
     x = begun(search)
     at, required = search.point(x), search.required
     least = min(mode.damping_ratio for _, mode in target_modes(search.case))
@@ -194,7 +194,7 @@ def test_better_is_what_gains_more_than_its_scatter():
 
 def test_a_difference_that_has_no_controller_leaves_the_other_slopes():
     """A rig quantity whose larger value has no controller is differenced downwards; the others stay as they are."""
-    whole, search = search_in("observer"), search_in("observer")
+    whole, search = (search_in("observer").members[0] for _ in range(2))
     x = begun(whole)
     cost, rows = whole.slopes(x)
     i = next(number for number, one in enumerate(search.variables) if one.name.startswith("rig."))
@@ -215,7 +215,7 @@ def test_a_difference_that_has_no_controller_leaves_the_other_slopes():
 
 
 def test_a_fault_of_the_program_is_no_missing_controller():
-    search = search_in("observer")
+    search = search_in("observer").members[0]
 
     def wrong(at: np.ndarray):
         raise ValueError("a shape that does not fit")

@@ -7,6 +7,7 @@ import pytest
 
 from matching.match.beds import Judge, damping_faults
 from matching.match.damping import asked_damping, decay_rates, is_stable_loop, stable_loops
+from matching.match.findings import sentences
 from matching.match.loop import controller_on, linear_bed
 from matching.match.requirements import Requirements
 from matching.match.robustness import not_kept
@@ -94,7 +95,7 @@ def test_a_mode_damped_too_little_is_named_with_its_owner_and_how_many_beds_have
     assert mode.frequency > 0
     assert 0 < mode.share <= 1
     robust = replace(small_result.robust, beds=replace(small_result.robust.beds, damped=0, faults=faults))
-    said = not_kept(small_result.case, robust)[0]
+    said = not_kept(small_result.case, robust)[0].sentence()
     assert said.startswith(f"{faults[0].beds} of 8 beds drawn within [uncertainty] damp the mode at ")
     assert f"{mode.frequency:.3g} Hz ({mode.owner}, " in said
 
@@ -102,6 +103,6 @@ def test_a_mode_damped_too_little_is_named_with_its_owner_and_how_many_beds_have
 def test_the_model_that_runs_ahead_is_judged_once(small_result):
     robust = small_result.robust
     slow = replace(robust, slowest_own=OwnMode(207.0, 0.5 * robust.required.decay_rate))
-    (said,) = not_kept(small_result.case, slow)
+    (said,) = sentences(not_kept(small_result.case, slow))
     assert "207 Hz" in said
     assert "the same on every bed" in said

@@ -10,6 +10,7 @@ from match_beds.drawn_cases import BUILDS, DEAD_TIMES_S, STRUCTURES, draw
 
 from matching.match.case import apply
 from matching.match.case_file import load_case
+from matching.match.findings import Finding, stated
 from matching.match.match import match
 from matching.report.match import content, summary
 
@@ -87,12 +88,11 @@ def test_a_match_whose_figures_hold_ends_well_and_others_do_not(small_result):
     for false in (
         replace(small_result, verification=beds), replace(small_result, verification=loud),
         replace(small_result, targets=(replace(small_result.targets[0], met=False),)),
-        replace(small_result, status="limited", limits=("mode 2 is reached at 3 Hz",)),
-        replace(small_result, limits=("mode 2 is reached at 3 Hz",)),
+        replace(small_result, findings=tuple(stated("dead_time", ["mode 2 is reached at 3 Hz"]))),
     ):  # fmt: skip
         with pytest.raises(AssertionError):
             ends_well(false)
-    ends_well(replace(small_result, verification=beds, status="limited", limits=("3 of 8 beds are damped too little",)))
+    ends_well(replace(small_result, verification=beds, findings=(Finding("beds_not_stable", beds=(3, 8)),)))
 
 
 def test_the_draws_cover_builds_structures_dead_times_and_sensors(tmp_path):

@@ -18,7 +18,7 @@ from match_beds.other_beds import (
 
 from matching.match.case import apply
 from matching.match.case_file import load_case
-from matching.match.in_time import lash_runs
+from matching.match.free_play import lash_runs
 from matching.match.loop import control_law, linear_bed
 from matching.match.map import match_at
 from matching.match.match import match

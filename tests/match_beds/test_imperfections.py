@@ -4,7 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from matching.match.in_time import EVERYTHING_DRAWN, EVERYTHING_STATED, Imperfection, imperfections, perturbed_system
+from matching.match.imperfections import (
+    EVERYTHING_DRAWN,
+    EVERYTHING_STATED,
+    Imperfection,
+    imperfections,
+    perturbed_system,
+)
 from modelling.system import Effect, Quantity
 
 NOTHING = Imperfection("")

@@ -8,31 +8,26 @@ import pytest
 from match_beds.plant_loop import bed_run, plant_model, vehicle_run
 from plant.marks import needs_compiler
 
-from matching.match import in_time
+from matching.match import imperfections as imperfect
 from matching.match.box import of_system
 from matching.match.case_file import load_case
-from matching.match.in_time import (
+from matching.match.exported import exported_controller
+from matching.match.free_play import FreePlay, lash_runs, lashes, open_lash
+from matching.match.imperfections import (
     ANGLE_OF_A_COUNT,
     EVERYTHING_DRAWN,
     EVERYTHING_STATED,
     BedMotion,
     BedRun,
-    FreePlay,
     Imperfection,
-    PoorSensors,
     acting,
     bed_motions,
-    errors_in_time,
     imperfections,
-    lash_runs,
-    lashes,
-    open_lash,
     perturbed_system,
     required_parameters,
-    simulate_deviations,
-    standstill,
     vehicle_motions,
 )
+from matching.match.in_time import errors_in_time, simulate_deviations, standstill
 from matching.match.loop import control_law, linear_bed
 from matching.match.match import match
 from matching.match.requirements import DEFAULT_LIMITS
@@ -40,8 +35,9 @@ from modelling.bed.nonlinear import _refine_friction
 from modelling.effects import EFFECTS
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
+from modelling.running.controllers import unsupervised
 from modelling.simulation.stepping import STABLE_STEP
-from modelling.system import Effect, OperatingPoint, Quantity, Sensor
+from modelling.system import Effect, OperatingPoint, Quantity
 
 SENSORS = ("motor_speed", "side_torque")
 GAINS = ("dynamometers.", "sensors.")
@@ -61,6 +57,12 @@ WRONG = {
 @pytest.fixture(scope="module")
 def law(small_case):
     return control_law(linear_bed(small_case))
+
+
+@pytest.fixture(scope="module")
+def controller(small_case):
+    """As it is exported, but for its supervision."""
+    return unsupervised(exported_controller(small_case))
 
 
 def pulse(case, count=800):
@@ -85,10 +87,10 @@ def on_plant(case, law, run):
 
 @needs_compiler
 @pytest.mark.parametrize("wrong", list(WRONG))
-def test_vehicle_and_bed_move_as_on_the_truth_plant(small_case, law, wrong):
+def test_vehicle_and_bed_move_as_on_the_truth_plant(small_case, law, controller, wrong):
     run = BedRun(WRONG[wrong], pulse(small_case), ("motor_torque",) if wrong == "values" else ())
     vehicle = vehicle_motions(small_case, [run], SENSORS)[0]
-    bed = bed_motions(small_case, law, [run], SENSORS)[0].readings
+    bed = bed_motions(small_case, controller, [run], SENSORS)[0].readings
     wanted_vehicle, wanted_bed = on_plant(small_case, law, run)
     span = np.ptp(wanted_vehicle, axis=0)
     assert np.abs(vehicle - wanted_vehicle).max(axis=0) == pytest.approx(0, abs=4e-3 * span.max())
@@ -97,8 +99,8 @@ def test_vehicle_and_bed_move_as_on_the_truth_plant(small_case, law, wrong):
 
 
 @pytest.fixture(scope="module")
-def table(small_case, law):
-    return errors_in_time(small_case, law, pulse(small_case, 600))
+def table(small_case, controller):
+    return errors_in_time(small_case, controller, pulse(small_case, 600))
 
 
 def test_the_table_has_every_row(table):
@@ -109,21 +111,25 @@ def test_the_table_has_every_row(table):
     assert set(table.traces.vehicle) == set(SENSORS)
 
 
-def test_a_bed_that_runs_away_is_not_stable_and_one_at_its_torque_limit_is_far_off(small_case, law):
-    runs, wrong = [BedRun(Imperfection(""), pulse(small_case, 600))], replace(law, K=-law.K)
+def test_a_bed_that_runs_away_is_not_stable_and_one_at_its_torque_limit_is_far_off(small_case, controller):
+    runs, wrong = [BedRun(Imperfection(""), pulse(small_case, 600))], replace(controller.law, K=-controller.law.K)
     free = replace(small_case, limits=DEFAULT_LIMITS)
-    assert bed_motions(free, wrong, runs, SENSORS) == [None]
-    limited, vehicle = bed_motions(small_case, wrong, runs, SENSORS)[0], vehicle_motions(small_case, runs, SENSORS)[0]
+    unlimited = replace(unsupervised(exported_controller(free)), law=wrong)
+    assert bed_motions(free, unlimited, runs, SENSORS) == [None]
+    limited = bed_motions(small_case, replace(controller, law=wrong), runs, SENSORS)[0]
+    vehicle = vehicle_motions(small_case, runs, SENSORS)[0]
     assert np.abs(limited.commands).max() == 1500
     assert np.abs(limited.readings - vehicle).max() > np.ptp(vehicle)
 
 
-def test_one_that_runs_away_leaves_those_beside_it_as_they_are(small_case, law):
+def test_one_that_runs_away_leaves_those_beside_it_as_they_are(small_case):
     torques = pulse(small_case, 600)
     wild = Imperfection("", {"dynamometers.dyno.torque_gain": -3.0})
     small_case = replace(small_case, limits=DEFAULT_LIMITS)
-    alone = bed_motions(small_case, law, [BedRun(Imperfection(""), torques)], SENSORS)[0]
-    beside, gone = bed_motions(small_case, law, [BedRun(Imperfection(""), torques), BedRun(wild, torques)], SENSORS)
+    controller = unsupervised(exported_controller(small_case))
+    alone = bed_motions(small_case, controller, [BedRun(Imperfection(""), torques)], SENSORS)[0]
+    runs = [BedRun(Imperfection(""), torques), BedRun(wild, torques)]
+    beside, gone = bed_motions(small_case, controller, runs, SENSORS)
     assert gone is None
     assert beside.readings == pytest.approx(alone.readings, abs=1e-9)
 
@@ -160,20 +166,6 @@ def test_only_play_and_friction_of_its_own_replace_those_that_are_added(small_ca
     assert added == sorted(play * (own != "backlash") + friction * (own != "coulomb_friction"))
 
 
-def test_an_encoder_counts_and_loses_nothing():
-    """A steady speed: each reading within a count a sample, the mean exact; a torque gets offset and gain."""
-    sensors = [Sensor("n", "speed", "rotor", 1e-9), Sensor("M", "torque", "flange", 1e-9)]
-    poor = PoorSensors(sensors, np.array([True, False]), np.array([[1.0, 1.0], [1.01, 1.0]]), 1e-3, 0)
-    speed, torque = 12.34, 50.0
-    read = np.array([poor.read(np.array([[speed, speed], [torque, torque]])) for _ in range(4001)])[1:]
-    assert np.abs(read[:, 0, 0] - speed).max() == pytest.approx(ANGLE_OF_A_COUNT / 1e-3, rel=0.1)
-    assert np.ptp(read[:, 0, 0]) > 0.5
-    assert read[:, 0, 0].mean() == pytest.approx(speed, abs=ANGLE_OF_A_COUNT / 4 + 1e-6)
-    assert read[:, 1, 0] == pytest.approx(1.01 * torque, abs=1e-7)
-    assert (read[:, 0, 1] == speed).all()
-    assert (read[:, 1, 1] == torque).all()
-
-
 def test_a_limit_cycle_is_told_from_a_motion_that_dies_out():
     time = np.arange(3000) * 1e-3
     swinging, decaying = 100 * np.sin(50 * time)[:, None], (100 * np.exp(-time) * np.sin(50 * time))[:, None]
@@ -193,31 +185,32 @@ WITHOUT_SWING = {
 def test_a_limit_cycle_in_a_lash_is_found_where_there_is_one(small_case):
     """Four lashes on drawn beds under weights that were not tuned for this drive: one swings on for ever."""
     loop = small_case.loop.with_values(WITHOUT_SWING)
-    law = control_law(linear_bed(replace(small_case, loop=loop)))
+    controller = unsupervised(exported_controller(replace(small_case, loop=loop)))
+    law = controller.law
     runs = lash_runs(small_case, {"motor_torque": np.full(3000, 60.0)}, ("motor_torque",), 3, FreePlay(drawn=6))[:4]
-    vehicles, beds = vehicle_motions(small_case, runs, SENSORS), bed_motions(small_case, law, runs, SENSORS)
+    vehicles, beds = vehicle_motions(small_case, runs, SENSORS), bed_motions(small_case, controller, runs, SENSORS)
     found = open_lash(vehicles, beds, [1], law.sample_time)
     assert (found.drawn, found.limit_cycles) == (4, 1)
     assert found.largest_swing > 5 > 0.5 > found.vehicle_swing  # N·m
     assert open_lash(vehicles[1:], beds[1:], [1], law.sample_time).limit_cycles == 0
 
 
-def test_encoders_keep_a_bed_swinging_at_standstill_in_proportion_to_their_count(small_case, law, monkeypatch):
+def test_encoders_keep_a_bed_swinging_at_standstill_in_proportion_to_their_count(small_case, controller, monkeypatch):
     """As a quantiser in a linear loop must; with counts near zero the bed is the exact one, which rests."""
     found = []
     for count in (1 / 8, 1 / 64, 1e-9):
-        monkeypatch.setattr(in_time, "ANGLE_OF_A_COUNT", count * ANGLE_OF_A_COUNT)
-        found.append(standstill(small_case, law, pulse(small_case), ("motor_torque",)))
+        monkeypatch.setattr(imperfect, "ANGLE_OF_A_COUNT", count * ANGLE_OF_A_COUNT)
+        found.append(standstill(small_case, controller, pulse(small_case), ("motor_torque",)))
     assert found[0].command > 0
     for name in ("command", "flange"):
         coarse, fine, none = (getattr(one, name) for one in found)
         assert 8 / 3 < coarse / fine < 8 * 3
         assert none < 1e-6 * coarse
     moving = replace(small_case, rig=replace(small_case.rig, operating_point=OperatingPoint((("motor", 50.0),))))
-    assert standstill(moving, law, pulse(small_case), ()) is None
+    assert standstill(moving, controller, pulse(small_case), ()) is None
 
 
-def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, law, table):
+def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, controller, table):
     """Without one the size of the friction and the lash were those of a bed at rest, or the match ended in a fault."""
     vehicle, rig = (
         replace(system, sensors=tuple(part for part in system.sensors if part.name != "side_torque"))
@@ -225,7 +218,7 @@ def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, law, tabl
     )
     compared = tuple(pair for pair in small_case.compared if pair.sensor != "side_torque")
     without = replace(small_case, vehicle=vehicle, rig=rig, compared=compared)
-    blind = errors_in_time(without, law, pulse(small_case, 600))
+    blind = errors_in_time(without, controller, pulse(small_case, 600))
     assert lashes(without) == lashes(small_case) is not None
     assert [row.measured["motor_speed"] for row in blind.rows[:-1]] == pytest.approx(
         [row.measured["motor_speed"] for row in table.rows[:-1]]
@@ -265,10 +258,10 @@ def test_no_limit_cycle_of_the_reference_with_twenty_lashes(milliseconds, exact)
     box = case.uncertainty.without(*exact).about({"loop.dead_time": milliseconds * 1e-3})
     loop = case.loop.with_values({"dead_time": milliseconds * 1e-3})
     case = match(replace(case, loop=loop, uncertainty=box), beds=8).tuned
-    law, names = control_law(linear_bed(case)), ("side_left_torque", "side_right_torque")
+    controller, names = unsupervised(exported_controller(case)), ("side_left_torque", "side_right_torque")
     time = np.arange(8000) * 1e-3
     runs = lash_runs(case, {"motor_torque": 100.0 * (time > 0.2)}, ("motor_torque",), 7, FreePlay(drawn=20))
-    found = open_lash(vehicle_motions(case, runs, names), bed_motions(case, law, runs, names), [0, 1], 1e-3)
+    found = open_lash(vehicle_motions(case, runs, names), bed_motions(case, controller, runs, names), [0, 1], 1e-3)
     assert (found.drawn, found.limit_cycles) == (20, 0)
     assert found.largest_swing < found.vehicle_swing + 2.0  # N·m
 

@@ -46,7 +46,7 @@ def test_a_mode_of_the_beds_own_beyond_the_roll_off_needs_no_more_damping_than_i
 
 
 def test_the_search_asks_no_more_of_such_a_mode_either(small_case, small_search):
-    search, beds = small_search, sampled_beds(small_case, [{"rig.shafts.flange.damping": 0.1}, {}])
+    search, beds = small_search.members[0], sampled_beds(small_case, [{"rig.shafts.flange.damping": 0.1}, {}])
     poles = closed_poles(beds, search.controller(search.begin()))
     search.required = replace(search.required, damping_ratio=0.06)
     eased, planned_bed = search.damping_margins(poles, beds)

@@ -9,6 +9,7 @@ from result_schema import check_schema
 
 from matching.match.beds import DampingFault, NamedMode
 from matching.match.bounds import estimator_bound
+from matching.match.findings import sentences
 from matching.match.loop import bed_set, controller_on, frequency_response, linear_bed
 from matching.match.loop import responses as controlled
 from matching.match.match import match
@@ -84,7 +85,7 @@ def test_what_is_not_kept_is_named(result):
     robust = replace(robust, loop=replace(robust.loop, largest_rolled_off=0.7))
     robust = replace(robust, beds=replace(robust.beds, damped=5, faults=(FAULT,)))
     strict = replace(result.case, unmeasured_tolerance=1e-4)
-    said = not_kept(strict, robust)
+    said = sentences(not_kept(strict, robust))
     assert any(words.startswith("3 of 8 beds") for words in said)
     assert any("sensor noise makes" in words and "0.001 N·m is allowed" in words for words in said)
     assert any("response error to unmeasured torques" in words for words in said)
@@ -100,13 +101,13 @@ def test_a_feedback_law_is_held_to_the_same_limits(result):
     case = replace(result.case, loop=loop, tolerance=1e-9, unmeasured_tolerance=1e-4)
     beds = replace(result.robust.beds, stable=6, worst=replace(result.robust.beds.worst, damping_ratio=-0.01))
     robust = replace(result.robust, beds=beds, loop=replace(result.robust.loop, largest_rolled_off=0.7))
-    said = not_kept(case, robust)
-    assert said == not_kept(replace(case, loop=result.case.loop), robust)
+    said = sentences(not_kept(case, robust))
+    assert said == sentences(not_kept(replace(case, loop=result.case.loop), robust))
     assert said[0].startswith("2 of 8 beds drawn within")
     for words in ("to measured torques", "to unmeasured torques", "(damping ratio -0.0100)", "|T| is 0.70"):
         assert any(words in sentence for sentence in said)
     damped = replace(result.robust, beds=replace(result.robust.beds, damped=5, faults=(FAULT,)))
-    (missed,) = not_kept(replace(result.case, loop=loop), damped)
+    (missed,) = sentences(not_kept(replace(result.case, loop=loop), damped))
     assert missed.startswith("3 of 8 beds drawn within [uncertainty] damp the mode at 5.2 Hz (inertias.rotor, 70 %")
     assert not noted(replace(result.case, loop=loop), damped)
 
@@ -116,7 +117,7 @@ def test_a_worst_bed_damped_too_little_is_noted_with_how_much_it_has(result):
     worst = replace(result.robust.beds.worst, damping_ratio=0.8 * mode.asked, mode=mode)
     robust = replace(result.robust, beds=replace(result.robust.beds, worst=worst, opened={}))
     assert not not_kept(result.case, robust)
-    (note,) = noted(result.case, robust)
+    (note,) = sentences(noted(result.case, robust))
     assert "80 % of the" in note
     assert worst.named[0] in note
 

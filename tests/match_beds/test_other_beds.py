@@ -15,8 +15,8 @@ from independent.dynamic_stiffness import Judge as Independent
 from match_beds.other_beds import KINDS, write
 from plant.marks import needs_compiler
 
-from matching.export import exported_controller
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.match.loop import control_law, linear_bed
 from matching.match.match import match
 from modelling.controller.batch import ControllerBatch

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from matching.cli import main
-from matching.export import exported_controller
 from matching.match.case_file import case_files, load_case
 from matching.match.demands import demands, rig_values
-from matching.match.in_time import BedRun, Imperfection, bed_motions
-from matching.match.loop import control_law, linear_bed
+from matching.match.exported import exported_controller
+from matching.match.imperfections import BedRun, Imperfection, bed_motions
 from matching.match.requirements import requirements
 from matching.match.robustness import not_kept
 from matching.match.verify import verify
 from modelling.errors import InputError
+from modelling.running.controllers import unsupervised
 
 ROAD = Path(__file__).parents[2] / "examples" / "road_to_rig"
 
@@ -65,17 +65,18 @@ def test_the_manoeuvre_is_held_against_each_ones_own_limit(case):
 
 
 def test_in_time_each_command_stays_within_its_own_limit(case):
-    law = control_law(linear_bed(case))
-    time = np.arange(400) * law.sample_time
+    controller = unsupervised(exported_controller(case))
+    time = np.arange(400) * controller.law.sample_time
     run = BedRun(Imperfection(""), {"motor_torque": 400.0 * (time > 0.05)}, ("motor_torque",))
-    commands = bed_motions(case, law, [run], ["motor_speed"])[0].commands
+    commands = bed_motions(case, controller, [run], ["motor_speed"])[0].commands
     assert np.abs(commands).max(axis=0) == pytest.approx([300.0, 1500.0])
 
 
 def test_noise_above_ones_own_limit_names_it(case):
     checked = verify(replace(case, limits={**case.limits, "dynamometers.left.command_noise": 0.5}), beds=4)
     assert checked.loop.command_noise["right"] < 20
-    (sentence,) = [words for words in not_kept(case, checked) if words.startswith("sensor noise")]
+    (found,) = [one for one in not_kept(case, checked) if one.cause == "command_noise"]
+    sentence = found.sentence()
     assert "at dynamometer left, 0.5 N·m is allowed" in sentence
 
 

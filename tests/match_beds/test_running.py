@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from matching.export import exported_controller
 from matching.match import loop as loop_of_match
+from matching.match.exported import exported_controller
 from matching.match.loop import control_law, linear_bed
 from matching.match.minutes import MinuteSettings, minutes
 from matching.match.verify import verify
@@ -69,25 +69,42 @@ def test_a_controller_that_stays_in_emulation_and_one_that_does_not(small_result
     stays = minutes(small_result.tuned, exported, 3, SHORT)
     assert len(stays.runs) == 4
     assert [run.emulated for run in stays.runs] == [SHORT.seconds] * 4
-    assert not stays.sentences()
+    assert not stays.findings
     assert all(0 < run.drift < 5 for run in stays.runs)
     strict = replace(exported.settings, unexpected=np.full(len(exported.settings.unexpected), 1e-2))
     gives_up = minutes(small_result.tuned, replace(exported, settings=strict), 3, SHORT)
     assert {run.fault for run in gives_up.runs} == {"unexpected"}
     assert max(run.emulated for run in gives_up.runs) < SHORT.seconds
-    assert len(gives_up.sentences()) == 4
-    assert "(unexpected)" in gives_up.sentences()[0]
+    (found,) = gives_up.findings
+    assert found.beds == (4, 4)
+    assert "unexpected" in found.sentence()
 
 
-def test_an_emulation_begins_from_the_mean_of_the_readings(exported):
-    """What one sample's noise makes of the start is a quarter of what it was."""
+def test_an_emulation_begins_from_means_of_readings_torques_and_commands(exported):
+    """Double exponential means over 0.05 s, of commands too: noise leaves a sixth of one sample's."""
     law, random = exported.law, np.random.default_rng(4)
-    starts = []
-    for _ in range(200):
-        one = exported.running()
-        for n in range(40):
-            noisy = 50.0 + random.normal(size=len(law.sensors))
-            one.step(noisy, np.zeros(len(law.known)), 1 if n < 39 else 2, np.zeros(len(law.dynamometers)), n)
+    samples, starts = round(0.05 / law.sample_time), []
+    for _ in range(30):
+        one, sent = exported.running(), np.zeros(len(law.dynamometers))
+        mean, slow = None, None
+        for n in range(6 * samples + 1):
+            noisy, known = 50.0 + random.normal(size=len(law.sensors)), random.normal(size=len(law.known))
+            emulating, held = n == 6 * samples, min(n + 1, samples)
+            answer = one.step(noisy, known, 2 if emulating else 1, np.full(len(law.dynamometers), 50.0), n)
+            now = np.concatenate([noisy, known, sent if emulating else answer.commands])  # those of the last sample
+            mean = now if mean is None else mean + (now - mean) / held
+            slow = mean if slow is None else slow + (mean - slow) / held
+            sent = answer.commands
+        assert np.concatenate(one._start) == pytest.approx(2 * mean - slow, rel=1e-9, abs=1e-9)
         starts.append(one._start[0])
-    assert np.std(starts) == pytest.approx(np.sqrt((1 / 8) / (2 - 1 / 8)), rel=0.15)  # of an exponential mean
-    assert np.mean(starts) == pytest.approx(50.0, abs=0.05)
+    share = 1 / samples  # variance of twice a mean less the mean of the mean, for a small share: 5/4 of it
+    assert np.std(starts) == pytest.approx(np.sqrt(1.25 * share), rel=0.25)
+
+
+def test_an_emulation_begins_where_a_hold_that_still_rises_is(exported):
+    """An even rise of all readings leaves no lag in the start."""
+    one, rise = exported.running(), 1e-3
+    for n in range(2000):
+        readings = np.full(len(exported.law.sensors), rise * n)
+        one.step(readings, np.zeros(len(exported.law.known)), 1 if n < 1999 else 2, np.zeros(1), n)
+    assert one._start[0] == pytest.approx(readings, abs=0.05 * rise)

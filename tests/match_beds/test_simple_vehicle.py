@@ -11,6 +11,7 @@ import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
 from matching.match.case_file import case_files, load_case
+from matching.match.findings import Finding, sentences, stated
 from matching.match.loop import control_law, linear_bed
 from matching.match.match import match, with_simple_vehicle
 from matching.match.problem import problem_of
@@ -205,9 +206,13 @@ class FewOfAResult:
     """The fields of a match's result that what its residual vehicle lacks may change."""
 
     case: SimpleNamespace
-    limits: tuple[str, ...]
-    notes: tuple[str, ...] = ("a note",)
+    findings: tuple[Finding, ...]
+    remarks: tuple[str, ...] = ("a note",)
     simple_vehicle: SimpleVehicle | None = None
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        return tuple(sentences(self.findings))
 
 
 @pytest.mark.parametrize(("fitted", "limits", "is_limit"), [
@@ -217,8 +222,9 @@ def test_what_it_lacks_stands_first_among_the_limits_where_it_is_too_much_and_el
     fitted, limits, is_limit
 ):
     simple = SimpleVehicle(0.3, fitted, {}, ())
-    found = with_simple_vehicle(FewOfAResult(SimpleNamespace(tolerance=0.1), limits), simple)
+    before = tuple(stated("components_differ", limits))
+    found = with_simple_vehicle(FewOfAResult(SimpleNamespace(tolerance=0.1), before), simple)
     assert found.simple_vehicle is simple
     assert found.limits == ((simple.sentence(), *limits) if is_limit else limits)
-    assert found.notes == (("a note",) if is_limit else (simple.sentence(), "a note"))
+    assert found.remarks == (("a note",) if is_limit else (simple.sentence(), "a note"))
     assert with_simple_vehicle(found, None) is found

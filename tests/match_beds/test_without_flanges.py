@@ -8,8 +8,8 @@ from independent.dynamic_stiffness import Judge as Independent
 from plant.marks import needs_compiler
 from small_bed import write
 
-from matching.export import exported_controller
 from matching.match.case_file import case_files, load_case
+from matching.match.exported import exported_controller
 from matching.match.loop import control_law, linear_bed
 from matching.match.responses import error_figures
 from matching.match.verify import disagreement, manoeuvre_torques, simulate_case

@@ -8,10 +8,11 @@ import tomli_w
 from small_bed import CASE, RIG, VEHICLE
 
 from matching.match.case_file import load_case
+from matching.match.kept import candidates_of, target_modes_of
 from matching.match.loop import linear_bed
 from matching.match.loop_modes import modes_of
 from matching.match.targets import target_modes
-from matching.match.verify import candidates_of, identified_modes, manoeuvre_torques, simulate_case, target_modes_of
+from matching.match.verify import identified_modes, manoeuvre_torques, simulate_case
 from modelling.modal.modes import damped_modes
 
 MAIN, BESIDE = 10.300, 10.336  # Hz, with damping ratios 0.085 and 0.020

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from matching.match.bounds import lower_bound
-from matching.match.loop_modes import match_mode
+from matching.match.loop_modes import vehicle_modes_in_loop
 from matching.match.requirements import DEFAULT_LIMITS
 from matching.match.responses import error_figures
 from matching.match.verify import verify
@@ -138,10 +138,11 @@ def test_one_residual_vehicle_with_two_interfaces(compact):
     assert abs(checked.traces.vehicle["side_left_torque"][0]) > 10
 
 
-def test_match_mode_tells_symmetric_from_antisymmetric(verified, reference):
+def test_pairing_tells_symmetric_from_antisymmetric(verified, reference):
     known = modes(reference.vehicle)
     inertia = {f"inertias.{own.name}": own.J.value for own in reference.vehicle.inertias}
     of_feed_forward = [mode for mode in verified.modes if mode.belongs_to == "feed_forward"]
+    became = vehicle_modes_in_loop(list(known), of_feed_forward, inertia)
     for number, symmetry in (
         (2, "antisymmetric"),
         (3, "symmetric"),
@@ -149,11 +150,11 @@ def test_match_mode_tells_symmetric_from_antisymmetric(verified, reference):
         (5, "antisymmetric"),
         (6, "symmetric"),
     ):
-        mode, mac = match_mode(known[number - 1], of_feed_forward, inertia)
+        mode, mac = became[number]
         assert (mode.symmetry, mac > 0.9) == (symmetry, True)
         assert sum(mode.kinetic.values()) == pytest.approx(1)
         assert sum(mode.potential.values()) == pytest.approx(1)
-    assert match_mode(known[0], of_feed_forward, inertia) is None
+    assert 1 not in became
 
 
 @pytest.mark.parametrize("structure", ["pi", "model_based"])
@@ -189,11 +190,12 @@ def test_a_motion_that_leaves_every_bound_is_no_result(feedback):
     json.dumps(checked.to_dict(), allow_nan=False)
 
 
-def test_match_mode_leaves_out_rigid_modes_alone(verified, reference):
+def test_pairing_leaves_out_rigid_modes_alone(verified, reference):
     """A mode of half a hertz is one as any other."""
     mode = modes(reference.vehicle)[1]
     inertia = {f"inertias.{part.name}": part.J.value for part in reference.vehicle.inertias}
-    alike, _ = match_mode(mode, [mode for mode in verified.modes if mode.belongs_to == "feed_forward"], inertia)
+    of_feed_forward = [mode for mode in verified.modes if mode.belongs_to == "feed_forward"]
+    alike, _ = vehicle_modes_in_loop([mode], of_feed_forward, inertia)[mode.number]
     slow = replace(alike, frequency=0.5)
-    assert match_mode(replace(mode, frequency=0.5), [slow], inertia)[0] is slow
-    assert match_mode(replace(mode, frequency=0.0), [slow], inertia) is None
+    assert vehicle_modes_in_loop([replace(mode, frequency=0.5)], [slow], inertia)[mode.number][0] is slow
+    assert vehicle_modes_in_loop([replace(mode, frequency=0.0)], [slow], inertia) == {}

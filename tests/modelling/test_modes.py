@@ -11,7 +11,8 @@ from small_drives import chain
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
 from modelling.modal.modes import damped_modes, modes, modes_batch, reduced, reduced_values, speed_ratios
-from modelling.modal.sensitivity import mac, sensitivities, track, what_if
+from modelling.modal.pairing import mac
+from modelling.modal.sensitivity import sensitivities, track, what_if
 from modelling.model_file import from_dict, load
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig"

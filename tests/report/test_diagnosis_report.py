@@ -154,7 +154,7 @@ def test_page_is_whole_and_needs_nothing_else(folder: Path, said: str) -> None:
     assert all(f'id="{name}"' in page for name in anchors)
     assert closed[-1] == "html"
     assert "nan" not in re.sub(r"<svg.*?</svg>|<script.*?</script>", "", page, flags=re.DOTALL).lower().split()
-    for word in ("Instead of", "Fitted quantities", "Notes", "What to do next"):
+    for word in ("Instead of", "Fit report", "Notes", "What to do next"):
         assert word in page
     for name in ("errors", "unseen", "balance", "time", "where", "spectrum"):
         own = folder / "out" / "figures" / f"{name}.svg"
@@ -298,8 +298,13 @@ def test_a_cause_that_is_not_sure_of_its_kind_is_something_with_a_shape() -> Non
         {"at": "shafts.link", "over": "twist", "share": 0.38},
     ]
     row = _cause(weak, curves)
-    assert row["cause"] == "something, as hysteresis would be"
-    assert row["in extended.toml"] == "no; torque over the twist, 38 % of the rest"
-    assert (row["confidence"], row["in the place"]) == ("0.30", "0.96")
-    assert _cause(weak | {"in_model": True}, curves)["cause"] == "hysteresis"
-    assert _cause(weak, curves[:1])["in extended.toml"] == "no"
+    assert row["cause"] == "something, most like hysteresis"
+    assert row["in extended.toml"] == "no: its kind or its size is not certain"
+    assert row["shape"] == "torque over the twist, 38 % of the rest"
+    assert (row["there"], row["kind"]) == ("0.96", "0.30")
+    answered = weak | {"in_model": True, "confidence": 0.7, "there": 1.0, "left": {"a": {"without": 9.0, "with": 3.0}}}
+    row = _cause(answered, curves)
+    assert (row["cause"], row["there"], row["kind"]) == ("hysteresis", "1.00", "0.70")
+    assert row["left, in times the noise"] == "a 9 → 3"
+    assert row["in extended.toml"] == "yes"
+    assert _cause(weak | {"why_not": "by_chance"}, curves[:1])["in extended.toml"].startswith("no: unseen data gain")

@@ -15,6 +15,7 @@ from result_schema import check_schema
 
 from matching.cli import main
 from matching.match.case_file import load_case
+from matching.match.findings import Finding
 from matching.match.map import Axis, Map, Point, axis, held_at, improved_at, map_case, match_at, quantities
 from matching.report.common import image
 from matching.report.studies import map_figure
@@ -136,7 +137,9 @@ def test_a_point_of_an_observer_says_what_its_beds_do_not_keep(monkeypatch):
     made = SimpleNamespace(
         case=observed, tuned=observed, status="limited", response_error=error, verification=verification, targets=(),
         robust=SimpleNamespace(beds=beds, required=SimpleNamespace(opened_shafts=True)), limits=("so",), objective=1.0,
-        parameters=(), pairs=(), lash=SimpleNamespace(limit_cycles=0, words=lambda: "some swing on"),
+        parameters=(), pairs=(),
+        findings=(Finding("response_error", 0.4, 0.3), Finding("beds_not_stable", beds=(50, 200)),
+                  Finding("worst_bed", 0.01, 0.02, limits=False)),
     )  # fmt: skip
     monkeypatch.setattr("matching.match.map.match", lambda *given, **options: made)
     places = ("loop.dead_time", 5e-3), (STIFFNESS, 1e5)
@@ -144,10 +147,10 @@ def test_a_point_of_an_observer_says_what_its_beds_do_not_keep(monkeypatch):
     assert (point.stable_beds, point.limited_by) == (0.75, ("response_error", "beds"))
     assert point.bed_error == pytest.approx(np.sqrt((0.6**2 + 1.0**2) / 2))  # medians over 0.1 and 0.3
     assert improved_at(observed, *places, None) is None
-    beds.stable, beds.holds, error.unmeasured = 200, True, 0.01
+    beds.stable, beds.holds, error.unmeasured, made.findings = 200, True, 0.01, ()
     point = match_at(observed, *places, 0, 1)
     assert (point.stable_beds, point.limited_by) == (1.0, ())
-    made.lash.limit_cycles = 3
+    made.findings = (Finding("free_play", 9.0, 1.0, beds=(3, 30)),)
     assert match_at(observed, *places, 0, 1).limited_by == ("opened_shafts",)
 
 

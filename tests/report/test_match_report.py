@@ -85,7 +85,7 @@ def test_page_is_whole_and_needs_nothing_from_outside(html, drawn, hand_made):
 
 
 def test_the_first_screen_says_what_to_do_with_the_command_that_does_it(hand_made):
-    text = page(replace(hand_made, status="matched", limits=()), {}, folder="out/here")
+    text = page(replace(hand_made, findings=()), {}, folder="out/here")
     first = text.split("<details")[0]
     assert "Order the adapters as planned" in first
     assert '<pre class="command">rigmatch export out/here --controller controller.fmu</pre>' in first

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from matching.match.beds import BedsCheck, LoopFigures
-from matching.match.passivity import Passivity
 from matching.match.requirements import Requirements
 from matching.match.verify import OwnMode
 from matching.report.match import bed_errors, beds_figure, requirement_rows
@@ -22,14 +21,6 @@ class Robust:
     loop: LoopFigures = LOOP
     required: Requirements = REQUIRED
     slowest_own: OwnMode | None = None
-    passivity: Passivity | None = None
-
-
-def test_the_passivity_of_the_bed_is_a_figure_that_nothing_asks_for():
-    robust = Robust(passivity=Passivity(True, 8.5, -0.9, 80.0, (0.05, 500.0)))
-    *requirements, row = [tuple(row.values()) for row in requirement_rows(robust)]
-    assert len(requirements) == len(requirement_rows(Robust()))
-    assert (row[1].split(";")[0], row[3]) == ("passive up to 8.5 Hz", "")
 
 
 def test_every_requirement_stands_with_what_is_asked_and_whether_it_holds():

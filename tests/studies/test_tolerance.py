@@ -13,6 +13,7 @@ from result_schema import check_schema
 import rigmatch as rm
 from matching.cli import main
 from matching.match.case_file import load_case
+from matching.match.kept import kept
 from matching.match.loop import control_law
 from matching.match.map import Axis
 from matching.match.tolerance import (
@@ -24,7 +25,6 @@ from matching.match.tolerance import (
     tolerance,
     tuned,
     varied_of,
-    yields,
 )
 from modelling.errors import InputError
 
@@ -150,7 +150,7 @@ def test_intervals_of_quantiles_cover_the_true_ones():
     assert few[0.5] == (17.0, 32.0)  # ranks 18 and 33 of 50
 
 
-def test_yields_of_draws_counted_by_hand():
+def test_kept_beds_counted_by_hand():
     """Errors of at most 0.1, frequencies within 1 % of the own vehicle's; the margin is shown and does not count."""
     values = {
         "stable": np.array([1.0, 1.0, 1.0, 0.0]),
@@ -159,7 +159,8 @@ def test_yields_of_draws_counted_by_hand():
         "response_error": np.array([0.05, 0.1, 0.11, 0.01]),  # the third is too large, the last of no stable loop
         "target_mode_1_frequency_error": np.array([0.008, -0.012, -0.008, 0.0]),  # the second
     }
-    assert yields(values, {"response_error": 0.1, "target_mode_1_frequency_error": 0.01}) == {
+    found = kept(values, {"response_error": 0.1, "target_mode_1_frequency_error": 0.01})
+    assert {name: which.mean() for name, which in found.items()} == {
         "stable": 0.75, "damped": 1.0, "response_error": 0.5, "target_mode_1_frequency_error": 0.5, "all": 0.25,
     }  # fmt: skip
 

@@ -24,9 +24,10 @@ from plant.hidden import Hidden
 from plant.systems import Drive
 
 from matching.bed.commission import Circle, Commissioning, CommissionOrder
-from matching.export import exported_controller, tuned_case
+from matching.export import tuned_case
 from matching.match.case import Case
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.studies import append, rows
 from modelling.controller.law import CHECK_SPEED_SHARE
 from modelling.errors import InputError

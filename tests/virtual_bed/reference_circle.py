@@ -23,9 +23,10 @@ from matching.bed.excite import bed_inputs
 from matching.bed.proof import plan_proof
 from matching.bed.simulated_bed import FmuBed, FmuController, bed_system, proof_recording
 from matching.bed.verify import judge, read_recordings
-from matching.export import exported_controller, tuned_case
+from matching.export import tuned_case
 from matching.match.case import Case
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
 from matching.report import common as style
 from modelling.controller.law import SPEED_HOLD, Answer
 from modelling.recordings.read import read_recording

@@ -428,15 +428,31 @@ static controller_real wanted_speed(const controller *c, const controller_input 
     return (c->fault != CONTROLLER_NO_FAULT) ? c->held[j] : in->hold_speed[j];
 }
 
-/* the readings are averaged while nothing is emulated, so that the noise of one sample is no offset of the emulation */
+static void average_of(controller_real *mean, controller_real *slow, const controller_real *value, int32_t count, int32_t samples)
+{
+    for (int32_t i = 0; i < count; i++) {
+        mean[i] += (value[i] - mean[i]) / (controller_real)samples;
+        slow[i] += (mean[i] - slow[i]) / (controller_real)samples;
+    }
+}
+
+/* twice a mean less the mean of the mean: no lag behind an even change */
+static void start_of(controller_real *start, const controller_real *mean, const controller_real *slow, int32_t count)
+{
+    for (int32_t i = 0; i < count; i++) {
+        start[i] = ((controller_real)2.0 * mean[i]) - slow[i];
+    }
+}
+
+/* what an emulation begins from is averaged before it, so that the noise of one sample is no offset of the emulation */
 static void average(controller *c, const controller_input *in)
 {
     if (c->averaged < CONTROLLER_MEAN_SAMPLES) {
         c->averaged++;
     }
-    for (int32_t i = 0; i < READINGS; i++) {
-        c->mean[i] += (in->reading[i] - c->mean[i]) / (controller_real)c->averaged;
-    }
+    average_of(c->mean, c->slow, in->reading, READINGS, c->averaged);
+    average_of(c->known_mean, c->known_slow, in->known, KNOWN, c->averaged);
+    average_of(c->sent_mean, c->sent_slow, c->sent, DYNAMOMETERS, c->averaged);
 }
 
 #if CONTROLLER_VEHICLE_STATES > 0
@@ -685,9 +701,9 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
         if (mode == CONTROLLER_EMULATION) {
             (void)memset(c->state, 0, sizeof c->state);
             average(c, in);
-            (void)memcpy(c->reading_start, c->mean, sizeof c->reading_start);
-            (void)memcpy(c->known_start, in->known, sizeof c->known_start);
-            (void)memcpy(c->sent_start, c->sent, sizeof c->sent_start);
+            start_of(c->reading_start, c->mean, c->slow, READINGS);
+            start_of(c->known_start, c->known_mean, c->known_slow, KNOWN);
+            start_of(c->sent_start, c->sent_mean, c->sent_slow, DYNAMOMETERS);
 #if CONTROLLER_VEHICLE_STATES > 0
             begin_vehicle(c);
 #endif

@@ -1,0 +1,119 @@
+"""An exported controller on every row of a batch, with what it is asked for over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from modelling.bed.stepped import Law
+from modelling.controller.law import (
+    EMULATION,
+    NO_LIMIT,
+    SPEED_HOLD,
+    ExportedController,
+    Settings,
+    nothing_watched,
+)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """What a controller is asked for; t samples, k dynamometers, b rows or one value for all. The last value stays.
+
+    Attributes
+    ----------
+    mode : ndarray of int (t,)
+    hold : ndarray (t, k, b)
+        rad/s of the rotors in speed hold.
+    added : ndarray (t, k, b)
+        N·m, added to the commands.
+    trigger : ndarray of int (t,)
+        1 from the begin of the manoeuvre on.
+    """
+
+    mode: np.ndarray
+    hold: np.ndarray
+    added: np.ndarray
+    trigger: np.ndarray
+
+    @classmethod
+    def held_first(cls, before: int, samples: int, hold: np.ndarray, added: np.ndarray) -> Schedule:
+        """Speed hold (k, b), rad/s, for ``before`` samples, which begins with commands (k, b), N·m; then emulation."""
+        mode = np.where(np.arange(samples) < before, SPEED_HOLD, EMULATION).astype(np.int32)
+        at_hold = (mode == SPEED_HOLD)[:, None, None] * added[None]
+        return cls(mode, np.broadcast_to(hold, (samples, *hold.shape)), at_hold, (mode == EMULATION).astype(np.int32))
+
+    def lasting(self, samples: int) -> Schedule:
+        """The same for so many samples: what is asked for last stays."""
+        at = np.minimum(np.arange(samples), len(self.mode) - 1)
+        return self if samples == len(self.mode) else Schedule(*(part[at] for part in vars(self).values()))
+
+
+class ControllerRows:
+    """The same exported controller on every row; a :class:`modelling.running.plant.Controller`.
+
+    With rows of the product and a compiler its C sources run (:func:`modelling.running.run.run`); elsewhere the same in
+    Python.
+
+    Attributes
+    ----------
+    fault, fault_at : ndarray of int (b,)
+        What ended the emulation first, 0 where nothing did, and its sample, −1.
+    """
+
+    def __init__(self, controller: ExportedController, schedule: Schedule, count: int = 1):
+        self.controller, self.schedule, self.count = controller, schedule, count
+        self.sensors, self.known = tuple(controller.law.sensors), tuple(controller.law.known)
+        self.begin()
+
+    def begin(self) -> None:
+        """Everything forgotten."""
+        self.fault, self.fault_at = np.zeros(self.count, np.int32), np.full(self.count, -1, np.int64)
+        self._each = [self.controller.running() for _ in range(self.count)]
+
+    def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """See :class:`modelling.running.plant.Controller`."""
+        asked, rows = self.schedule, self.count
+        at = min(sample, len(asked.mode) - 1)
+        shape = len(self.controller.law.dynamometers), rows
+        hold, added = np.broadcast_to(asked.hold[at], shape), np.broadcast_to(asked.added[at], shape)
+        mode, trigger = int(asked.mode[at]), bool(asked.trigger[at])
+        answers = [
+            one.step(readings[:, b], known[:, b], mode, hold[:, b], sample, added[:, b], trigger)
+            for b, one in enumerate(self._each)
+        ]
+        for b, answer in enumerate(answers):
+            if mode == EMULATION and self.fault_at[b] < 0 and answer.fault:
+                self.fault[b], self.fault_at[b] = answer.fault, sample
+        return np.stack([answer.commands for answer in answers], axis=1)
+
+
+def unsupervised(controller: ExportedController) -> ExportedController:
+    """The same controller that never gives up; what has no limit is not limited by a large number either."""
+    own = controller.settings
+    never = np.full(len(own.torque_limit), np.inf)
+    unlimited = {
+        name: np.where(getattr(own, name) >= NO_LIMIT, np.inf, getattr(own, name))
+        for name in ("torque_limit", "power_limit", "curve_torques")
+    }  # fmt: skip
+    settings = replace(
+        own, torque_limit=unlimited["torque_limit"], power_limit=unlimited["power_limit"],
+        curve_torques=unlimited["curve_torques"], lost_torque=never, speed_limit=never,
+        unexpected=np.full(len(own.unexpected), np.inf), opened_torque=np.full(len(own.opened_torque), np.inf),
+        frozen_samples=0, life_samples=0, ride_samples=0,
+    )  # fmt: skip
+    return replace(controller, settings=settings)
+
+
+def plain(law: Law, torque_readings: tuple[int, ...], speed_readings: tuple[int, ...]) -> ExportedController:
+    """A law with no limit and nothing that ends it; its speed hold gives what is added, and nothing more."""
+    k, y = len(law.dynamometers), len(law.sensors)
+    none, nothing = np.full(k, np.inf), np.zeros(k)
+    settings = Settings(
+        none, none, nothing, nothing, none, np.ones(k), np.full(y, np.inf), none, np.zeros(1), np.full(1, np.inf),
+        none, none, frozen_samples=0,
+    )  # fmt: skip
+    return ExportedController(
+        "", law, settings, ("",) * y, torque_readings, speed_readings, nothing_watched(y, k), (), np.zeros((k, y))
+    )  # fmt: skip

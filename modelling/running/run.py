@@ -1,0 +1,381 @@
+"""The one loop that steps plants and controllers from sample to sample: in C for rows of the product, else in NumPy."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from ctypes import c_double, c_longlong, c_void_p
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modelling.controller.batch import ControllerBatch
+from modelling.errors import InputError, unknown
+from modelling.running.beds import BedRows
+from modelling.running.controllers import ControllerRows
+from modelling.running.plant import Controller, Plant
+from modelling.simulation.compiled import GENERATED, compiler, generated, library_of
+from modelling.simulation.stepping import SimulationError
+
+TOO_LARGE = 1e9  # a state beyond this has left every bed
+SAMPLES_AT_ONCE = 4000  # of noise that is drawn before they are run (memory only)
+OPTIMISATION = "-O2 -ffp-contract=off"  # as NumPy rounds
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the rows did; t samples, y kept sensors, k commands, b rows.
+
+    Attributes
+    ----------
+    time : ndarray (t,)
+        s.
+    sensors, names : tuple of str (y), tuple of str (k)
+        Of what was kept, and of the commands.
+    readings : ndarray (t, y, b)
+        Absolute, SI; NaN after a row left all bounds. Of rows of the product the true values, of other plants what they
+        read.
+    commands : ndarray (t, k, b)
+        N·m, absolute.
+    lost : ndarray of bool (b,)
+        Which rows left all bounds.
+    fault, fault_at : ndarray of int (b,)
+        What ended emulation first, by number (:data:`modelling.controller.law.FAULTS`), 0 where nothing did, and its
+        sample, −1.
+    states : ndarray (t, x, b) or None
+        Absolute, where they were asked for.
+    interpreted : bool
+        Whether there was no C compiler, with which it takes a tenth of the time.
+    """
+
+    time: np.ndarray
+    sensors: tuple[str, ...]
+    names: tuple[str, ...]
+    readings: np.ndarray = field(repr=False)
+    commands: np.ndarray = field(repr=False)
+    lost: np.ndarray
+    fault: np.ndarray
+    fault_at: np.ndarray
+    states: np.ndarray | None = field(repr=False, default=None)
+    interpreted: bool = False
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Time series (t, b) of a sensor or command by name."""
+        if name in self.sensors:
+            found: np.ndarray = self.readings[:, self.sensors.index(name)]
+        elif name in self.names:
+            found = self.commands[:, self.names.index(name)]
+        else:
+            raise unknown(name, [*self.sensors, *self.names], "time series")
+        return found
+
+
+def run(
+    plant: Plant, controller: Controller | None = None, torques: Mapping[str, np.ndarray] | None = None,
+    known: Mapping[str, np.ndarray] | None = None, *, samples: int | None = None, sample_time: float | None = None,
+    keep: Sequence[str] | None = None, every: int = 1, states: bool = False,
+) -> Motion:  # fmt: skip
+    """Step a plant under a controller, sample by sample.
+
+    Parameters
+    ----------
+    plant : Plant
+        Rows of the product, or any object with the attributes and methods of
+        :class:`modelling.running.plant.Plant`.
+    controller : Controller, optional
+        Without one the commands are those of the operating point, or 0.
+    torques : mapping of str to ndarray (t,) or (t, b)
+        N·m by input of the plant, one value a sample, straight in between; 0 of inputs that are left out.
+    known : mapping of str to ndarray (t,) or (t, b)
+        N·m, absolute, as the controller is told; 0 of those left out.
+    samples : int, optional
+        How many, where no torques say so.
+    sample_time : float, optional
+        s; that of the plant where it has one.
+    keep : sequence of str, optional
+        Sensors whose time series are returned; all of the plant's unless given.
+    every : int
+        Every so many samples are returned.
+    states : bool
+        Return the states of rows of the product, too.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    InputError
+        If a name is no input or sensor, or nothing says how many samples, or how long one is.
+    """
+    given = [*(torques or {}).values(), *(known or {}).values()]
+    count = samples if samples is not None else max((len(each) for each in given), default=0)
+    if count <= 0:
+        raise InputError("run", "nothing says how many samples", "give torques, or samples")
+    span = getattr(plant, "sample_time", None) if sample_time is None else sample_time
+    if span is None or not span > 0:
+        raise InputError("run", "nothing says how long a sample is", "give sample_time in s")
+    drive = _stacked(torques or {}, plant.inputs, count, plant.count, "torques")
+    told_names = () if controller is None else controller.known
+    told = _stacked({name: each for name, each in (known or {}).items() if name in told_names}, told_names, count,
+                    plant.count, "known")  # fmt: skip
+    if isinstance(plant, BedRows) and not plant.held and (controller is None or type(controller) is ControllerRows):
+        names = tuple(plant.beds.model.sensors) if keep is None else tuple(keep)
+        if compiler() and (loop := _compiled_loop()) is not None:
+            done = _Compiled(plant, controller, drive, told, count, names, every, states, loop).motion()
+            if done is not None:
+                return done
+        return _interpreted(plant, controller, drive, told, count, span, names, every, states)
+    return _interpreted(plant, controller, drive, told, count, span, plant.sensors if keep is None else tuple(keep),
+                        every, states)  # fmt: skip
+
+
+def grown(seconds: float) -> SimulationError:
+    """The error of a motion that left all bounds within so many seconds."""
+    return SimulationError("simulation", f"the motion grows out of bounds within {seconds:g} s", "the loop is unstable")
+
+
+def _stacked(
+    by_name: Mapping[str, np.ndarray], names: Sequence[str], count: int, rows: int, place: str
+) -> np.ndarray:  # fmt: skip
+    """Torques (t, n, b) or (t, n, 1) in the order of ``names``."""
+    for name in by_name:
+        if name not in names:
+            raise unknown(name, list(names), place)
+    arrays = {name: np.asarray(each, float) for name, each in by_name.items()}
+    width = rows if any(each.ndim == 2 and each.shape[1] > 1 for each in arrays.values()) else 1
+    made = np.zeros((count, len(names), width))
+    for i, name in enumerate(names):
+        if name in arrays:
+            each = arrays[name]
+            made[:, i] = each[:count, None] if each.ndim == 1 else each[:count]
+    return made
+
+
+# --- Without a compiler, and of plants and controllers that are none of the product's.
+
+
+def _interpreted(
+    plant: Plant, controller: Controller | None, drive: np.ndarray, told: np.ndarray, count: int, span: float,
+    keep: Sequence[str], every: int, states: bool,
+) -> Motion:  # fmt: skip
+    own = plant if isinstance(plant, BedRows) else None
+    rows, k = plant.count, len(plant.commands)
+    kept = -(-count // every)
+    read, sent = np.full((kept, len(keep), rows), np.nan), np.full((kept, k, rows), np.nan)
+    sensors = plant.sensors if own is None else own.beds.model.sensors
+    for name in keep:
+        if name not in sensors:
+            raise unknown(name, list(sensors), "keep")
+    chosen = [sensors.index(name) for name in keep]
+    needed = [] if controller is None else [plant.sensors.index(name) for name in controller.sensors]
+    motion = np.full((kept, own.beds.physical, rows), np.nan) if own is not None and states else None
+    idle = np.zeros((k, rows)) if own is None else own.idle()
+    lost, lost_at = np.zeros(rows, bool), np.full(rows, count)
+    shape = drive.shape[1], rows
+    plant.begin(np.broadcast_to(drive[0], shape))
+    if isinstance(controller, ControllerRows):
+        controller.begin()
+    ended = count
+    for n in range(count):
+        if own is None:
+            values = here = plant.readings()
+        else:
+            here = own.exact()
+            values = own.sensed(here) if controller is not None else here
+        commands = idle
+        if controller is not None:
+            asked = controller.step(n, values[needed], np.broadcast_to(told[n], (told.shape[1], rows)))
+            if asked is None:
+                ended = n
+                break
+            commands = asked
+        if n % every == 0:
+            read[n // every], sent[n // every] = np.where(lost, np.nan, here[chosen]), np.where(lost, np.nan, commands)
+            if motion is not None and own is not None:
+                motion[n // every] = np.where(lost, np.nan, own.x[: own.beds.physical])
+        now, after = (np.broadcast_to(drive[min(each, count - 1)], shape) for each in (n, n + 1))
+        plant.step(commands, now, after, span)
+        if own is not None:
+            lost |= ~(np.abs(own.x[: own.beds.physical]) <= TOO_LARGE).all(axis=0)
+            lost_at = np.where(lost, np.minimum(lost_at, n + 1), count)
+            if lost.any():
+                own.stop(lost)
+                if lost.all():
+                    break
+    kept = min(kept, -(-ended // every))
+    fault = getattr(controller, "fault", np.zeros(rows, np.int32))
+    fault_at = getattr(controller, "fault_at", np.full(rows, -1, np.int64))
+    late = fault_at >= lost_at  # what a controller said of a row that had left all bounds
+    fault, fault_at = np.where(late, 0, fault), np.where(late, -1, fault_at)
+    if own is None:
+        lost = ~np.isfinite(read[:kept]).all(axis=(0, 1)) if kept else lost
+    return Motion(
+        np.arange(kept) * (every * span), tuple(keep), tuple(plant.commands), read[:kept], sent[:kept], lost,
+        fault, fault_at, None if motion is None else motion[:kept], compiler() is None,
+    )  # fmt: skip
+
+
+# --- In C: the bed's functions, the controller's step and the loop, each compiled once.
+
+
+@cache
+def _compiled_loop() -> ctypes.CDLL | None:
+    source = Path(__file__).with_name("rows.c").read_text(encoding="utf-8")
+    return library_of(source, OPTIMISATION, ["run_rows"])
+
+
+def _functions_of(plant: BedRows) -> Any:
+    """Pointers of the bed's two functions; None where they cannot be compiled."""
+    beds = plant.beds
+    found = []
+    for function in beds.functions:
+        library = library_of(generated(function), GENERATED, [function.name()])
+        if library is None:
+            return None
+        found.append(ctypes.cast(getattr(library, function.name()), c_void_p))
+    return found
+
+
+class _Shared(ctypes.Structure):
+    _fields_ = [("at", c_void_p), *((name, c_longlong) for name in ("sample", "place", "row"))]
+
+
+_SIZES = (
+    "rows", "physical", "read", "drives", "dynamometers", "pieces", "longest", "parameters", "sensors", "kept",
+    "law_sensors", "known", "every", "controller_bytes",
+)  # fmt: skip
+
+
+class _Rows(ctypes.Structure):
+    """``rows`` of ``rows.c``, field by field."""
+
+    _fields_ = [
+        *((name, c_void_p) for name in ("sample", "reading", "step")),
+        *((name, c_longlong) for name in _SIZES),
+        ("span", c_double), ("largest", c_double),
+        *((name, c_void_p) for name in ("state", "parameter", "arriving")),
+        *((name, _Shared) for name in ("drive", "known_torque", "hold", "added")),
+        *((name, c_void_p) for name in (
+            "mode", "trigger", "middle", "sensor", "lagged", "keep", "law", "trim", "gain", "zero", "drift", "count",
+            "out_from", "out_until", "angle", "last", "rest", "noise",
+        )),
+        ("drift_from", c_longlong), ("drift_samples", c_longlong), ("noise_from", c_longlong),
+        *((name, c_void_p) for name in (
+            "controllers", "state_of", "fault", "fault_at", "lost_at", "readings", "commands", "states", "work",
+            "integers",
+        )),
+        ("work_size", c_longlong),
+    ]  # fmt: skip
+
+
+class _Compiled:
+    """A run in C: the structure of ``rows.c``, and the arrays that it points to."""
+
+    def __init__(
+        self, plant: BedRows, controller: ControllerRows | None, drive: np.ndarray, told: np.ndarray, count: int,
+        keep: Sequence[str], every: int, states: bool, loop: ctypes.CDLL,
+    ):  # fmt: skip
+        self.plant, self.controller, self.count, self.loop = plant, controller, count, loop
+        self.keep, self.every = tuple(keep), every
+        self._kept: list[np.ndarray] = []
+        self.drive, self.told, self.with_states = drive, told, states
+
+    def motion(self) -> Motion | None:
+        """Run it; None where something could not be compiled."""
+        plant, beds, controller = self.plant, self.plant.beds, self.controller
+        functions = _functions_of(plant)
+        batch = None if controller is None else ControllerBatch(controller.controller, plant.count)
+        if functions is None or (batch is not None and batch.row_step is None):
+            return None
+        b, k, count, sensors = plant.count, beds.dynamometers, self.count, list(beds.model.sensors)
+        for name in self.keep:
+            if name not in sensors:
+                raise unknown(name, sensors, "keep")
+        kept = -(-count // self.every)
+        plant.begin(np.zeros((len(plant.inputs), b)))
+        errors, sensing = plant.errors, plant.sensing
+        law = np.array([] if controller is None else [plant.sensors.index(name) for name in controller.sensors])
+        r = _Rows()
+        r.sample, r.reading = functions
+        r.step = None if batch is None else ctypes.cast(batch.row_step, c_void_p)
+        sizes = (
+            b, beds.physical, len(sensors), len(beds.drives), k, beds.pieces, beds.longest, beds.parameters.shape[1],
+            len(plant.sensors), len(self.keep), len(law), self.told.shape[1], self.every,
+            0 if batch is None else batch.bytes_each,
+        )  # fmt: skip
+        for name, size in zip(_SIZES, sizes, strict=True):
+            setattr(r, name, size)
+        r.span, r.largest = plant.sample_time, TOO_LARGE
+        r.drift_from, r.drift_samples, r.noise_from = errors.drift_from, errors.drift_samples, errors.noise_from
+        state = np.array(beds.start.T, order="C", copy=True)  # C writes to it
+        readings, commands = np.full((kept, b, len(self.keep)), np.nan), np.full((kept, b, k), np.nan)
+        motion = np.full((kept, b, beds.physical), np.nan) if self.with_states else None
+        fault, fault_at, lost_at = np.zeros(b, np.int32), np.full(b, -1, np.int64), np.full(b, -1, np.int64)
+        sizes_of_work = [(f.sz_w(), f.sz_iw(), max(f.sz_arg(), f.sz_res())) for f in beds.functions]
+        work_size = max(each[0] for each in sizes_of_work) + 1
+        if max(each[2] for each in sizes_of_work) > 64:  # ARGUMENTS of rows.c
+            return None
+        buffers = len(beds.drives) + len(sensors) + 2 * len(plant.sensors) + len(law) + self.told.shape[1] + 3 * k
+        buffers += (k + len(beds.drives)) * beds.pieces + beds.physical + 8
+        r.work_size = work_size
+        reals = {
+            "state": state, "parameter": beds.parameters, "arriving": beds.arriving, "middle": beds.middles,
+            "trim": beds.trim.T, "gain": errors.gain, "zero": errors.zero, "drift": errors.drift,
+            "count": errors.count, "angle": sensing.angle, "last": sensing.last, "rest": sensing.rest,
+            "readings": readings, "commands": commands, "work": np.zeros(work_size + buffers),
+        }  # fmt: skip
+        for name, array in reals.items():
+            self._point(r, name, array, float)
+        if motion is not None:
+            self._point(r, "states", motion, float)
+        whole = {
+            "sensor": np.array(plant.at), "lagged": plant.lagged, "law": law,
+            "keep": np.array([sensors.index(name) for name in self.keep]), "out_from": errors.out[0],
+            "out_until": errors.out[1], "fault_at": fault_at, "lost_at": lost_at,
+            "integers": np.zeros(max(each[1] for each in sizes_of_work) + 1),
+        }  # fmt: skip
+        for name, array in whole.items():
+            self._point(r, name, array, np.int64)
+        self._point(r, "fault", fault, np.int32)
+        self._share(r, "drive", self.drive)
+        if batch is not None and controller is not None:
+            asked = controller.schedule.lasting(count)
+            self._point(r, "mode", asked.mode, np.int32)
+            self._point(r, "trigger", asked.trigger, np.int32)
+            self._share(r, "known_torque", self.told)
+            self._share(r, "hold", asked.hold)
+            self._share(r, "added", asked.added)
+            self._point(r, "controllers", batch.memory, np.uint8)
+            self._point(r, "state_of", np.zeros((b, 2)), np.int32)
+        noisy = controller is not None and errors.noisy
+        for first in range(0, count, SAMPLES_AT_ONCE if noisy else count):
+            end = min(first + SAMPLES_AT_ONCE, count) if noisy else count
+            noise = sensing.drawn(end - first) if noisy else None
+            r.noise = None if noise is None else noise.ctypes.data
+            self.loop.run_rows(ctypes.byref(r), c_longlong(first), c_longlong(end), c_longlong(count))
+            del noise
+        if controller is not None:
+            controller.fault, controller.fault_at = fault, fault_at
+        return Motion(
+            np.arange(kept) * (self.every * plant.sample_time), self.keep, plant.commands,
+            readings.transpose(0, 2, 1), commands.transpose(0, 2, 1), lost_at >= 0, fault, fault_at,
+            None if motion is None else motion.transpose(0, 2, 1),
+        )  # fmt: skip
+
+    def _point(self, r: _Rows, name: str, array: np.ndarray, kind: type) -> None:
+        """Point to an array, which is kept; one that C writes to is contiguous and of its kind, so no copy."""
+        given: np.ndarray = np.ascontiguousarray(array, dtype=kind)
+        self._kept.append(given)
+        setattr(r, name, given.ctypes.data)
+
+    def _share(self, r: _Rows, name: str, array: np.ndarray) -> None:
+        """Point to an array (t, n, b), or (t, n, 1) for all rows, without copying what is broadcast."""
+        given = np.asarray(array, dtype=float)
+        steps = [0 if size == 1 and axis else stride // 8 for axis, (size, stride) in
+                 enumerate(zip(given.shape, given.strides, strict=True))]  # fmt: skip
+        self._kept.append(given)
+        setattr(r, name, _Shared(given.ctypes.data, *steps))
