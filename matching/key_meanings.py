@@ -101,8 +101,10 @@ RANGE = {
 DRIVE = {
     "title": "a line for reports",
     "vehicle_speed": "from which it begins; that of the profile, or 0, unless stated",
-    "profile": "file with `time`, `vehicle_speed` and, where the road climbs, `grade`; a driver follows it",
-    "driver": "`input` that it acts on, `brakes` (inputs) that it pulls, `proportional`, `integral`, `largest` torque",
+    "profile": "file with `time`, `vehicle_speed` and, where the road climbs, `grade` (rise over length on the map, or %); a"
+    " driver follows it",
+    "driver": "`input` that it acts on, `brakes` (inputs) that it pulls; `proportional` (40 N·m·s/rad), `integral` (20 N·m/rad)"
+    " by the error of the body's speed, `largest` torque (400 N·m)",
 }
 CHANNEL = {
     "channel": "its name in the recording; of a matrix in a `.mat` the column: `data[:,2]` or `data(:,3)` is the third",

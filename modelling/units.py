@@ -73,10 +73,13 @@ _PER_TIME = r"\s*/\s*(?=(?:min|minutes?|s|secs?|seconds?)\s*$)"
 _TURNS = re.compile(rf"(?<![A-Za-z])(?:revs?|turns?|tr|umdr|[ur])\.?{_PER_TIME}", re.IGNORECASE)
 _POWER = re.compile(rf"([{_LETTERS}]+)((?:-?[0-9]+)?)")  # s, s2, s-2
 _TIMES = re.compile(r"(?<=[0-9)])\s*[.-]\s*(?=[u(])|(?<=[0-9)])\s+(?=[u1(])|(?<=[0-9)])(?=\()")
-_JOINED = re.compile(r"([kMmµμu]?N)([cm]?m)(s?)|(kg)(m)")  # Nm, kNm, Ncm, Nms, kgm2
+_JOINED = re.compile(r"([ckMmµμu]?N)([cm]?m)(s?)|(kg)([cm]?m)")  # Nm, kNm, cNm, Ncm, Nms, kgm2, kgcm2
 _ALIASES = {
     "rpm": "turn/minute", "rev": "turn", "revs": "turn", "sec": "second", "secs": "second", "metre": "meter",
-    "metres": "meter", "newtonmetre": "newton*meter",
+    "metres": "meter", "newtonmetre": "newton*meter", "mph": "mile/hour",
+    "kph": "kilometer/hour", "kmh": "kilometer/hour",
+    "lbm": "pound", "ozf": "force_ounce", "lbin": "force_pound*inch", "inlb": "inch*force_pound",
+    "ftlb": "foot*force_pound", "lbft": "force_pound*foot",
 }  # fmt: skip
 _ANGLES_AND_TIMES = ("radian", "degree", "turn", "second", "minute", "hour")
 
@@ -383,12 +386,18 @@ INPUT_UNITS = {quantity: SENSOR_UNITS[quantity] for quantity in ("torque", "spee
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
 # The kind of every unit that a quantity of a model or case may be written in, by pint's name without prefix
 _KINDS = {
-    "newton": "force", "force_pound": "force", "force_kilogram": "force", "gram": "mass", "pound": "mass",
-    "meter": "length", "foot": "length", "inch": "length", "second": "time", "minute": "time", "hour": "time",
+    "newton": "force", "force_pound": "force", "force_ounce": "force", "force_kilogram": "force", "gram": "mass",
+    "pound": "mass", "ounce": "mass", "slug": "mass", "pascal": "pressure", "bar": "pressure",
+    "pound_force_per_square_inch": "pressure", "meter": "length", "foot": "length", "inch": "length",
+    "mile": "length", "second": "time", "minute": "time", "hour": "time",
     "radian": "angle", "degree": "angle", "turn": "angle", "arcminute": "angle", "arcsecond": "angle",
     "hertz": "frequency", "watt": "power", "horsepower": "power", "metric_horsepower": "power",
     "percent": "number", "permille": "number", "ppm": "number",
 }  # fmt: skip
+_PARTS = {
+    "force": {"mass": 1, "length": 1, "time": -2}, "pressure": {"mass": 1, "length": -1, "time": -2}, "number": {},
+}  # fmt: skip
+_AS_FORCE = {"pound": "force_pound", "ounce": "force_ounce"}  # in·lb, oz·in·s²: where a mass does not fit
 _TURN = 2 * math.pi  # rad
 _INERTIA = {"mass": 1, "length": 2}
 _AMBIGUOUS = "leaves open whether it counts radians or turns"
@@ -433,6 +442,9 @@ def factor(unit: str, si: str, where: str = "") -> float:
             kind: exponent for kind, exponent in signature.items() if kind != "angle"
         }  # N·m·s²/rad, kg·m²/rad²
     if signature != wanted:
+        forces = tuple((_AS_FORCE.get(name, name), exponent) for name, exponent in powers)
+        if forces != powers and _signature(forces) in (wanted, {k: v for k, v in wanted.items() if k != "angle"}):
+            return math.prod((_to_base(name) ** exponent for name, exponent in forces), start=1.0)
         raise InputError(where, f"unit {text!r} does not fit", right)
     return scale
 
@@ -456,7 +468,7 @@ def _signature(powers: Powers) -> dict[str, int]:
     exponents: dict[str, int] = {}
     for name, exponent in powers:
         kind = _kind(name)
-        parts = {"mass": 1, "length": 1, "time": -2} if kind == "force" else {} if kind == "number" else {kind: 1}
+        parts = _PARTS.get(kind, {kind: 1})
         for part, power in parts.items():
             exponents[part] = exponents.get(part, 0) + power * exponent
     return {kind: exponent for kind, exponent in exponents.items() if exponent}

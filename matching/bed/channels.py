@@ -21,7 +21,7 @@ from scipy.ndimage import uniform_filter1d
 from matching.bed.excite import bed_inputs, torques_csv
 from matching.bed.simulated_bed import FmuBed, FmuController, FmuPlant, bed_system, held_as_linear, run_csv
 from matching.match.case import Case
-from modelling.bed.scheduled import Law
+from modelling.bed.stepped import Law
 from modelling.controller.law import (
     CHANNEL_CHECK,
     CHECK_SPEED_SHARE,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,13 @@ from matching.match.case import Case
 from matching.match.driving import vehicles_in
 from matching.match.exported import exported_controller
 from matching.match.imperfections import Imperfection
-from matching.match.learning import LEARNING, Learner, added_to
+from matching.match.learning import LEARNING, CutReadings, Learner, added_to, cut_readings
 from matching.match.operating_range import at_speed, body_speed
 from modelling.bed.bed import Dynamometer
-from modelling.bed.scheduled import ScheduledLaw
-from modelling.controller.law import ExportedController
+from modelling.bed.stepped import SteppedLaw, stepped_vehicle
+from modelling.controller.law import NO_LIMIT, ExportedController
 from modelling.display import Displayed
 from modelling.errors import InputError
-from modelling.fidelity.over_range import at_rest
 from modelling.fmu.export import controller_fmu
 from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.recordings.read import Channel, csv_text, read_signals
@@ -38,13 +37,18 @@ TABLE, RESULT, CONTROLLER = "learned.csv", "learned.json", "controller.fmu"
 class Learned(Displayed):
     """What repetitions of a manoeuvre say, and the torques of the next one; n samples, k dynamometers, c sensors.
 
-    Errors are root mean squares of sensor less vehicle over the range of the vehicle's signal, of all compared sensors.
+    The error is that at the cut: the speed there less what the residual vehicle answers to the torque that was
+    measured, over the range of that answer. What the specimen does is in that torque: nothing of it is learned away.
+    Where a dynamometer has no torque flange, it is that of the compared sensors against the vehicle of the file.
 
     Attributes
     ----------
     repetition : int
         How often torques were corrected, this time included.
     recordings : int
+        That were learned from.
+    left_out : tuple of str
+        Those that are no repetition, and why.
     time : ndarray (n,)
         s from the trigger on.
     dynamometers, sensors, units : tuple of str
@@ -83,6 +87,7 @@ class Learned(Displayed):
     history: tuple[float, ...]
     controller: ExportedController = field(repr=False)
     traces: tuple[np.ndarray, np.ndarray] = field(repr=False)
+    left_out: tuple[str, ...] = ()
 
     @property
     def worth(self) -> bool:
@@ -100,6 +105,8 @@ class Learned(Displayed):
         said = f"repetition {self.repetition}: the error is {off:.2g} % of the range, {of_noise}"
         if self.unexplained is not None and self.unexplained > 0.01 * self.error:
             said += f", {100 * self.unexplained:.2g} % is not as predicted"
+        if self.left_out:
+            said = f"left out: {'; '.join(self.left_out)}. {said[0].upper()}{said[1:]}"
         if self.share == 0:
             return f"{said}; no torque improves every bed that may stand there, nothing is learned"
         if not self.worth:
@@ -109,7 +116,8 @@ class Learned(Displayed):
     def to_dict(self) -> dict[str, Any]:
         """As ``learned.json`` holds it."""
         return {
-            "repetition": self.repetition, "recordings": self.recordings, "error": self.error, "noise": self.noise,
+            "repetition": self.repetition, "recordings": self.recordings, "left_out": list(self.left_out),
+            "error": self.error, "noise": self.noise,
             "predicted": self.predicted, "unexplained": self.unexplained, "share": self.share, "worth": self.worth,
             "sentence": self.sentence(), "history": list(self.history), "sensors": list(self.sensors),
             "dynamometers": list(self.dynamometers), "largest_torque": float(np.abs(self.torques).max(initial=0.0)),
@@ -208,66 +216,212 @@ def learn(
     before = read_played(played, own.loop.dynamometers) if played is not None else None
     computing(lambda: dict.fromkeys(map(str, recordings), "a recording of a manoeuvre on the controlled bed"))
     exported = exported_controller(case)
-    law = exported.law.frozen(speed) if isinstance(exported.law, ScheduledLaw) else exported.law
-    step = law.sample_time
-    torques, readings = _together(recorded, step)
-    count = readings.shape[1]
+    law = exported.law.frozen(speed) if isinstance(exported.law, SteppedLaw) else exported.law
+    step, ends = law.sample_time, cut_readings(own)
+    if ends is not None and any(name not in one.channels for one in recorded.recordings for name in _needed(ends)):
+        missing = next(name for one in recorded.recordings for name in _needed(ends) if name not in one.channels)
+        raise InputError(recorded.recordings[0].source, f"has no {missing!r}", "record flange torques and rotor speeds")
+    sensors = recorded.sensors if ends is None else _needed(ends)
+    speeds = {sensor.name for sensor in own.rig.sensors if sensor.measures == "speed"}
+    kept, left_out = _repetitions(recorded, sensors, speeds, step)
+    torques, readings = np.stack([one[0] for one in kept]), np.stack([one[1] for one in kept])
+    driven = dict(zip(recorded.inputs, torques.mean(axis=0).T, strict=True))
+    if ends is None:
+        vehicle = vehicles_in(own, driven, [Imperfection("")], sensors)[None, :, :, 0]
+        found, names = readings, sensors
+    else:
+        found, into = _at_cuts(readings, sensors, ends, step)
+        vehicle = np.stack([_residual_speeds(own, each, driven, step) for each in into])
+        names = tuple(one.speed_sensor for one in ends.values())
+    ranges = np.ptp(vehicle.mean(axis=0), axis=0)
+    if not (ranges > 0).all():
+        still = names[int(np.argmin(ranges))]
+        right = "record the manoeuvre from its trigger on"
+        raise InputError(Path(recordings[0]).name, f"moves nothing that {still} reads", right)
+    errors = found - vehicle
+    if ends is not None:
+        errors = _without_zeros(errors, own, into[0], driven, step)
+    over = [float((np.sqrt(np.mean(each**2, axis=0)) / ranges).max()) for each in errors]
+    ended = [number for number, size in enumerate(over) if size > LEARNING.ended]
+    if len(ended) == len(errors):
+        right = "repeat the manoeuvre with emulation on until its end"
+        raise InputError(recorded.recordings[0].source, f"is off by {100 * min(over):.3g} % of the range", right)
+    sources = [one[2] for one in kept]
+    left_out += [
+        f"{sources[number]}: off by {100 * over[number]:.3g} % of the range, emulation has ended" for number in ended
+    ]
+    errors = np.delete(errors, ended, axis=0)
+    count = errors.shape[1]
     added = np.zeros((count, len(law.dynamometers)))
     if before is not None:
         shared = min(count, len(before.torques))
         added[:shared] = before.torques[:shared]
-    driven = dict(zip(recorded.inputs, torques.mean(axis=0).T, strict=True))
-    vehicle = vehicles_in(own, driven, [Imperfection("")], recorded.sensors)[:, :, 0]
-    ranges = np.ptp(vehicle, axis=0)
-    if (resting := at_rest(vehicle)).any():
-        still = recorded.sensors[int(np.argmax(resting))]
-        right = "record the manoeuvre from its trigger on"
-        raise InputError(Path(recordings[0]).name, f"moves nothing that {still} reads", right)
-    errors = readings - vehicle
-    compared = tuple(pair for pair in own.compared if pair.sensor in recorded.sensors)
-    learner = Learner.of(replace(own, compared=compared), law, count)
-    correction = learner.correction(errors, ranges)
+    if ends is None:
+        compared = tuple(pair for pair in own.compared if pair.sensor in sensors)
+        learner = Learner.of(replace(own, compared=compared), law, count)
+    else:
+        learner = Learner.at_cuts(own, law, count, ends)
+    correction = learner.correction(errors, ranges, added, np.minimum(own.limits_of("torque"), NO_LIMIT))
     mean = errors.mean(axis=0)
     unexplained = None
-    if before is not None:
+    if before is not None and before.predicted.shape[1:] == mean.shape[1:]:
         shared = min(count, len(before.predicted))
         off = learner.size(mean[:shared] - before.predicted[:shared], ranges)
         unexplained = float(np.sqrt(max(off**2 - 2 * correction.noise**2, 0.0)))
     table = added + correction.torques
     units = {sensor.name: sensor.unit for sensor in own.rig.sensors}
     return Learned(
-        repetition=1 + (0 if before is None else len(before.history)), recordings=len(recordings),
-        time=np.arange(count) * step, dynamometers=law.dynamometers, sensors=recorded.sensors,
-        units=tuple(units[name] for name in recorded.sensors), torques=table, error=correction.size,
+        repetition=1 + (0 if before is None else len(before.history)), recordings=len(errors),
+        time=np.arange(count) * step, dynamometers=law.dynamometers, sensors=names,
+        units=tuple(units[name] for name in names), torques=table, error=correction.size,
         noise=correction.noise, predicted=correction.left, unexplained=unexplained,
         share=correction.share, history=() if before is None else before.history,
-        controller=replace(exported, learned=table), traces=(mean, correction.predicted),
+        controller=replace(exported, learned=table), traces=(mean, correction.predicted), left_out=tuple(left_out),
     )  # fmt: skip
 
 
-def _together(recorded: BedRecordings, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Torques (r, n, u) and readings (r, n, c) on one clock, less their values at the begin, aligned by the torques."""
-    signals = []
+def _needed(ends: Mapping[str, CutReadings]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for one in ends.values() for name in (one.torque_sensor, one.speed_sensor)))
+
+
+def _at_cuts(
+    readings: np.ndarray, sensors: Sequence[str], ends: Mapping[str, CutReadings], step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds at the cuts and torques into the vehicle (r, n, k) by what was read (r, n, c), less the begin."""
+    speeds, torques = [], []
+    for one in ends.values():
+        torque, speed = (readings[:, :, sensors.index(name)] for name in (one.torque_sensor, one.speed_sensor))
+        speeds.append(one.speed_by_speed * speed + one.speed_by_torque * np.gradient(torque, step, axis=1))
+        torques.append(one.torque_by_torque * torque + one.torque_by_speed * np.gradient(speed, step, axis=1))
+    return np.stack(speeds, axis=2), np.stack(torques, axis=2)
+
+
+def _residual_speeds(case: Case, torques: np.ndarray, driven: Mapping[str, np.ndarray], step: float) -> np.ndarray:
+    """Speeds (n, k) at the cuts, less the begin, of the residual vehicle under torques (n, k) there, less the begin."""
+    residual, loop = case.residual_vehicle, case.loop
+    vehicle = stepped_vehicle([residual], loop, (), 1.0)
+    acting = {name: value for part in residual.parts for name, value in torques_of(part).items()}
+    cuts = [next(cut for cut in residual.interfaces if cut.shaft == one.follows) for one in loop.dynamometers]
+    held = np.array([acting.get(cut.torque, 0.0) for cut in cuts])
+    own = np.array([acting.get(name, 0.0) for name in vehicle.inputs])
+    rest = np.zeros(len(torques))
+    moved = (
+        np.stack([driven.get(name, rest) for name in vehicle.inputs], axis=1)
+        if vehicle.inputs
+        else rest[:, None][:, :0]
+    )
+    x, speeds = vehicle.steady[0], [vehicle.wheel @ vehicle.steady[0]]
+    for n in range(len(torques) - 1):
+        middle = (torques[n] + torques[n + 1]) / 2
+        x = vehicle.step(x, held + middle, own + (moved[n] + moved[n + 1]) / 2, vehicle.as_planned)
+        speeds.append(vehicle.wheel @ x)
+    found = np.array(speeds)
+    if not np.isfinite(found).all():
+        raise InputError(
+            "recordings", "drive the residual vehicle out of bounds", "check signs and units of the torques"
+        )
+    difference: np.ndarray = found - found[0]
+    return difference
+
+
+def _without_zeros(
+    errors: np.ndarray, case: Case, torques: np.ndarray, driven: Mapping[str, np.ndarray], step: float
+) -> np.ndarray:
+    """Errors (r, n, k) less what wrong zeros of torques and speeds make of them, by least squares of each recording.
+
+    A recording's begin is a short mean on a bed that moves a little. A torque that is off by 2 N·m all the time moves
+    the answer of a car by a per cent in three seconds, and no torque can be learned from it.
+    """
+    shape, k = errors.shape[1:], errors.shape[2]
+    before, columns = _residual_speeds(case, torques, driven, step), []
+    for j in range(k):
+        columns.append(np.tile(np.eye(k)[j], (shape[0], 1)))
+        more = torques.copy()
+        more[:, j] += 1.0
+        columns.append(_residual_speeds(case, more, driven, step) - before)
+    basis = np.stack([column.ravel() for column in columns], axis=1)
+    flat = errors.reshape(len(errors), -1).T
+    left: np.ndarray = flat - basis @ np.linalg.lstsq(basis, flat, rcond=None)[0]
+    return left.T.reshape(errors.shape)
+
+
+def _repetitions(
+    recorded: BedRecordings, sensors: Sequence[str], speeds: Collection[str], step: float
+) -> tuple[list[tuple[np.ndarray, np.ndarray, str]], list[str]]:
+    """Torques (n, u), readings (n, c) and source of each repetition on one clock, less their begin; and what is none.
+
+    All are compared with the recording that most of the others are like; with two, that is the first.
+    """
+    signals, begins, sources = [], [], [one.source for one in recorded.recordings]
+    begin = max(round(LEARNING.begin / step), 1)
     for recording in recorded.recordings:
         time = recording.time - recording.time[0]
-        torques, readings = recorded.signals(recording)
+        torques, _ = recorded.signals(recording)
+        both = np.hstack([torques, np.stack([recording[name] for name in sensors], axis=1)])
         grid = np.arange(int(time[-1] / step + 1e-9) + 1) * step
-        both = np.hstack([torques, readings])
-        signals.append(np.stack([np.interp(grid, time, column) for column in both.T], axis=1))
-    shifts = [_shift(signals[0], each, len(recorded.inputs), step) for each in signals]
-    first = max(max(-shift, 0) for shift in shifts)
-    count = min(len(each) - first - shift for each, shift in zip(signals, shifts, strict=True))
-    cut = np.stack([each[first + shift : first + shift + count] for each, shift in zip(signals, shifts, strict=True)])
-    begin = max(round(LEARNING.begin / step), 1)
-    cut = cut - cut[:, :begin].mean(axis=1, keepdims=True)
-    inputs = len(recorded.inputs)
-    return cut[:, :, :inputs], cut[:, :, inputs:]
+        both = np.stack([np.interp(grid, time, column) for column in both.T], axis=1)
+        begins.append(both[:begin].mean(axis=0))
+        signals.append(both - begins[-1])
+    inputs, turning = (
+        len(recorded.inputs),
+        [len(recorded.inputs) + number for number, name in enumerate(sensors) if name in speeds],
+    )
+    faults = [
+        [_no_repetition(signals, begins, one, other, inputs, turning, step) for other in range(len(signals))]
+        for one in range(len(signals))
+    ]
+    like = [sum(not (row[other] or faults[other][one]) for other in range(len(row))) for one, row in enumerate(faults)]
+    chosen = int(np.argmax(like))
+    left_out: list[str] = []
+    kept: list[tuple[int]] = []
+    for number, source in enumerate(sources):
+        fault = faults[chosen][number] or faults[number][chosen] if number != chosen else ""
+        twins = [other for other, *_ in kept if np.array_equal(signals[other], signals[number])]
+        if not fault and twins:
+            fault = f"holds the same values as {sources[twins[0]]}: they are one recording"
+        if fault:
+            left_out.append(f"{source} {fault}")
+        else:
+            kept.append((number,))
+    count = min(len(signals[number]) for number, *_ in kept)
+    cut = [signals[number][:count] for number, *_ in kept]
+    names = [sources[number] for number, *_ in kept]
+    return [(each[:, :inputs], each[:, inputs:], name) for each, name in zip(cut, names, strict=True)], left_out
+
+
+def _no_repetition(
+    signals: Sequence[np.ndarray], begins: Sequence[np.ndarray], one: int, other: int, inputs: int,
+    turning: Sequence[int], step: float,
+) -> str:  # fmt: skip
+    """Why one recording is no repetition of another, in words; empty where it is."""
+    first, second, settings = signals[one], signals[other], LEARNING
+    if len(second) < settings.same_length * len(first):
+        return f"ends after {step * len(second):.3g} s, another one after {step * len(first):.3g} s"
+    apart = begins[other][list(turning)] - begins[one][list(turning)]
+    if len(apart) and np.abs(apart).max() > settings.same_speed:
+        return f"begins at rotor speeds that differ by {np.abs(apart).max():.3g} rad/s"
+    shift = _shift(first, second, inputs, step)
+    if abs(shift) * step > settings.same_trigger:
+        return f"is {abs(1e3 * shift * step):.3g} ms {'late' if shift > 0 else 'early'}: let the trigger begin it"
+    count = min(len(first), len(second))
+    a, b = first[:count], second[:count]
+    sizes = np.ptp(a[:, :inputs], axis=0)
+    off = np.sqrt(np.mean((b - a)[:, :inputs] ** 2, axis=0))
+    if (off > settings.same_torque * sizes).any():
+        share = 100 * float((off / np.maximum(sizes, 1e-12)).max())
+        return f"was driven with torques that differ by {share:.3g} % of their range"
+    ranges = np.ptp(a[:, inputs:], axis=0), np.ptp(b[:, inputs:], axis=0)
+    if (ranges[1] < settings.dead * ranges[0]).any():
+        return "has a channel that does not move"
+    return ""
 
 
 def _shift(first: np.ndarray, other: np.ndarray, inputs: int, step: float) -> int:
     """By how many samples the trigger of a recording is later than that of the first, by its torques."""
     most, count = round(LEARNING.latest_trigger / step), min(len(first), len(other))
     one, two = (np.diff(each[:count, :inputs], axis=0).ravel(order="F") for each in (first, other))
+    if not one.any() or not two.any():  # torques that do not change tell nothing
+        return 0
     correlation = np.correlate(two, one, "full")
     centre = len(one) - 1
     window = correlation[centre - most : centre + most + 1] if centre >= most else correlation

@@ -18,7 +18,7 @@ from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared
 from matching.match.box import Uncertain
 from matching.match.case import Case
 from modelling.bed.bed import Dynamometer
-from modelling.bed.scheduled import Law
+from modelling.bed.stepped import Law
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, SupervisedController
 from modelling.effects.effect import shared_place
 from modelling.effects.friction_and_compliance import CoulombFriction, StribeckFriction

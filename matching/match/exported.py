@@ -16,14 +16,16 @@ from matching.match.imperfections import DEMAND_FACTOR, DEMAND_LATE_S, count_ang
 from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque
 from matching.match.operating_range import law_over_speed
 from matching.match.requirements import requirements
-from modelling.bed.bed import ControlLaw, delayed_bed
+from modelling.bed.bed import ControlLaw, delayed_bed, held
 from modelling.bed.observer import sensor_noise
 from modelling.controller.law import (
     CHECK_SPEED_SHARE,
     CHECK_TORQUE_SHARE,
     KEPT_SAMPLES,
+    LIFE_S,
     NO_LIMIT,
     OPENED_SHARE,
+    RIDE_THROUGH_S,
     WATCHED_SAMPLES,
     ExportedController,
     OpenedShaft,
@@ -34,6 +36,7 @@ from modelling.controller.law import (
     nothing_watched,
 )
 from modelling.equations.casadi_code import compiled
+from modelling.linear.elements import elements
 from modelling.linear.state_space import StateSpace, state_space
 from modelling.linear.steady_motion import operating_motion, torques_of
 from modelling.running.controllers import ControllerRows, Schedule
@@ -427,6 +430,7 @@ def _gone_at_once(bed: WatchedBed, shaft: str, of_flanges: np.ndarray) -> bool:
 
 # --- The controller of a match as it leaves the computer: law, limits, speed hold and watchdogs from the tuned case.
 
+DETERMINED = 1e-6  # of a speed: what is left of it when other speeds are taken off
 LOST_TORQUE = 0.2  # of the torque limit: what has to be on the flange before its loss counts
 UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be from what the controller expects
 
@@ -459,7 +463,58 @@ def exported_controller(case: Case) -> ExportedController:
         speeds,
         rule.watched,
         rule.rows,
+        speeds_by_others(case.rig, law.sensors, speeds),
     )
+
+
+def speeds_by_others(rig: System, sensors: Sequence[str], speeds: Sequence[int]) -> np.ndarray:
+    """Speeds (k, y) of rotors by other readings of speeds where nothing twists; 0 where these do not determine them.
+
+    Parameters
+    ----------
+    rig : System
+    sensors : sequence of str (y)
+    speeds : sequence of int (k)
+        Which of them are the rotors' speeds.
+    """
+    model = compiled(rig)
+    parts = elements(model, model.p0[None])
+    twists = parts.spring_transformation.reshape(-1, model.n)
+    together = null_space(twists) if len(twists) else np.eye(model.n)  # (n, m)
+    masses = parts.mass_transformation.reshape(-1, model.n)
+    of = {sensor.name: f"inertias.{sensor.of}" for sensor in rig.sensors if sensor.measures == "speed"}
+    rows = {at: masses[parts.masses.index(of[name])] @ together for at, name in enumerate(sensors) if name in of}
+    size = {at: float(np.linalg.norm(row)) for at, row in rows.items()}  # a fast shaft counts no more than a slow one
+    found = np.zeros((len(speeds), len(sensors)))
+    for j, at in enumerate(speeds):
+        others = [number for number in rows if number != at]
+        if not others:
+            continue
+        basis = np.stack([rows[number] / size[number] for number in others])
+        weights = rows[at] @ np.linalg.pinv(basis)
+        if np.allclose(weights @ basis, rows[at], atol=DETERMINED * np.abs(rows[at]).max()):
+            weights = np.where(np.abs(weights) > DETERMINED * np.abs(weights).max(), weights, 0.0)
+            found[j, others] = weights / [size[number] for number in others]
+    return found
+
+
+def _unexpected_speeds(case: Case, law: ControlLaw, scale: float) -> np.ndarray:
+    """How far each reading of a speed may be from what is expected (y,); other readings infinite.
+
+    Two counts of an encoder, six standard deviations of its noise, and what a torque does in a sample that steps
+    unmeasured: over the manoeuvre, or by what balances flange torques of ``scale`` (N·m), if larger.
+    """
+    bed, step = watched_bed(case, law, {}), law.sample_time
+    sizes, sensors = torque_sizes(case, bed, scale), {sensor.name: sensor for sensor in case.rig.sensors}
+    columns = np.stack([bed.inputs[part.name] * sizes[part.name] for part in case.rig.inputs], axis=1)
+    _, moved = held(bed.A, columns, step)
+    counts, found = count_angles(case, law.sensors), np.full(len(law.sensors), NO_LIMIT)
+    for at, name in enumerate(law.sensors):
+        if sensors[name].measures == "speed" and law.E[at].any():
+            noise = sensor_noise(sensors[name], step)
+            torque = float(np.abs(bed.readings[at] @ moved).max(initial=0.0))
+            found[at] = 2 * counts[at] / step + NOISE_DEVIATIONS * noise + torque
+    return found
 
 
 def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Settings:
@@ -485,12 +540,18 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
         if largest < NO_LIMIT and at >= 0 and law.E[at].any():  # without a model of the rig nothing is expected
             unexpected[at] = UNEXPECTED_TORQUE * largest
     limited = torque < NO_LIMIT
+    if limited.all() and law.L.any():
+        unexpected = np.minimum(unexpected, _unexpected_speeds(case, law, UNEXPECTED_TORQUE * float(torque.max())))
+    watches = bool((unexpected < NO_LIMIT).any())
+    step = law.sample_time
     return Settings(
         torque, np.full(k, speed), proportional, integral, np.where(limited, LOST_TORQUE * torque, NO_LIMIT),
         np.array([dynamometer.torque_gain for dynamometer in loop.dynamometers]), unexpected,
         np.full(k, case.limits.get("dynamometer_power", NO_LIMIT)), *_curve(case),
         np.where(limited, CHECK_TORQUE_SHARE * torque, NO_LIMIT),
         np.full(k, CHECK_SPEED_SHARE * speed if speed < NO_LIMIT else NO_LIMIT),
+        life_samples=max(round(LIFE_S / step), 2),
+        ride_samples=max(round(RIDE_THROUGH_S / step), 1) if watches else 0,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from matching.match.imperfections import (
     BedRun,
     Imperfection,
     bed_motions,
+    uncertainties,
     vehicle_motions,
     with_cut_sensors,
 )
@@ -25,7 +26,7 @@ from matching.match.targets import target_modes
 from matching.match.verify import manoeuvre_torques
 from modelling.controller.law import ExportedController
 from modelling.errors import NoDesign
-from modelling.fidelity.over_range import at_rest
+from modelling.fidelity.over_range import REST, at_rest
 from modelling.modal.modes import damped_modes
 from modelling.running.controllers import unsupervised
 from modelling.simulation.stepping import SimulationError
@@ -56,7 +57,8 @@ class FreePlay:
         least so long (s): over less it depends on the phase.
     rest : float
         Of the range of the vehicle's signal, by which the bed's may swing more than the vehicle's: what swings by less
-        is below what a response error of 0.1 allows.
+        is below what a response error of 0.1 allows. What the dynamometer's sensor cannot tell from rest
+        (:class:`modelling.fidelity.over_range.RestSettings`) is no swing either.
     falling : float
         Swing at the end over that in the middle of the run, below which a bed is still coming to rest. Chosen by
         trial: a limit cycle keeps its swing within 5 %, and the slowest decay that was met leaves 0.6.
@@ -213,16 +215,18 @@ class _Swings:
 
 
 def _swings(
-    vehicle: np.ndarray, bed: np.ndarray | None, count: int, torques: int, settings: FreePlay
+    vehicle: np.ndarray, bed: np.ndarray | None, count: int, torques: int, settings: FreePlay,
+    unseen: np.ndarray | float = 0.0,
 ) -> _Swings:  # fmt: skip
     """Of a vehicle (t, s) and a bed (t, s), of which the first are torques; ``count`` samples of whole periods.
 
-    A signal that the pulse leaves at rest is held against the largest range of its kind.
+    A signal that the pulse leaves at rest is held against the largest range of its kind; ``unseen`` (s,) is the rms of
+    a swing that no sensor tells from rest.
     """
     own, span = swing(vehicle[-count:]), np.ptp(vehicle, axis=0)
     for kind in (slice(None, torques), slice(torques, None)):
         span[kind] = np.where(at_rest(vehicle[:, kind]), span[kind].max(initial=0.0), span[kind])
-    allowed = own + settings.rest * span
+    allowed = own + np.maximum(settings.rest * span, unseen)
     if bed is None:
         nothing = np.full(len(own), np.inf)
         return _Swings(nothing, own, allowed, nothing)
@@ -279,6 +283,17 @@ def _judged(
     )  # fmt: skip
 
 
+def _unseen(case: Case) -> np.ndarray:
+    """rms (s,) of swings of torques and speeds at the cuts that the dynamometers' sensors cannot tell from rest."""
+    by_cut = {one.follows: one for one in case.loop.dynamometers}
+    ones = [by_cut[cut.shaft] for cut in case.residual_vehicle.interfaces]
+    torques = [0.0 if one.torque_sensor is None else uncertainties(case, [one.torque_sensor])[0] for one in ones]
+    speeds = [uncertainties(case, [one.speed_sensor])[0] for one in ones]
+    of_sine = 2 * np.sqrt(2)  # range over rms
+    unseen: np.ndarray = REST.uncertainties / of_sine * np.array([*torques, *speeds])
+    return unseen
+
+
 def lashes(case: Case, seed: int = 0, settings: FreePlay = FREE_PLAY) -> OpenLash | None:
     """What free play in the cut shafts does on a tuned case's bed as planned and on drawn ones, in time.
 
@@ -311,7 +326,7 @@ def played(
     sensors = [*torque_names, *speed_names]
     known = tuple(name for name in controller.law.known if name in {part.name for part in case.rig.inputs})
     gaps = [Imperfection("open lash", gap=float(gap)) for gap in np.geomspace(*settings.gaps, settings.as_planned)]
-    count = window_samples(period.seconds, step, settings)
+    count, unseen = window_samples(period.seconds, step, settings), _unseen(case)
     ended: dict[int, _Swings] = {}
     on: dict[int, bool] = {}
     left: list[int] | None = None
@@ -327,7 +342,9 @@ def played(
         beds = bed_motions(case, controller, chosen, sensors, seed, HOLD_S)
         again = []
         for number, vehicle, bed in zip(left, vehicles, beds, strict=True):
-            ended[number] = _swings(vehicle, None if bed is None else bed.readings, count, len(torque_names), settings)
+            ended[number] = _swings(
+                vehicle, None if bed is None else bed.readings, count, len(torque_names), settings, unseen
+            )
             state = ended[number].state(settings)
             on[number] = state == "swings"
             if state == "falls" and seconds < settings.longest:

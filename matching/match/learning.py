@@ -12,14 +12,27 @@ as large as all of them allow with the error that was measured.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from matching.match.beds import noise_of_sensors
-from matching.match.case import Case
-from matching.match.loop import bed_set, compared_sensors, frequency_response, return_difference, without_limits
+from matching.match.case import Case, Compared
+from matching.match.loop import (
+    BedSet,
+    bed_set,
+    beds_of,
+    compared_sensors,
+    frequency_response,
+    responses_of,
+    return_difference,
+    without_limits,
+)
 from modelling.bed.bed import ControlLaw
+from modelling.bed.vehicle import Interface, ResidualVehicle
+from modelling.linear.state_space import state_space
+from modelling.system import Input, Sensor
 
 
 @dataclass(frozen=True)
@@ -51,7 +64,14 @@ class LearningSettings:
     gains : float
         Of the error that a repetition has to take away, too.
     latest_trigger : float
-        s by which the triggers of two recordings may be apart.
+        s within which the trigger of a recording is looked for.
+    same_trigger, same_speed, same_torque, same_length, ended, dead : float
+        What makes a recording no repetition: a trigger later by so many s, rotors that begin faster or slower by so
+        many rad/s, another demanded torque (root mean square over its range), a length below that share of the longest,
+        an error over the range of the vehicle's motion with which emulation has ended, a channel that moves less than
+        that share of what it moves in another recording. Chosen by trial: five times what noise makes.
+    end : float
+        s in which the learned torques end.
     """
 
     highest: float = 60.0
@@ -66,6 +86,13 @@ class LearningSettings:
     beyond_noise: float = 1.2
     gains: float = 0.2
     latest_trigger: float = 0.5
+    same_trigger: float = 0.005
+    same_speed: float = 1.0
+    same_torque: float = 0.02
+    same_length: float = 0.95
+    ended: float = 0.5
+    dead: float = 0.01
+    end: float = 0.05
 
 
 LEARNING = LearningSettings()
@@ -78,6 +105,103 @@ def with_added_torques(law: ControlLaw) -> ControlLaw:
         law, Bw=np.hstack([law.Bw, np.zeros((len(law.A), k))]), Dw=np.hstack([law.Dw, np.eye(k)]),
         known=(*law.known, *(added_to(name) for name in law.dynamometers)),
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CutReadings:
+    """Torque and speed at the vehicle's end of a cut by what is measured at the rotor, up to the highest frequency.
+
+    torque = torque_by_torque·flange + torque_by_speed·d(speed)/dt into the vehicle,
+    speed = speed_by_speed·speed + speed_by_torque·d(flange)/dt: what lies between is stiff.
+    """
+
+    torque_sensor: str
+    speed_sensor: str
+    torque_by_torque: float
+    torque_by_speed: float
+    speed_by_speed: float
+    speed_by_torque: float
+
+
+OPENED = 1e-9  # of the stiffness and damping of a cut shaft that is taken out
+MATCHED_AT = 20.0  # Hz, where the four numbers of CutReadings are read off
+
+
+def cut_readings(case: Case) -> dict[str, CutReadings] | None:
+    """By the cut shaft, in the order of the dynamometers; None where a dynamometer has no torque flange."""
+    loop, found = case.loop, {}
+    for one in loop.dynamometers:
+        if one.torque_sensor is None:
+            return None
+        cut = next(cut for cut in case.residual_vehicle.interfaces if cut.shaft == one.follows)
+        shaft = next(part for part in case.rig.shafts if part.name == cut.shaft)
+        place = shaft.between.index(cut.rig_end)
+        opened = case.rig.with_values({
+            f"shafts.{cut.shaft}.{what}": OPENED * case.rig.parameters[f"shafts.{cut.shaft}.{what}"].value
+            for what in ("stiffness", "damping")
+        })  # fmt: skip
+        ratio = 1.0 if shaft.ratio is None else shaft.ratio.value
+        through = 1.0 if place == 1 else -1 / ratio  # torque on that end for 1 N·m in the shaft
+        space = state_space(replace(
+            opened, inputs=(*opened.inputs, Input("torque_at_cut", cut.rig_end)),
+            sensors=(*opened.sensors, Sensor("speed_at_cut", "speed", cut.rig_end)), operating_point=None,
+        ))  # fmt: skip
+        w = 2 * np.pi * MATCHED_AT
+        columns = np.stack([space.input("torque_at_cut") * through, space.input(one.torque_input)], axis=1)
+        rows = np.stack([space.output(name) for name in (one.torque_sensor, one.speed_sensor, "speed_at_cut")])
+        answers = rows @ np.linalg.solve(1j * w * np.eye(len(space.A)) - space.A, columns)
+        inverse = np.linalg.inv(answers[:2])  # torques by readings
+        speed = answers[2] @ inverse
+        into = cut.factor * inverse[0]
+        found[cut.shaft] = CutReadings(
+            one.torque_sensor, one.speed_sensor, float(into[0].real), float(into[1].imag / w), float(speed[1].real),
+            float(speed[0].imag / w),
+        )  # fmt: skip
+    return found
+
+
+def residual_response(residual: ResidualVehicle, shafts: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
+    """Speeds (f, k, k) at the cuts for 1 N·m into the residual vehicle at each of them."""
+    s, found = 2j * np.pi * frequencies, np.zeros((len(frequencies), len(shafts), len(shafts)), complex)
+    for part in residual.parts:
+        space = state_space(part)
+        here = [j for j, shaft in enumerate(shafts) if _interface(residual, shaft).torque in space.inputs]
+        if not here:
+            continue
+        cuts = [_interface(residual, shafts[j]) for j in here]
+        columns = np.stack([space.input(cut.torque) for cut in cuts], axis=1)
+        rows = np.stack([space.output(cut.speed) for cut in cuts])
+        states = np.linalg.solve(
+            s[:, None, None] * np.eye(len(space.A)) - space.A, np.broadcast_to(columns, (len(s), *columns.shape))
+        )
+        found[np.ix_(range(len(s)), here, here)] = rows @ states
+    return found
+
+
+def _interface(residual: ResidualVehicle, shaft: str) -> Interface:
+    return next(cut for cut in residual.interfaces if cut.shaft == shaft)
+
+
+def _lines(law: ControlLaw, samples: int, settings: LearningSettings) -> tuple[np.ndarray, int]:
+    """Frequencies (f,), Hz, up to the highest one, and the samples of the transform."""
+    padded = int(2 ** np.ceil(np.log2(samples + 1.0 / law.sample_time)))
+    count = int(settings.highest * padded * law.sample_time)
+    return np.arange(1, count + 1) / (padded * law.sample_time), padded
+
+
+def _values(case: Case, settings: LearningSettings) -> list[dict[str, float]]:
+    box = case.uncertainty
+    return [{}, *(box.at(position) for position in box.draw(settings.drawn, settings.seed))]
+
+
+def _added(case: Case, law: ControlLaw, beds: BedSet, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray, BedSet]:
+    """Commands (b, f, k, k) by added torques, compared sensors (f, c, y) by wrong readings as planned, and the beds."""
+    acting = frequency_response(without_limits(with_added_torques(law)), lines)
+    own = acting.of_known[:, :, [acting.known.index(added_to(name)) for name in law.dynamometers]]
+    difference = return_difference(beds, acting)
+    commands = np.linalg.solve(difference, np.broadcast_to(own, (len(difference), *own.shape)))
+    by_reading = beds.commanded[0] @ np.linalg.solve(difference[0], acting.of_readings)
+    return commands, by_reading, beds
 
 
 def added_to(dynamometer: str) -> str:
@@ -111,22 +235,52 @@ class Learner:
     @classmethod
     def of(cls, case: Case, law: ControlLaw, samples: int, settings: LearningSettings = LEARNING) -> Learner:
         """For a tuned case at its operating point, its linear law, and motions of so many samples."""
-        step, box = law.sample_time, case.uncertainty
-        padded = int(2 ** np.ceil(np.log2(samples + 1.0 / step)))
-        lines = np.arange(1, int(settings.highest * padded * step) + 1) / (padded * step)
-        controller = without_limits(with_added_torques(law))
-        acting = frequency_response(controller, lines)
-        values = [{}, *(box.at(position) for position in box.draw(settings.drawn, settings.seed))]
-        beds = bed_set(case, values, lines)
-        own = acting.of_known[:, :, [acting.known.index(added_to(name)) for name in law.dynamometers]]
-        difference = return_difference(beds, acting)
-        commands = np.linalg.solve(difference, np.broadcast_to(own, (len(values), *own.shape)))
-        by_reading = beds.commanded[0] @ np.linalg.solve(difference[0], acting.of_readings)
+        lines, padded = _lines(law, samples, settings)
+        values = _values(case, settings)
+        commands, by_reading, beds = _added(case, law, bed_set(case, values, lines), lines)
         sensors = noise_of_sensors(case, case.loop.controller_sensors)
         noise = samples * ((np.abs(by_reading) ** 2) @ sensors**2 + noise_of_sensors(case, compared_sensors(case)) ** 2)
-        return cls(step, padded, beds.commanded @ commands, noise, settings)
+        return cls(law.sample_time, padded, beds.commanded @ commands, noise, settings)
 
-    def correction(self, errors: np.ndarray, ranges: np.ndarray) -> Correction:
+    @classmethod
+    def at_cuts(
+        cls, case: Case, law: ControlLaw, samples: int, ends: Mapping[str, CutReadings],
+        settings: LearningSettings = LEARNING,
+    ) -> Learner:  # fmt: skip
+        """For errors at the cuts: speeds there less those of the residual vehicle under the torque that is measured.
+
+        What vehicle and bed have in common does not enter: whatever it does is in the measured torque.
+
+        Parameters
+        ----------
+        ends : mapping of str to CutReadings
+            By the cut shaft, in the order of the dynamometers.
+        """
+        lines, padded = _lines(law, samples, settings)
+        values, pairs = _values(case, settings), []
+        for one in ends.values():
+            pairs += [Compared(case.compared[0].input, name) for name in (one.torque_sensor, one.speed_sensor)]
+        reading = replace(case, compared=tuple(dict.fromkeys(pairs)))
+        beds = responses_of(reading, beds_of(reading, values), values, lines, np.zeros((len(values), len(lines), 0)))
+        commands, by_reading, beds = _added(reading, law, beds, lines)
+        names, s = compared_sensors(reading), 2j * np.pi * lines
+        vehicle = residual_response(case.residual_vehicle, tuple(ends), lines)
+        of_cuts = np.zeros((len(lines), len(ends), len(names)), complex)  # of the error by the readings
+        for j, one in enumerate(ends.values()):
+            torque, speed = names.index(one.torque_sensor), names.index(one.speed_sensor)
+            of_cuts[:, j, speed] += one.speed_by_speed
+            of_cuts[:, j, torque] += s * one.speed_by_torque
+            of_cuts[:, :, torque] -= vehicle[:, :, j] * one.torque_by_torque
+            of_cuts[:, :, speed] -= vehicle[:, :, j] * (s * one.torque_by_speed)[:, None]
+        sensors = noise_of_sensors(reading, case.loop.controller_sensors)
+        own = np.abs(of_cuts) ** 2 @ noise_of_sensors(reading, names) ** 2
+        noise = samples * (np.abs(of_cuts @ by_reading) ** 2 @ sensors**2 + own)
+        return cls(law.sample_time, padded, of_cuts @ beds.commanded @ commands, noise, settings)
+
+    def correction(
+        self, errors: np.ndarray, ranges: np.ndarray, added: np.ndarray | float = 0.0,
+        limits: np.ndarray | float = np.inf,
+    ) -> Correction:  # fmt: skip
         """What to add to the torques after repetitions with the same ones.
 
         Parameters
@@ -135,6 +289,10 @@ class Learner:
             Sensor less vehicle. Two or more tell what does not repeat; of one, the stated noise of the sensors does.
         ranges : ndarray (c,)
             Of the vehicle's signals, which weight the sensors.
+        added : ndarray (n, k) or float
+            Torques, N·m, with which the repetitions were made.
+        limits : ndarray (k,) or float
+            N·m: added torques stay within ± these, and end at the last sample.
         """
         settings, lines = self.settings, slice(1, self.answers.shape[1] + 1)
         each = np.stack([np.fft.rfft(self._faded(one) / ranges, self.padded, axis=0)[lines] for one in errors])
@@ -151,13 +309,22 @@ class Learner:
         moved = (G @ np.fft.rfft(wanted, self.padded, axis=0)[lines][..., None])[..., 0]  # (b, f, c)
         sizes = {part: np.sqrt((np.abs(E + part * moved) ** 2).sum(axis=(1, 2))) for part in settings.shares}
         part = min(settings.shares, key=lambda one: float(sizes[one].max()))
+        torques = self._limited(added + part * wanted, limits) - added
+        moved = (G[0] @ np.fft.rfft(torques, self.padded, axis=0)[lines][..., None])[..., 0]
         effect = np.zeros((self.padded // 2 + 1, len(ranges)), complex)
-        effect[lines] = part * moved[0]
+        effect[lines] = moved
         predicted = errors.mean(axis=0) + ranges * np.fft.irfft(effect, self.padded, axis=0)[:count]
         return Correction(
-            part * wanted, part, predicted,
-            *(self._rms(power, errors.shape) for power in (noise, np.abs(E) ** 2, np.abs(E + part * moved[0]) ** 2)),
+            torques, part, predicted,
+            *(self._rms(power, errors.shape) for power in (noise, np.abs(E) ** 2, np.abs(E + moved) ** 2)),
         )  # fmt: skip
+
+    def _limited(self, torques: np.ndarray, limits: np.ndarray | float) -> np.ndarray:
+        """Torques (n, k) within their limits that end at the last sample."""
+        kept: np.ndarray = np.clip(torques, -np.asarray(limits), np.asarray(limits))
+        last = min(round(self.settings.end / self.step), len(kept))
+        kept[len(kept) - last :] *= np.cos(np.linspace(0, np.pi / 2, last))[:, None] ** 2
+        return kept
 
     def size(self, error: np.ndarray, ranges: np.ndarray) -> float:
         """Root mean square of an error (n, c) over the ranges (c,), of all sensors, up to the highest frequency."""

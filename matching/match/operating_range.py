@@ -15,7 +15,7 @@ from matching.match.requirements import requirements
 from modelling.bed.bed import Loop
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.profile import DrivenTorques, read_driver, read_speed_profile
-from modelling.bed.scheduled import ScheduledLaw, scheduled_law
+from modelling.bed.stepped import SteppedLaw, stepped_law
 from modelling.bed.vehicle import ResidualVehicle, cut
 from modelling.errors import InputError, unknown
 from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
@@ -299,18 +299,18 @@ def turning_as(
     return system
 
 
-def law_over_speed(case: Case) -> ScheduledLaw:
+def law_over_speed(case: Case) -> SteppedLaw:
     """The controller of a tuned case over its range.
 
     Raises
     ------
     NoDesign
-        If a Riccati equation has no stabilising solution at one of the speeds.
+        If a Riccati equation has no stabilising solution.
     """
     about = case.operating_range
     assert about is not None
     cases = [at_speed(case, float(speed)) for speed in grid(about)]
-    return scheduled_law(
+    return stepped_law(
         [each.rig for each in cases], [each.residual_vehicle for each in cases], case.loop, case.loop.values,
-        about.bodies, linear_bed(cases[-1]).torque_signs, body_speed(case),
+        about.bodies, about.rolling_radius, linear_bed(cases[-1]).torque_signs, body_speed(case),
     )  # fmt: skip

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, expm
@@ -15,17 +14,6 @@ from modelling.linear.state_space import StateSpace, by_tustin, state_space
 from modelling.system import Input, Sensor, Shaft, System
 
 # --- The sampled control law in one form for every structure.
-
-
-class Begin(NamedTuple):
-    """What a law over a range of speeds keeps of the moment at which an emulation began.
-
-    States of the vehicle in steady motion (v, …), torques into it at the cuts (k, …) and own torques (r, …) there.
-    """
-
-    steady: np.ndarray
-    at_cuts: np.ndarray
-    own: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -74,13 +62,8 @@ class ControlLaw:
         return len(self.A)
 
     @property
-    def laws(self) -> tuple[ControlLaw, ...]:
-        """The law at every speed at which it is designed: itself alone."""
-        return (self,)
-
-    @property
     def vehicle_states(self) -> int:
-        """Number v of states of a residual vehicle that runs in it as it is: none."""
+        """Number v of states of a residual vehicle that is stepped beside it: none."""
         return 0
 
     @property
@@ -88,14 +71,9 @@ class ControlLaw:
         """The law as a linear one: itself."""
         return self
 
-    def begin(self, readings: np.ndarray, known: np.ndarray, sent: np.ndarray) -> Begin | None:
-        """What the law keeps of where an emulation begins beyond the deviations from it: nothing."""
-        return None
-
     def step(
         self, state: np.ndarray, readings: np.ndarray, known: np.ndarray,
-        limits: np.ndarray | tuple[np.ndarray, np.ndarray], begin: Begin | None = None,
-        added: np.ndarray | float = 0.0,
+        limits: np.ndarray | tuple[np.ndarray, np.ndarray], added: np.ndarray | float = 0.0,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Commands (k, …), N·m, and the state (x, …) of the next sample, of one bed or of a batch.
 

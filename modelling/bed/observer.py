@@ -137,7 +137,7 @@ class ObserverModel:
 
 def observer_model(
     rig: System, residual: ResidualVehicle, loop: Loop, modes: Sequence[complex] | None = None,
-    remainders: bool = False,
+    remainders: bool = False, model: BedModel | None = None,
 ) -> ObserverModel:  # fmt: skip
     """Put model, dead time and sensors together.
 
@@ -146,14 +146,17 @@ def observer_model(
     modes : sequence of complex, optional
         Eigenvalues, 1/s, that a torque at each rotor swings with; :func:`emulated_modes` unless given.
     remainders : bool
-        Have the rates of the residual vehicle's states among what is known, see :mod:`modelling.bed.scheduled`.
+        Have the rates of the residual vehicle's states among what is known, see :mod:`modelling.bed.stepped`.
+    model : BedModel, optional
+        Of rig, lags and residual vehicle; :func:`modelling.bed.bed.bed_model` unless given.
 
     Raises
     ------
     InputError
         If a model cannot be made linear or a further sensor reads an angle or an acceleration.
     """
-    model, k, step = bed_model(rig, residual, loop), len(loop.dynamometers), loop["sample_time"]
+    model = bed_model(rig, residual, loop) if model is None else model
+    k, step = len(loop.dynamometers), loop["sample_time"]
     driven = {dynamometer.torque_input for dynamometer in loop.dynamometers}
     on_rig = [part.name for part in rig.inputs if part.name not in driven]
     known = tuple(name for name in model.measured if name in loop.measured or name not in on_rig)

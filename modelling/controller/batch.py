@@ -25,6 +25,7 @@ void batch_begin(unsigned char *all, int count, const double *value, const int *
 @SETTINGS@
         c->settings.frozen_samples = samples[0];
         c->settings.life_samples = samples[1];
+        c->settings.ride_samples = samples[2];
     }
 }
 void row_step(void *row, const double *own, int mode, unsigned life, int trigger, double *out, int *state)
@@ -65,7 +66,7 @@ def _source(controller: ExportedController) -> str:
     """C of a controller without its settings, so that all controllers of one law share a library."""
     settings = controller.settings
     neutral: dict[str, Any] = {name: np.zeros(getattr(settings, name).shape) for name in ARRAYS}
-    neutral |= {"opened_share": 0.0, "frozen_samples": 0, "life_samples": 0}
+    neutral |= {"opened_share": 0.0, "frozen_samples": 0, "life_samples": 0, "ride_samples": 0}
     files = c_sources(replace(controller, title="", settings=replace(settings, **neutral)))
     taken = [
         f"        for (int i = 0; i < {len(getattr(settings, name))}; i++) {{ c->settings.{C_NAMES.get(name, name)}[i] "
@@ -99,7 +100,7 @@ class ControllerBatch:
         self._batch_step = library.batch_step
         settings = controller.settings
         values = np.concatenate([*(getattr(settings, name) for name in ARRAYS), [settings.opened_share]])
-        samples = np.array([settings.frozen_samples, settings.life_samples], np.int32)
+        samples = np.array([settings.frozen_samples, settings.life_samples, settings.ride_samples], np.int32)
         library.batch_size.restype = ctypes.c_size_t
         self.bytes_each = library.batch_size()
         self.memory = np.zeros((count, self.bytes_each), np.uint8)

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from modelling.bed.scheduled import ScheduledLaw
+from modelling.bed.bed import ControlLaw
+from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SteppedLaw
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
+    FADE_S,
     GONE,
     HELD_BELOW_LIMIT,
     IN_A_ROW,
     KEPT_SAMPLES,
     LARGEST_SHARE,
+    MEAN_OF_OFF,
+    MEAN_SHARE,
     REMEMBERED_SAMPLES,
     SAMPLES_IN_A_ROW,
     SLOWEST,
@@ -44,22 +49,15 @@ def memory_bytes(controller: ExportedController) -> int:
     """Size of the controller's structure in double precision, padding aside."""
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
     x, w, s = controller.law.states, len(controller.law.known), len(controller.watched.shafts)
-    v = controller.law.vehicle_states
-    reals = (
-        9 * k
-        + 2 * len(controller.settings.curve_speeds)
-        + y
-        + x
-        + 4 * y
-        + 3 * (w + 1)
-        + (v + 1)
-        + 7 * k
-        + KEPT_TORQUES * k
-        + (s + 1)
-        + 1
-        + WATCHED_SAMPLES * y
-    )
-    return 8 * reals + 4 * (13 + k + 2 * (s + 1))
+    v, t = controller.law.vehicle_states, len(tyres_of(controller))
+    settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 1 + (t + 3 if v else 0)
+    state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
+    return 8 * (settings + state) + 4 * (17 + k + 3 * y + 2 * (s + 1))
+
+
+def tyres_of(controller: ExportedController) -> tuple[str, ...]:
+    """Shafts whose tyres slip in the vehicle that is stepped beside the law."""
+    return controller.law.vehicle.tyres if isinstance(controller.law, SteppedLaw) else ()
 
 
 def _header(controller: ExportedController) -> str:
@@ -76,8 +74,9 @@ def _header(controller: ExportedController) -> str:
             seconds=law.sample_time,
             bytes=memory_bytes(controller),
             states=law.states,
-            speeds=len(law.laws),
+            speeds=len(law.speeds) if isinstance(law, SteppedLaw) else 0,
             vehicle_states=law.vehicle_states,
+            tyres=[c_comment(name) for name in tyres_of(controller)],
             readings=[c_comment(reading) for reading in readings],
             known=[c_comment(name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],
@@ -93,6 +92,7 @@ def _header(controller: ExportedController) -> str:
 
 def _data(controller: ExportedController) -> str:
     law, settings = controller.law, controller.settings
+    laws = (law,) if isinstance(law, ControlLaw) else law.laws
     lines = [
         "/* numbers of the controller: each matrix row by row, without its zeros */",
         "typedef struct {",
@@ -101,6 +101,7 @@ def _data(controller: ExportedController) -> str:
         "    const controller_real *value;",
         "} controller_matrix;",
         "",
+        f"#define CONTROLLER_ACTING {laws[0].Bw.shape[1]} /* known torques, then rates of the vehicle's states */",
         f"#define CONTROLLER_TURNING {_real(TURNING)} /* rad/s */",
         f"#define CONTROLLER_GONE {_real(GONE)}",
         f"#define CONTROLLER_REMEMBERED {REMEMBERED_SAMPLES}",
@@ -110,6 +111,9 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_SLOWEST {_real(SLOWEST)} /* rad/s */",
         f"#define CONTROLLER_IN_A_ROW {SAMPLES_IN_A_ROW}",
         f"#define CONTROLLER_MEAN_SAMPLES {mean_samples(law.sample_time)}",
+        f"#define CONTROLLER_FADE {_real(FADE_S)} /* s */",
+        f"#define CONTROLLER_MEAN_OF_OFF {MEAN_OF_OFF}",
+        f"#define CONTROLLER_MEAN_SHARE {_real(MEAN_SHARE)}",
         f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",
         f"#define CONTROLLER_OPENED_IN_A_ROW {IN_A_ROW}",
         f"#define CONTROLLER_LARGEST_SHARE {_real(LARGEST_SHARE)}",
@@ -133,32 +137,36 @@ def _data(controller: ExportedController) -> str:
         lines.append(f"    {{{', '.join(_real(value) for value in getattr(settings, part))}}}, /* {part} */")
     opened = ", ".join(_real(value) for value in (*settings.opened_torque, 0.0))
     lines += [f"    {{{opened}}}, /* opened_torque */", f"    {_real(settings.opened_share)}, /* opened_share */"]
-    lines += [f"    {settings.frozen_samples}, {settings.life_samples}}};"]
-    matrices = {"EXPECTED": law.E, "LOST": controller.watched.lost, "CARRIED": controller.watched.carried}
+    if isinstance(law, SteppedLaw):
+        lines += [f"    {{{', '.join(['1.0'] * (len(law.vehicle.tyres) + 1))}}}, 1.0, 0.0, /* friction, mass, grade */"]
+    lines += [f"    {settings.frozen_samples}, {settings.life_samples}, {settings.ride_samples}}};"]
+    matrices = {
+        "BY_OTHERS": controller.by_others,
+        "EXPECTED": law.E,
+        "LOST": controller.watched.lost,
+        "CARRIED": controller.watched.carried,
+    }
     for name, matrix in matrices.items():
         lines += ["", *_rows(name, matrix)]
     over_speed = {
-        "CORRECTION": [one.L for one in law.laws],
-        "COMMAND": [np.hstack([one.K, one.Dy, one.Dw]) for one in law.laws],
-        "NEXT_STATE": [np.hstack([one.A, one.By, one.Bw, one.Bs]) for one in law.laws],
+        "CORRECTION": [one.L for one in laws],
+        "COMMAND": [np.hstack([one.K, one.Dy, one.Dw]) for one in laws],
+        "NEXT_STATE": [np.hstack([one.A, one.By, one.Bw, one.Bs]) for one in laws],
     }
     for name, stack in over_speed.items():
         lines += ["", *_at_speeds(name, stack)]
     played = controller.learned if len(controller.learned) else np.zeros((1, len(law.dynamometers)))
     lines += ["", "static const controller_real LEARNED[][CONTROLLER_DYNAMOMETERS] = {"]
     lines += [f"    {{{', '.join(map(_real, row))}}}," for row in played.tolist()] + ["};"]
-    if isinstance(law, ScheduledLaw):
+    if isinstance(law, SteppedLaw):
         lines += _vehicle(law)
     return "\n".join(lines) + "\n"
 
 
-def _vehicle(law: ScheduledLaw) -> list[str]:
-    """Numbers and rates of the residual vehicle that runs in the law."""
-    vehicle, generator = (
-        law.vehicle,
-        ca.CodeGenerator("vehicle", {"with_header": False, "casadi_real": "controller_real"}),
-    )
-    generator.add(vehicle.rates)
+def _vehicle(law: SteppedLaw) -> list[str]:
+    """Numbers and functions of the residual vehicle that is stepped beside the law."""
+    vehicle, settings = law.vehicle, law.settings
+    functions = {"rates": vehicle.rates, "slopes": vehicle.slopes, "outputs": vehicle.outputs}
     steady = (f"    {{{', '.join(map(_real, row))}}}," for row in vehicle.steady)
 
     def listed(name: str, values: np.ndarray, meaning: str) -> str:
@@ -166,30 +174,66 @@ def _vehicle(law: ScheduledLaw) -> list[str]:
 
     lines = [
         "",
-        f"#define CONTROLLER_VEHICLE_INPUTS {len(law.known_inputs)}",
-        f"enum {{ OBSERVED = {law.observed.start}, AHEAD = {law.ahead.start} }};",
-        f"static const int32_t KNOWN_INPUT[] = {{{', '.join(map(str, (*law.known_inputs, 0)))}}};",
-        listed("NONLINEAR", np.r_[vehicle.nonlinear, 0], "1 of an input whose effect depends on the motion"),
-        listed("SPEED", law.speeds, "rad/s of the vehicle"),
+        f"#define CONTROLLER_VEHICLE_INPUTS {len(vehicle.inputs)}",
+        f"#define CONTROLLER_PIECES {vehicle.pieces} /* steps of its integration in a sample */",
+        f"#define CONTROLLER_RADIUS {_real(vehicle.radius)} /* m */",
+        f"#define CONTROLLER_ANGLE_TIME {_real(settings.angle_time)} /* s */",
+        f"#define CONTROLLER_ANGLE_ROLL {_real(settings.angle_roll)} /* rad */",
+        f"#define GAMMA (controller_real){_real(GAMMA)}",
+        f"enum {{ OBSERVED = {law.observed.start} }};",
+        listed("NONLINEAR", np.r_[vehicle.nonlinear, 0], "1 of an own input whose effect depends on the motion"),
+        listed("OVER", law.over, "speed of a rotor over its wheel's"),
+        listed("SPEED", law.designed, "rad/s of the vehicle"),
+        f"#define CONTROLLER_DESIGNS {len(law.designed)}",
+        f"#define SMALLEST_SLOPE (controller_real){_real(SMALLEST_SLOPE)}",
         listed("ROTOR_SPEED", law.rotor_speeds, "rad/s there"),
         listed("ROTOR_SHARE", law.rotor_shares, "of each rotor in it"),
-        listed("VEHICLE_SPEED", vehicle.speed, "by state"),
+        listed("BODY", vehicle.body, "speed by state"),
         "static const controller_real STEADY[CONTROLLER_SPEEDS][CONTROLLER_VEHICLE_STATES] = {", *steady, "};",
+        "", *_at_speeds("BY_WHEEL", list(law.by_wheel)), "", *_at_speeds("LIKENESS", list(law.likeness)),
+        "", *_rows("BY_CUT", vehicle.by_cut), "", *_rows("MOMENTUM", law.momentum),
+        "", *_rows("WHEEL", vehicle.wheel), "", *_rows("CUT_TORQUE", law.cut_torque),
         "", *_rows("CUT_BY_READING", law.cut_by_reading), "", *_rows("CUT_BY_COMMAND", law.cut_by_command),
-        "", *_at_speeds("VEHICLE", list(vehicle.A)),
-        "", "/* rates of the vehicle's states by states, torques at the cuts and torques of its own */",
-        generator.dump(),
-        "static void vehicle_rates(const controller_real *states, const controller_real *at_cuts,",
-        "                          const controller_real *own, controller_real *rates)",
-        "{",
-        "    const controller_real *arguments[] = {states, at_cuts, own};",
-        "    controller_real *results[] = {rates};",
-        f"    controller_real work[{max(vehicle.rates.sz_w(), 1)}];",
-        f"    casadi_int integers[{max(vehicle.rates.sz_iw(), 1)}];",
-        f"    (void){vehicle.rates.name()}(arguments, results, integers, work, 0);",
-        "}",
+        "", "/* the vehicle: rates of its states, their derivatives by the states, slips and torques of its tyres */",
     ]  # fmt: skip
-    return lines
+    return [*lines, *_functions(functions)]
+
+
+# What CasADi calls by names of its own in the C of a function of scalars.
+HELPERS = {
+    "sq": "x * x", "sign": "(x < 0) ? -1 : ((x > 0) ? 1 : 0)", "fabs": "(controller_real)fabs((double)x)",
+    "fmax": "(x > y) ? x : y", "fmin": "(x < y) ? x : y", "log1p": "(controller_real)log1p((double)x)",
+    "expm1": "(controller_real)expm1((double)x)", "hypot": "(controller_real)hypot((double)x, (double)y)",
+}  # fmt: skip
+ARGUMENTS = ("states", "at_cuts", "own", "road")
+
+
+def _functions(functions: dict[str, ca.Function]) -> list[str]:
+    """C of functions of the vehicle without what CasADi writes around them."""
+    generator = ca.CodeGenerator("vehicle", {"with_header": False})
+    for function in functions.values():
+        generator.add(function)
+    text = generator.dump()
+    bodies = re.findall(r"^static int casadi_f\d+\(.*?\{\n(.*?)^\s*return 0;\n\}", text, re.MULTILINE | re.DOTALL)
+    assert len(bodies) == len(functions)
+    lines, used = [], set()
+    for name, body in zip(functions, bodies, strict=True):
+        body = re.sub(r"arg\[(\d)\]\? arg\[\d\]\[(\d+)\] : 0", lambda m: f"{ARGUMENTS[int(m[1])]}[{m[2]}]", body)
+        body = re.sub(r"if \(res\[0\]!=0\) res\[0\]\[(\d+)\]=", r"found[\1]=", body)
+        used |= set(re.findall(r"casadi_(\w+)\(", body))
+        body = re.sub(r"casadi_(\w+)\(", r"vehicle_\1(", body).replace("casadi_real", "controller_real")
+        parameters = ", ".join(f"const controller_real *{argument}" for argument in ARGUMENTS)
+        unused = "".join(f"  (void){argument};\n" for argument in (*ARGUMENTS, "found"))
+        lines += [f"static void {name}_of({parameters}, controller_real *found)", "{", body + unused + "}"]
+    helpers = []
+    for name in sorted(used):
+        parameters = (
+            "controller_real x, controller_real y"
+            if "y" in re.findall(r"\b\w\b", HELPERS[name])
+            else "controller_real x"
+        )
+        helpers.append(f"static controller_real vehicle_{name}({parameters}) {{ return {HELPERS[name]}; }}")
+    return [*helpers, *lines]
 
 
 def _at_speeds(name: str, matrices: list[np.ndarray]) -> list[str]:

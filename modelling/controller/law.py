@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 from scipy.linalg import solve_discrete_are
 
-from modelling.bed.bed import Begin, ControlLaw
-from modelling.bed.scheduled import Law
+from modelling.bed.bed import ControlLaw
+from modelling.bed.stepped import Emulation, Law, SteppedLaw
 from modelling.bed.vehicle import FeedForward
 from modelling.errors import NoDesign
 from modelling.linear.state_space import StateSpace
@@ -223,13 +223,18 @@ class ShaftWatch:
 
 ZERO_TORQUE, SPEED_HOLD, EMULATION, CHANNEL_CHECK = 0, 1, 2, 3  # modes
 FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
-TORQUE_GONE = FAULTS.index("torque gone")
+OVERSPEED, TORQUE_GONE, UNEXPECTED = (FAULTS.index(name) for name in ("overspeed", "torque gone", "unexpected"))
 HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
 # s that the exponential means hold from which an emulation begins. Twice the mean less the mean of the mean follows a
 # hold that still comes to its speed without a lag (double exponential smoothing), and leaves a sixth of one sample's
 # noise at 1 kHz; what is left of it the observer estimates. Chosen by trial.
 MEAN_S = 0.05
-SAMPLES_IN_A_ROW = 2  # that a reading has to be unexpected, so that a single wrong value does not count
+SAMPLES_IN_A_ROW = 2  # in which two readings at once have to be unexpected: then the model does not hold
+MEAN_OF_OFF = 10  # samples that the mean of what a reading is off from what is expected holds
+MEAN_SHARE = 0.25  # of the allowed: how far that mean may be off. Healthy beds reached 0.09 in drives of every kind
+RIDE_THROUGH_S = 0.02  # for which emulation goes on without a reading that is refused. Chosen by trial
+FADE_S = 0.5  # time constant with which the torque of a rotor ends whose speed is not trusted. Chosen by trial
+LIFE_S = 0.05  # without a change of the sign of life, after which it counts as missing
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
 SLOWEST = 1e-6  # rad/s: power limits no torque below it
@@ -260,7 +265,10 @@ class Settings:
     opened_torque : ndarray (s,)
         N·m: a watched shaft that carries more and loses it counts as opened, see :class:`ShaftWatch`.
     unexpected : ndarray (y,)
-        How far a reading may be from what the controller's model expects, in its unit.
+        How far a reading may be from what the controller's model expects, in its unit; :data:`MEAN_SHARE` of it as a
+        mean over :data:`MEAN_OF_OFF` samples. A reading that is further off is refused.
+    ride_samples : int
+        So many samples emulation goes on without a reading that is refused; 0 switches refusing off.
     frozen_samples : int
         So many samples with the same readings on a turning bed stop the emulation; 0 switches it off.
     opened_share : float
@@ -285,6 +293,7 @@ class Settings:
     opened_share: float = OPENED_SHARE
     frozen_samples: int = 4
     life_samples: int = 0
+    ride_samples: int = 0
 
 
 # --- When a flange torque counts as gone: a shaft broke, or a clutch at the flange opened.
@@ -324,9 +333,10 @@ def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.nd
 # Four modes: zero torque, speed hold, emulation, and the check of the channels, in which no reading is fed back: small
 # torques are commanded as they are asked for, whatever sign or unit the channels have. Emulation begins from the mean
 # of the readings before it, and from the torques and commands of its first sample, so it begins without a bump at any
-# steady speed. What goes wrong ends
-# it: readings that are not finite, do not come or do not change, a rotor too fast, a torque that is gone at once, a
-# shaft that opens, or readings that are not what the controller's model expects. Then the speeds are held, or, where
+# steady speed. What goes wrong ends it: readings that do not come or do not change, a rotor too fast, a torque that is
+# gone at once, a shaft that opens, or readings that are not what the controller's model expects. A single reading that
+# is not finite or far from what is expected is refused in its first sample, and emulation goes on with what the model
+# says in its place; after a short time it ends, too. Then the speeds are held by the sensors that are right, or, where
 # they are not known any more, the torque is zero, until zero torque is asked for.
 
 
@@ -350,23 +360,28 @@ class SupervisedController:
 
     Parameters
     ----------
-    law : ControlLaw or ScheduledLaw
+    law : ControlLaw or SteppedLaw
     settings : Settings
     torque_readings, speed_readings : sequence of int (k)
         Which readings are the dynamometers' flange torques, −1 without a flange, and speeds.
     watched : WatchedShafts
         Shafts whose opening is noticed.
+    by_others : ndarray (k, y), optional
+        See :class:`ExportedController`.
     learned : ndarray (n, k), optional
         See :class:`ExportedController`.
     """
 
     def __init__(
         self, law: Law, settings: Settings, torque_readings: list[int],
-        speed_readings: list[int], watched: WatchedShafts, learned: np.ndarray | None = None,
+        speed_readings: list[int], watched: WatchedShafts, by_others: np.ndarray | None = None,
+        learned: np.ndarray | None = None,
     ):  # fmt: skip
+        self._by_others = np.zeros((len(speed_readings), len(law.sensors))) if by_others is None else by_others
         self._learned = np.zeros((0, 0)) if learned is None else learned
         self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
         self._torques, self._speeds = torque_readings, speed_readings
+        self.road = law.vehicle.as_planned if isinstance(law, SteppedLaw) else np.zeros(0)  # may change at any time
         self.reset()
 
     def reset(self) -> None:
@@ -376,7 +391,11 @@ class SupervisedController:
         self._sent, self._integral, self._held = np.zeros(k), np.zeros(k), np.zeros(k)
         self._state = np.zeros(self.law.states)
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
-        self._begin: Begin | None = None
+        # now, when it began, and the torques at the cuts then
+        self._emulation: tuple[Emulation, Emulation, np.ndarray] | None = None
+        if isinstance(self.law, SteppedLaw):
+            begun, cut = self.law.begin(np.zeros(y), np.zeros(k))
+            self._emulation = begun, begun, cut
         self._last, self._averaged = np.zeros(y), 0
         # of readings, known torques and commands, and the means of these means
         self._means, self._slow = ((np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)) for _ in range(2))
@@ -386,6 +405,10 @@ class SupervisedController:
         self._watch.reset()
         self._gone = np.zeros(k, bool)
         self._unchanged = self._lifeless = self._surprised = 0
+        self._off_mean, self._lost = np.zeros(y), np.zeros(y, int)  # of what readings are off; samples refused in a row
+        self._refused, self._distrusted = np.zeros(y, bool), np.zeros(y, bool)  # now; since a fault
+        self._seen, self._holdable = np.zeros(y), False  # readings as they are used; the speeds were known at a fault
+        self.sensor = -1  # the reading that led to the last fault, −1 without one
         self._life: int | None = None
         self._triggered, self._played = False, 0  # samples since the trigger, 0 before it
         self.reason = ""  # of the last fault, where one reading led to it: which, and how far it was off
@@ -411,16 +434,18 @@ class SupervisedController:
         """
         added = np.zeros(len(self._sent)) if added is None else added
         fault = self._check(readings, known, np.concatenate([hold, added]), life)
+        readings, below = self._seen, HELD_BELOW_LIMIT * self.settings.speed_limit
         if fault and not self._fault and self._mode != ZERO_TORQUE:
-            self._fault = fault
-            known_speeds = fault in HOLDABLE and self._mode != CHANNEL_CHECK
-            self._fallback = SPEED_HOLD if known_speeds else ZERO_TORQUE
-            below = HELD_BELOW_LIMIT * self.settings.speed_limit
+            self._fault, self._holdable = fault, self._mode != CHANNEL_CHECK
+            self._fallback = SPEED_HOLD if fault in HOLDABLE and self._holdable else ZERO_TORQUE
             self._held = np.clip(readings[self._speeds], -below, below) if fault in HOLDABLE else self._held
         elif fault and fault not in HOLDABLE:
             self._fallback = ZERO_TORQUE
+        elif fault == OVERSPEED and self._fault and self._fallback == ZERO_TORQUE and self._holdable:
+            # without torque the rotors run away, and their speeds are known: they are held
+            self._fallback, self._held = SPEED_HOLD, np.clip(readings[self._speeds], -below, below)
         if not fault and mode == ZERO_TORQUE:
-            self._fault = 0
+            self._fault, self._distrusted = 0, np.zeros(len(readings), bool)
         unknown = bool(fault) and fault not in HOLDABLE
         wanted = self._fallback if self._fault else mode
         self._enter(ZERO_TORQUE if unknown else wanted, readings, known, hold)
@@ -436,6 +461,12 @@ class SupervisedController:
             self._past_torques = np.vstack([self._flange_torques(readings), self._past_torques[:-1]])
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
 
+    @property
+    def vehicle(self) -> Emulation:
+        """What the emulated vehicle does, as the last sample left it."""
+        assert self._emulation is not None
+        return self._emulation[0]
+
     def _follow_trigger(self, trigger: bool) -> None:
         if trigger and not self._triggered:
             self._played = 1
@@ -448,11 +479,20 @@ class SupervisedController:
         settings = self.settings
         self._lifeless = self._lifeless + 1 if life == self._life else 0
         self._life = life
-        if not (np.isfinite(readings).all() and np.isfinite(known).all() and np.isfinite(asked).all()):
+        self._refused[:] = False
+        self._seen = readings.copy()
+        if not all(np.isfinite(each).all() for each in (known, asked, self.road)) or (self.road[:-1] <= 0).any():
+            return 1  # friction and mass are above 0
+        if self._mode == EMULATION:
+            self._refuse(readings)
+        elif self._distrusted.any():
+            self._replace_speeds()
+        if not np.isfinite(self._seen).all():
+            self.sensor = int(np.argmin(np.isfinite(self._seen)))
             return 1
         if 0 < settings.life_samples <= self._lifeless:
             return 2
-        speeds = np.abs(readings[self._speeds])
+        speeds = np.abs(self._seen[self._speeds])
         still = np.array_equal(readings, self._last) and (speeds > TURNING).any()
         self._unchanged = self._unchanged + 1 if still else 0
         if 0 < settings.frozen_samples <= self._unchanged:
@@ -460,24 +500,81 @@ class SupervisedController:
         fastest = settings.check_speed if self._mode == CHANNEL_CHECK else settings.speed_limit
         if (speeds > fastest).any():
             at = int(np.argmax(speeds / fastest))
-            self._why(self._speeds[at], readings, fastest[at])
-            return 4
+            self._why(self._speeds[at], self._seen, fastest[at])
+            return OVERSPEED
         if self._mode != EMULATION:
             self._surprised = 0
             return 0
-        deviation = readings - self._start[0] - self.law.E @ self._state
-        self._deviations = np.vstack([deviation, self._deviations[:-1]])
-        if self._has_lost_torque(readings):
+        expected = self._start[0] + self.law.E @ self._state
+        self._deviations = np.vstack([self._seen - expected, self._deviations[:-1]])
+        # a torque that is gone is no wrong reading: it counts as it is read
+        if self._has_lost_torque(np.where(np.isfinite(readings), readings, self._seen)):
             self._why(self._torques[int(np.argmax(self._gone))], readings, None)
             return TORQUE_GONE
-        self._surprised = self._surprised + 1 if (np.abs(deviation) > settings.unexpected).any() else 0
-        if self._surprised:
-            at = int(np.argmax(np.abs(deviation) / settings.unexpected))
-            self._why(at, readings, settings.unexpected[at], readings[at] - deviation[at])
-        return 6 if self._surprised >= SAMPLES_IN_A_ROW else 0
+        off = np.abs(self._deviations[0]) > settings.unexpected
+        together = self._refused.sum() > 1 or off.any()
+        self._surprised = self._surprised + 1 if together else 0
+        wrong = self._refused | off
+        if wrong.any():
+            at = int(np.argmax(np.where(wrong, self._lost, -1)))
+            self._why(at, readings, settings.unexpected[at], expected[at])
+        if self._surprised >= SAMPLES_IN_A_ROW:
+            # the model does not hold: what is read counts, but for speeds that right ones determine or contradict
+            self._distrusted = self._refused & ~np.isfinite(readings)
+            self._seen = np.where(np.isfinite(readings), readings, self._seen)
+            self._distrust_contradicted()
+            self._replace_speeds()
+            return UNEXPECTED if np.isfinite(self._seen).all() else 1
+        if settings.ride_samples and self._lost.max() >= settings.ride_samples:
+            self._distrusted = self._refused.copy()
+            for j, at in enumerate(self._torques):  # a false speed contradicts the torque: hold neither of them true
+                if at >= 0 and self._refused[at] and (self._by_others[j] != 0).any():
+                    self._distrusted[self._speeds[j]] = True
+            self._replace_speeds()
+            return UNEXPECTED if np.isfinite(self._seen).all() else 1
+        return 0
+
+    def _refuse(self, readings: np.ndarray) -> None:
+        """Refuse readings that are not finite or far from what the model expects, at once or in the mean."""
+        settings, expected = self.settings, self._start[0] + self.law.E @ self._state
+        finite = np.isfinite(readings)
+        off = np.where(finite, readings, expected) - expected
+        counted = np.clip(off, -settings.unexpected, settings.unexpected)  # a jump that is over leaves the mean soon
+        self._off_mean = self._off_mean + np.where(finite, counted - self._off_mean, 0.0) / MEAN_OF_OFF
+        if not settings.ride_samples:
+            return
+        far = (np.abs(off) > settings.unexpected) | (np.abs(self._off_mean) > MEAN_SHARE * settings.unexpected)
+        self._refused = far | ~finite
+        self._lost = np.where(self._refused, self._lost + 1, 0)
+        self._seen = np.where(self._refused, expected, readings)
+
+    def _distrust_contradicted(self) -> None:
+        """Trust no rotor's speed any more that is furthest from what the others say, and further than is allowed, nor
+        one that was refused where the others were not."""
+        apart = np.abs(self._seen[self._speeds] - self._by_others @ self._seen)
+        apart = np.where((self._by_others != 0).any(axis=1), apart / self.settings.unexpected[self._speeds], 0.0)
+        if len(apart) and apart.max() > 1:
+            self._distrusted[self._speeds[int(np.argmax(apart))]] = True
+        for j, at in enumerate(self._speeds):
+            used = self._by_others[j] != 0
+            if self._refused[at] and used.any() and not self._refused[used].any():
+                self._distrusted[at] = True
+
+    def _replace_speeds(self) -> None:
+        """Speeds of rotors whose sensors are not trusted, by the others; not finite where these do not determine them.
+
+        Other readings that are not trusted count as 0: speed hold does not use them.
+        """
+        others = np.where(self._distrusted, np.nan, self._seen)
+        self._seen = np.where(self._distrusted, 0.0, self._seen)
+        for j, at in enumerate(self._speeds):
+            if self._distrusted[at]:
+                used = self._by_others[j] != 0
+                self._seen[at] = self._by_others[j, used] @ others[used] if used.any() else np.nan
 
     def _why(self, at: int, readings: np.ndarray, limit: float | None, expected: float | None = None) -> None:
         """Note which reading led to a fault, and by how much."""
+        self.sensor = at
         parts = [f"{self.law.sensors[at]} reads {readings[at]:.4g}"]
         if expected is not None:
             parts.append(f"{expected:.4g} ± {limit:.3g} was expected")
@@ -516,17 +613,22 @@ class SupervisedController:
             wanted = self._held if self._fault else hold
             # a rotor whose load is gone would be swung by the torque that balanced it
             carried = np.where(self._gone & (self._fault == TORQUE_GONE), 0.0, self._sent)
-            self._integral = carried - self.settings.hold_proportional * (wanted - readings[self._speeds])
+            blind = self._distrusted[self._speeds]
+            error = np.where(blind, 0.0, wanted - readings[self._speeds])
+            self._integral = carried - self.settings.hold_proportional * error
         if mode == EMULATION:
             self._average(readings, known)
             readings_start, known_start, sent_start = (
                 2 * mean - slow for mean, slow in zip(self._means, self._slow, strict=True)
             )
             self._start = readings_start, known_start, sent_start
-            self._begin = self.law.begin(*self._start)
+            if isinstance(self.law, SteppedLaw):
+                begun, cut = self.law.begin(readings_start, sent_start)
+                self._emulation = begun, begun, cut
             self._state = np.zeros(self.law.states)
             self._past_torques[:] = self._flange_torques(readings)
             self._surprised = 0
+            self._off_mean[:], self._lost[:] = 0.0, 0
             self._deviations[:] = 0.0
             self._watch.reset()
 
@@ -543,16 +645,27 @@ class SupervisedController:
             y0, w0, u0 = self._start
             if 0 < self._played <= len(self._learned):
                 added = added + self._learned[self._played - 1]
-            sent, self._state = self.law.step(
-                self._state, readings - y0, known - w0, (-limit - u0, limit - u0), self._begin, added
-            )
+            limits = -limit - u0, limit - u0
+            if isinstance(self.law, SteppedLaw):
+                assert self._emulation is not None
+                now, begun, cut = self._emulation
+                sent, now = self.law.step(
+                    now, begun, cut, readings - y0, known - w0,
+                    known[len(known) - len(self.law.vehicle.inputs) :], limits, self.road,
+                    readings[self._speeds], added,
+                )  # fmt: skip
+                self._emulation, self._state = (now, begun, cut), now.state
+            else:
+                sent, self._state = self.law.step(self._state, readings - y0, known - w0, limits, added)
             return u0 + sent
         if self._mode == SPEED_HOLD:
             error = (self._held if self._fault else hold) - readings[self._speeds]
-            asked = settings.hold_proportional * error + self._integral + added
+            blind = self._distrusted[self._speeds]  # others hold the speed; their readings would swing this rotor
+            asked = np.where(blind, 0.0, settings.hold_proportional * error) + self._integral + added
             sent = np.clip(asked, -limit, limit)
             within = asked == sent
-            self._integral = self._integral + within * settings.hold_integral * self.law.sample_time * error
+            held = self._integral + within * settings.hold_integral * self.law.sample_time * error
+            self._integral = np.where(blind, self._integral * (1 - self.law.sample_time / FADE_S), held)
             return sent
         if self._mode == CHANNEL_CHECK:
             small = np.minimum(limit, settings.check_torque)
@@ -570,7 +683,7 @@ class ExportedController:
     Attributes
     ----------
     title : str
-    law : ControlLaw or ScheduledLaw
+    law : ControlLaw or SteppedLaw
     settings : Settings
     units : tuple of str (y)
         SI units of the readings.
@@ -580,6 +693,8 @@ class ExportedController:
         Shafts whose opening is noticed by what it does to the readings.
     shafts : tuple of OpenedShaft
         How the opening of every shaft of the rig is noticed.
+    by_others : ndarray (k, y)
+        Speed of each rotor by other readings of speeds where the rig turns as one, 0 where they do not determine it.
     learned : ndarray (n, k)
         Torques, N·m, that emulation adds sample by sample from the trigger of a manoeuvre on; (0, k) without any.
     """
@@ -592,13 +707,14 @@ class ExportedController:
     speed_readings: tuple[int, ...]
     watched: WatchedShafts
     shafts: tuple[OpenedShaft, ...]
+    by_others: np.ndarray
     learned: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def running(self) -> SupervisedController:
         """The same controller in Python, at zero torque."""
         return SupervisedController(
             self.law, self.settings, list(self.torque_readings), list(self.speed_readings), self.watched,
-            self.learned,
+            self.by_others, self.learned,
         )  # fmt: skip
 
 

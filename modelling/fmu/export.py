@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from modelling.bed.stepped import Law, SteppedLaw
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import ExportedController
 from modelling.effects.effect import SECOND_STATE
@@ -742,6 +743,8 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     if len(controller.learned):
         meaning = "from 0 to 1: the manoeuvre begins, and what was learned of it is played"
         added.append(Variable("trigger", "input", "1", 0.0, meaning))
+    road, emulated = _vehicle(law)
+    numbered = ", ".join(f"{number} {sensor}" for number, sensor in enumerate(law.sensors, 1))
     outputs = [
         Variable(f"{dynamometer}.command", "output", "N*m", 0.0, "torque command for this sample")
         for dynamometer in law.dynamometers
@@ -752,11 +755,35 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
             "fault", "output", "1", 0.0,
             "0 none, 1 not finite, 2 missing, 3 frozen, 4 overspeed, 5 torque gone, 6 unexpected",
         ),
+        Variable("fault_sensor", "output", "1", 0.0, f"that led to it: 0 none; {numbered}"),
     ]  # fmt: skip
     return ControllerContents(
-        xml(controller.title), name, CONTROLLER_ABOUT, (*readings, *known, *hold, *switches, *added), tuple(outputs),
-        tuple(_settings(controller)),
+        xml(controller.title), name, CONTROLLER_ABOUT, (*readings, *known, *hold, *switches, *added, *road),
+        (*outputs, *emulated), tuple(_settings(controller)),
     )  # fmt: skip
+
+
+def _vehicle(law: Law) -> tuple[list[Variable], list[Variable]]:
+    """What the emulated vehicle is told while it drives, and what it does; nothing of a law without one."""
+    if not isinstance(law, SteppedLaw):
+        return [], []
+    tyres = law.vehicle.tyres
+    road = [
+        *(Variable(f"{tyre}.friction", "input", "1", 1.0, "of the tyre's road over the planned one") for tyre in tyres),
+        Variable("vehicle.mass", "input", "1", 1.0, "of the emulated vehicle's bodies over the planned one"),
+        Variable("vehicle.grade", "input", "1", 0.0, "rise of the road over its length on the map"),
+    ]
+    emulated = [
+        Variable("vehicle.speed", "output", "m/s", 0.0, "of the emulated vehicle"),
+        Variable("vehicle.distance", "output", "m", 0.0, "since the emulation began"),
+        *(
+            Variable(f"{dynamometer}.wheel_speed", "output", "rad/s", 0.0, "of the emulated wheel at this cut")
+            for dynamometer in law.dynamometers
+        ),
+        *(Variable(f"{tyre}.slip", "output", "1", 0.0, "of the emulated tyre") for tyre in tyres),
+        *(Variable(f"{tyre}.torque", "output", "N*m", 0.0, "of the emulated tyre on its road") for tyre in tyres),
+    ]
+    return road, emulated
 
 
 def _settings(controller: ExportedController) -> list[Variable]:
@@ -791,6 +818,7 @@ def _settings(controller: ExportedController) -> list[Variable]:
     for key, meaning in (
         ("frozen_samples", "samples with the same readings on a turning bed that are a fault; 0: no check"),
         ("life_samples", "samples without a change of life that are a fault; 0: no check"),
+        ("ride_samples", "samples that emulation goes on without a reading that is refused; 0: none is refused"),
     ):
         parameters.append(Variable(key, "parameter", "1", float(getattr(settings, key)), meaning, 0.0, MOST_SAMPLES))
     return parameters

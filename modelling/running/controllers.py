@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from modelling.bed.scheduled import Law
+from modelling.bed.stepped import Law
 from modelling.controller.law import (
     EMULATION,
     NO_LIMIT,
@@ -101,7 +101,7 @@ def unsupervised(controller: ExportedController) -> ExportedController:
         own, torque_limit=unlimited["torque_limit"], power_limit=unlimited["power_limit"],
         curve_torques=unlimited["curve_torques"], lost_torque=never, speed_limit=never,
         unexpected=np.full(len(own.unexpected), np.inf), opened_torque=np.full(len(own.opened_torque), np.inf),
-        frozen_samples=0, life_samples=0,
+        frozen_samples=0, life_samples=0, ride_samples=0,
     )  # fmt: skip
     return replace(controller, settings=settings)
 
@@ -115,5 +115,5 @@ def plain(law: Law, torque_readings: tuple[int, ...], speed_readings: tuple[int,
         none, none, frozen_samples=0,
     )  # fmt: skip
     return ExportedController(
-        "", law, settings, ("",) * y, torque_readings, speed_readings, nothing_watched(y, k), ()
+        "", law, settings, ("",) * y, torque_readings, speed_readings, nothing_watched(y, k), (), np.zeros((k, y))
     )  # fmt: skip

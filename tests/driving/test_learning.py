@@ -155,36 +155,95 @@ def test_noise_alone_teaches_nothing():
     assert learned.size > 2 * learned.noise > 0
 
 
-def recording(error, shift=0, noise=0.0, seed=0):
-    """A CSV recording of the reference car's tip-in with an error on the motor's speed."""
+BODY = 0.69 + 0.456 + 90.1  # kg·m² behind a cut of the reference vehicle, which is rigid to a slow torque
+
+
+def recording(error, shift=0, noise=0.0, seed=0, torque=60.0, speed=0.0, samples=1500, **replaced):
+    """A CSV recording of a tip-in whose rotors turn as the vehicle's body does, but for an error."""
     time = np.arange(1500) * STEP
     random = np.random.default_rng(seed)
-    torque = 60 * np.clip((time - 0.2 - shift * STEP) / 0.05, 0, 1)
-    columns = {"motor_torque": torque}
-    for name, factor in (("motor_speed", 1.0), ("side_left_torque", 6.0), ("side_right_torque", 6.0)):
-        moved = np.roll(error, shift) * factor
-        columns[name] = moved + factor * noise * random.standard_normal(len(time))
-    return csv_text(time, columns, dict.fromkeys(columns, "N*m") | {"motor_speed": "rad/s"})
+    rising = np.clip((time - 0.2 - shift * STEP) / 0.3, 0, 1)
+    flange = 5 * torque * rising**2 * (3 - 2 * rising)
+    turns = speed + np.cumsum(flange) * STEP / BODY + np.roll(error, shift)
+    columns = {"motor_torque": torque * rising}
+    for side in ("left", "right"):
+        columns[f"flange_{side}_torque"] = flange + noise * random.standard_normal(1500)
+        columns[f"rotor_{side}_speed"] = turns + 0.01 * noise * random.standard_normal(1500)
+    columns["motor_speed"] = 10.05 * columns["rotor_left_speed"]
+    columns |= replaced
+    units = {name: "rad/s" if name.endswith("speed") else "N*m" for name in columns}
+    return csv_text(time[:samples], {name: column[:samples] for name, column in columns.items()}, units)
+
+
+SWING = 0.05 * np.sin(2 * np.pi * 8 * np.arange(1500) * STEP)
 
 
 def test_recordings_are_learned_from_and_played_again(tmp_path):
     case = load_case(REFERENCE / "observer.toml")
-    error = np.sin(2 * np.pi * 8 * np.arange(1500) * STEP)
     paths = []
-    for number, shift in enumerate((0, 40)):  # the second one was triggered 40 ms later
+    for number in range(2):
         paths.append(tmp_path / f"{number}.csv")
-        paths[-1].write_text(recording(error, shift, 0.01, number))
+        paths[-1].write_text(recording(SWING, 0, 0.3, number))
     learned = learn(case, paths)
     assert isinstance(learned, Learned)
     assert learned.repetition == 1
+    assert learned.sensors == ("rotor_left_speed", "rotor_right_speed")
     assert learned.noise < 0.2 * learned.error
+    assert not learned.left_out
     assert len(learned.controller.learned) == len(learned.time)
+    assert np.abs(learned.torques[-1]).max() < 1e-9, "it ends"
     folder = tmp_path / "learned"
     learned.save(folder)
     again = learn(case, paths, played=folder)
     assert again.repetition == 2
     assert again.history == pytest.approx((learned.error,))
     np.testing.assert_allclose(read_played(folder, case.loop.dynamometers).torques, learned.torques, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("broken", "said"),
+    [
+        ({"shift": 80}, "80 ms late"),
+        ({"shift": -30}, "30 ms early"),
+        ({"speed": 6.0}, "rotor speeds that differ by 6"),
+        ({"samples": 900}, "ends after 0.9 s"),
+        ({"torque": 42.0}, "torques that differ"),
+        ({"flange_left_torque": np.zeros(1500)}, "a channel that does not move"),
+        ({"seed": 0}, "the same values"),
+        ({"rotor_left_speed": np.zeros(1500), "rotor_right_speed": 1e-6 * SWING}, "does not move"),
+    ],
+)
+def test_what_is_no_repetition_is_left_out_and_named(broken, said, tmp_path):
+    case = load_case(REFERENCE / "observer.toml")
+    texts = [recording(SWING, noise=0.3, seed=0), recording(SWING, noise=0.3, **{"seed": 1, **broken})]
+    for number, text in enumerate(texts):
+        (tmp_path / f"{number}.csv").write_text(text)
+    learned = learn(case, [tmp_path / "0.csv", tmp_path / "1.csv"])
+    assert learned.recordings == 1
+    assert len(learned.left_out) == 1
+    assert said in learned.left_out[0]
+    assert learned.left_out[0].startswith(str(tmp_path / "1.csv")) or "1.csv" in learned.left_out[0]
+    assert "left out" in learned.sentence()
+
+
+def test_emulation_that_ended_inside_is_no_repetition(tmp_path):
+    case = load_case(REFERENCE / "observer.toml")
+    time = np.arange(1500) * STEP
+    stopped = {f"rotor_{side}_speed": np.where(time < 1.0, 2.0 * time, 20.0) for side in ("left", "right")}
+    (tmp_path / "0.csv").write_text(recording(SWING, noise=0.3, seed=0))
+    (tmp_path / "1.csv").write_text(recording(SWING, noise=0.3, seed=1, **stopped))
+    learned = learn(case, [tmp_path / "0.csv", tmp_path / "1.csv"])
+    assert learned.recordings == 1
+    assert "emulation has ended" in learned.left_out[0]
+
+
+def test_learned_torques_stay_within_the_limit_and_what_is_expected_is_expected_of_these(tmp_path):
+    case = load_case(REFERENCE / "observer.toml")
+    limit = float(case.limits_of("torque").min())
+    (tmp_path / "0.csv").write_text(recording(60 * SWING, noise=0.3, torque=600.0))
+    learned = learn(case, [tmp_path / "0.csv"])
+    assert np.abs(learned.torques).max() <= limit + 1e-9
+    assert learned.predicted > 0.1 * learned.error
 
 
 def test_what_cannot_be_learned_is_refused(tmp_path):

@@ -79,7 +79,7 @@ def run(controller: ExportedController, case: Case, values: dict, trial: Trial, 
             for key in ("k", "c"):
                 chain[key][[j, chain.s + j]] = BROKEN
         true = np.array([*flange, *(model.reading(name, x[n:], torque) for name in law.sensors[k:])])
-        answer = running.step(sensing.read(true), known[s], EMULATION, np.zeros(k))
+        answer = running.step(sensing.read(true), known[s], EMULATION, np.zeros(k), s)
         if answer.fault:
             return s, answer.fault, carried
         if np.abs(x[n:]).max() > TOO_FAST:

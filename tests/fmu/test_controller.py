@@ -63,14 +63,16 @@ def test_c_equals_python_through_all_modes_and_faults(controller, path):
     """Random readings through hold, emulation, limits, a loss of torque, the check of the channels, an overspeed in it,
     and readings that are no numbers."""
     rng = np.random.default_rng(3)
-    own, law = controller.running(), controller.law
+    law = controller.law
+    watched_not = replace(controller.settings, ride_samples=0, unexpected=np.full(len(law.sensors), 1e12))
+    own = replace(controller, settings=watched_not).running()
     y, w, k = len(law.sensors), len(law.known), len(law.dynamometers)
     inputs, outputs = names(controller)
     sizes = np.ones(y)
     sizes[list(controller.torque_readings)] = 30.0
     seen = set()
     with slave(path) as one:
-        one.begin()
+        one.begin(given={"ride_samples": 0.0} | {f"{name}.unexpected": 1e12 for name in law.sensors})
         for n in range(500):
             mode = ZERO if n < 5 or 300 <= n < 305 or n >= 450 else HOLD if n < 60 or 305 <= n < 350 else EMULATION
             mode = CHECK if n >= 455 else mode
@@ -81,9 +83,9 @@ def test_c_equals_python_through_all_modes_and_faults(controller, path):
             if n >= 450:
                 readings[list(controller.speed_readings)] += 50.0 * (n == 490) - 30  # the limit is 12.6
             hold, added = np.full(k, 30.0), 40 * rng.normal(size=k)
-            answer = own.step(readings, known, mode, hold, added=added)
+            answer = own.step(readings, known, mode, hold, n, added)
             given = np.concatenate([readings, known, hold, added])
-            one.set(dict(zip(inputs, given, strict=True)) | {"mode": float(mode)})
+            one.set(dict(zip(inputs, given, strict=True)) | {"mode": float(mode), "life": float(n)})
             one.step(law.sample_time)
             got = np.array(one.get(outputs))
             np.testing.assert_allclose(got[:k], answer.commands, rtol=1e-9, atol=1e-9 * 1500)
@@ -200,7 +202,7 @@ def test_controller_and_bed_as_fmus_answer_like_the_vehicle(controller, path, ca
         bed, side, commands = Bed(bed_fmu, case), [], []
         for n in range(count):
             readings = dict(zip(controller.law.sensors, bed.sample(), strict=True))
-            one.set(readings | {"motor_torque": motor[n], "mode": 1.0 if n < on else 2.0})
+            one.set(readings | {"motor_torque": motor[n], "mode": 1.0 if n < on else 2.0, "life": float(n)})
             one.set({"left.hold_speed": 20.0, "right.hold_speed": 20.0})
             one.step(step)
             side.append(bed_fmu.get(["side_left_torque"])[0])
@@ -227,7 +229,8 @@ int main(void) {
     for (int n = 0; n < 3000; n++) {
         for (int i = 0; i < CONTROLLER_READINGS; i++) in.reading[i] = (controller_real)((n * 7 + i) % 13);
         in.mode = n < 10 ? 1 : 2;
-        if (n == 2500) in.reading[0] = in.reading[0] / (controller_real)0;
+        in.life = (uint32_t)n;
+        in.hold_speed[0] = (n == 2500) ? in.reading[0] / (controller_real)0 : (controller_real)0;
         controller_step(&c, &in, &out);
     }
     controller_reset(&c);

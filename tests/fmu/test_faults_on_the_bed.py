@@ -14,7 +14,7 @@ from needs import compiles
 from matching.match.case_file import load_case
 from matching.match.exported import exported_controller
 from matching.match.loop import linear_bed
-from modelling.controller.law import EMULATION, FAULTS, HELD_BELOW_LIMIT, SPEED_HOLD, ZERO_TORQUE
+from modelling.controller.law import EMULATION, FAULTS, HELD_BELOW_LIMIT, NO_LIMIT, SPEED_HOLD, ZERO_TORQUE
 from modelling.fmu.export import controller_fmu
 
 pytestmark = compiles
@@ -57,6 +57,12 @@ class Stand:
                 read = readings.copy()
                 if happened and wrong == "a reading is no number":
                     read[0] = np.nan
+                if happened and wrong.startswith("two readings"):
+                    read[[0, self.k]] = np.nan
+                if GOES_WRONG <= n < GOES_WRONG + 5 and wrong == "an encoder drops out":
+                    read[self.k] = 0.0
+                if happened and wrong == "an encoder is dead":
+                    read[self.k] = 0.0
                 if happened and wrong == "a measured torque is no number":
                     known[0] = np.inf
                 if happened and wrong == "readings stand still":
@@ -107,7 +113,7 @@ def test_without_a_fault_the_emulation_goes_on(stand, path):
 @pytest.mark.parametrize(
     ("wrong", "fault", "parameters"),
     [
-        ("a reading is no number", "not finite", {}),
+        ("two readings are no numbers, of one dynamometer", "not finite", {"ride_samples": 0.0}),
         ("a measured torque is no number", "not finite", {}),
         ("readings stand still", "frozen", {}),
         ("the sender is gone", "missing", {"life_samples": 3.0, "frozen_samples": 0.0}),
@@ -168,13 +174,34 @@ def test_python_notices_it_at_the_same_sample(stand, path):
         np.testing.assert_allclose(commands[n], answer.commands, rtol=1e-9, atol=1e-9 * 1500)
 
 
-def test_a_torque_sensor_that_jumps_is_noticed(stand, path):
-    """By its second reading that the model does not expect."""
-    _, _, mode, faults = stand.run(path, "a torque sensor jumps")
+@pytest.mark.parametrize("wrong", ["a reading is no number", "a torque sensor jumps", "an encoder is dead"])
+def test_a_sensor_that_is_wrong_is_ridden_through_and_named(wrong, stand, path):
+    """Refused in its first sample by what the model expects; then the speeds are held by right sensors."""
+    healthy, sent, _, _ = stand.run(path)
+    readings, commands, mode, faults = stand.run(path, wrong)
     name, at = ended(mode, faults)
+    ride = stand.controller.settings.ride_samples
+    watched = stand.controller.settings.unexpected[stand.k if "encoder" in wrong else 0] < NO_LIMIT
+    assert watched == (stand.case.loop.structure.is_observer or "encoder" not in wrong)
+    if not watched:  # a feed-forward's model does not follow the bed
+        return
     assert name == "unexpected"
-    assert GOES_WRONG < at < GOES_WRONG + NOTICED_WITHIN
+    assert GOES_WRONG + ride - 2 <= at <= GOES_WRONG + ride + 2
     assert set(mode[at:]) == {float(SPEED_HOLD)}
+    within = slice(GOES_WRONG, GOES_WRONG + ride - 2)
+    assert np.abs(commands[within] - sent[within]).max() < 0.1 * np.abs(sent[within]).max()
+    speeds = list(stand.controller.speed_readings)
+    assert np.abs(readings[at:, speeds] - healthy[at, speeds]).max() < 6.0
+
+
+def test_an_encoder_that_drops_out_for_five_samples_ends_nothing(stand, path):
+    if not stand.case.loop.structure.is_observer:
+        pytest.skip("a feed-forward's model does not follow the bed: its speeds are not watched")
+    _, sent, _, _ = stand.run(path)
+    _, commands, mode, faults = stand.run(path, "an encoder drops out")
+    assert not faults.any()
+    assert set(mode[EMULATION_FROM:]) == {float(EMULATION)}
+    assert np.abs(commands - sent).max() < 0.1 * np.abs(sent).max()
 
 
 def test_a_rotor_too_fast_is_held_below_its_limit(stand, path):

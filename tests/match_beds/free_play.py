@@ -145,6 +145,12 @@ class Rows:
         """Torques (b, cuts) of the shafts with play."""
         return np.einsum("bcx,bx->bc", self.elastic, x[:, : self.x]) - self.taken(x)
 
+    def turning(self, ends):
+        """Speeds (b, ends) of inertias by name."""
+        n = self.trains[0].n
+        rows = np.stack([[train.at(end) @ train.basis for end in ends] for train in self.trains])
+        return np.einsum("ben,bn->be", rows, self.states[:, n : 2 * n])
+
     def advance(self, held):
         """A fine step under commands and torques (b, k + d) that are held."""
         x = self.states
@@ -195,8 +201,8 @@ def pulse(case, name, size, seconds):
     return {name: size * ((time >= 0.2) & (time < 0.3))}
 
 
-def vehicles(case, rows, gaps, torques):
-    """Torques at the cuts (t, b, cuts) of the vehicle with each row's specimen."""
+def vehicles(case, rows, gaps, torques, speeds=False):
+    """Torques at the cuts (t, b, cuts) of the vehicle with each row's specimen, with ``speeds`` those behind them."""
     cuts, step = [one.shaft for one in case.residual_vehicle.interfaces], case.loop["sample_time"]
     trains = [
         Train(case.vehicle, own_values(row, case.vehicle, "rig.") | own_values(row, case.vehicle, "vehicle."))
@@ -204,17 +210,20 @@ def vehicles(case, rows, gaps, torques):
     ]
     beds = Rows(trains, gaps, cuts, list(torques), step=step)
     count = len(next(iter(torques.values())))
-    found = np.empty((count, len(rows), len(cuts)))
+    ends = [one.vehicle_end for one in case.residual_vehicle.interfaces] if speeds else []
+    found = np.empty((count, len(rows), len(cuts) + len(ends)))
     for n in range(count):
-        found[n] = beds.carried(beds.states)
+        found[n, :, : len(cuts)] = beds.carried(beds.states)
+        if ends:
+            found[n, :, len(cuts) :] = beds.turning(ends)
         acting = np.tile([torque[n] for torque in torques.values()], (len(rows), 1))
         for _ in range(FINE):
             beds.advance(acting)
     return found, beds.lost
 
 
-def beds(case, law, rows, gaps, torques):
-    """Torques at the cuts (t, b, cuts) of the rig under the law, and which rows ran away."""
+def beds(case, law, rows, gaps, torques, speeds=False):
+    """As :func:`vehicles`, of the rig under the law; and which rows ran away."""
     cuts, step = [one.shaft for one in case.residual_vehicle.interfaces], case.loop["sample_time"]
     trains = [Train(case.rig, own_values(row, case.rig, "rig.")) for row in rows]
     machines = machines_of(case, rows)
@@ -231,12 +240,15 @@ def beds(case, law, rows, gaps, torques):
               if trains[0].sensed(name)[1] in cuts]  # fmt: skip
     known = {name: torques.get(name, np.zeros(count)) for name in law.known}
     issued, state = np.zeros((count, b, k)), np.zeros((len(law.A), b))
-    found = np.empty((count, b, len(cuts)))
+    ends = [one.rig_end for one in case.residual_vehicle.interfaces] if speeds else []
+    found = np.empty((count, b, len(cuts) + len(ends)))
     middles = (np.arange(FINE) + 0.5) / FINE * step
     every, machine = np.arange(b)[:, None], np.arange(k)
     for n in range(count):
         x = rig.states
-        found[n] = rig.carried(x)
+        found[n, :, : len(cuts)] = rig.carried(x)
+        if ends:
+            found[n, :, len(cuts) :] = rig.turning(ends)
         read = np.einsum("bsx,bx->bs", sensed, x[:, : rig.x])
         for i, c in of_cut:
             read[:, i] -= rig.taken(x)[:, c]

@@ -24,7 +24,7 @@ from modelling.running.controllers import unsupervised
 
 KINDS = (front_axle, stiff_half_shafts, light_vehicle, geared_rotor, two_axles, one_flange)
 SECONDS, SEED = 20.0, 8300
-RANGE_SHARE, EVEN = 0.02, 0.8  # of the range of the vehicle's torque; a swing at the end over that of 6 s before
+RANGE_SHARE, EVEN = 0.02, 0.8  # of the range of the vehicle's signal; a swing at the end over that of 6 s before
 SETTINGS = FreePlay(drawn=5, as_planned=2)
 
 
@@ -45,14 +45,17 @@ def drawn_case(number, folder):
 
 def swings_on(case, law, rows, gaps, torques, period):
     """Which rows swing on after 20 s where their vehicles do not (b,), bool: whole periods, no trend."""
-    vehicle, _ = independent.vehicles(case, rows, gaps, torques)
-    bed, lost = independent.beds(case, law, rows, gaps, torques)
+    vehicle, _ = independent.vehicles(case, rows, gaps, torques, speeds=True)
+    bed, lost = independent.beds(case, law, rows, gaps, torques, speeds=True)
     step = law.sample_time
     window, back = round(max(3.0, 3 * period) / step), round(6.0 / step)
     last, before = slice(-window, None), slice(-window - back, -back)
-    on = []
+    on, sensors = [], {sensor.name: sensor.uncertainty for sensor in case.rig.sensors}
+    dynos = case.loop.dynamometers
+    unseen = [sensors.get(one.torque_sensor, 0.0) for one in dynos] + [sensors[one.speed_sensor] for one in dynos]
     for b in range(len(rows)):
-        allowed = swing(vehicle[last, b]) + RANGE_SHARE * np.ptp(vehicle[:, b], axis=0)
+        more = np.maximum(RANGE_SHARE * np.ptp(vehicle[:, b], axis=0), np.sqrt(2) * np.array(unseen))
+        allowed = swing(vehicle[last, b]) + more
         end, earlier = swing(bed[last, b]), swing(bed[before, b])
         above = end > allowed
         on.append(bool(lost[b]) or bool((above & (end > EVEN * earlier)).any()))
@@ -68,7 +71,7 @@ def compared(number, folder):
     rows = [case.uncertainty.at(at) for at in case.uncertainty.draw(SETTINGS.drawn, number + 1)]
     rows += [{}] * SETTINGS.as_planned
     gaps = np.r_[random_gaps, np.geomspace(*SETTINGS.gaps, SETTINGS.as_planned)]
-    (drive,) = case.manoeuvre
+    drive = max(case.manoeuvre, key=lambda name: case.manoeuvre[name].largest)
     torques = independent.pulse(case, drive, case.manoeuvre[drive].largest, SECONDS)
     on = swings_on(case, controller.law, rows, gaps, torques, slowest_period(case).seconds)
     return case, found, on

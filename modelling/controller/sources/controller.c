@@ -13,14 +13,14 @@
 #define READINGS CONTROLLER_READINGS
 #define KNOWN CONTROLLER_KNOWN
 #define DYNAMOMETERS CONTROLLER_DYNAMOMETERS
+#define VEHICLE CONTROLLER_VEHICLE_STATES
 
 /* what a row of the law is multiplied with, one after the other */
 enum {
     AT_STATE = 0,
     AT_READINGS = STATES,
     AT_KNOWN = AT_READINGS + READINGS,
-    AT_REMAINDERS = AT_KNOWN + KNOWN, /* of the observer's vehicle, then of the one that runs ahead */
-    AT_SENT = AT_REMAINDERS + 2 * CONTROLLER_VEHICLE_STATES,
+    AT_SENT = AT_KNOWN + CONTROLLER_ACTING,
     WIDTH = AT_SENT + DYNAMOMETERS
 };
 
@@ -133,12 +133,14 @@ static controller_real flange_torque(const controller_input *in, int32_t j)
 }
 
 /* a torque is gone at once, or what a break leaves of it swings about zero */
-static bool has_lost_torque(controller *c, const controller_input *in)
+static bool has_lost_torque(controller *c, const controller_input *in, const controller_input *seen)
 {
     bool lost = false;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const double least = (double)c->settings.lost_torque[j];
-        const double now = flange_torque(in, j);
+        /* a torque that is gone is no wrong reading: it counts as it is read */
+        const double read = flange_torque(in, j);
+        const double now = isfinite(read) ? read : (double)flange_torque(seen, j);
         double before = 0.0;
         double earlier = 0.0;
         double sum = now;
@@ -217,43 +219,204 @@ static bool has_opened(controller *c)
     return opened;
 }
 
-static bool is_unexpected(controller *c)
+/* what the controller's model expects of a reading */
+static controller_real expected_reading(const controller *c, int32_t i)
 {
-    bool surprised = false;
-    for (int32_t i = 0; i < READINGS; i++) {
-        if (fabs((double)c->deviation[i]) > (double)c->settings.unexpected[i]) {
-            surprised = true;
-        }
-    }
-    c->surprised = surprised ? (c->surprised + 1) : 0;
-    return c->surprised >= CONTROLLER_IN_A_ROW;
+    return c->reading_start[i] + row(&EXPECTED, i, c->state);
 }
 
-static int32_t check(controller *c, const controller_input *in)
+/* refuses readings that are not finite or far from what is expected, at once or in the mean; seen gets what is used */
+static void refuse_readings(controller *c, const controller_input *in, controller_input *seen)
+{
+    for (int32_t i = 0; i < READINGS; i++) {
+        const controller_real expected = expected_reading(c, i);
+        const bool finite = isfinite(in->reading[i]);
+        const controller_real off = finite ? (in->reading[i] - expected) : (controller_real)0.0;
+        if (finite) {
+            /* a jump that is over leaves the mean soon */
+            const controller_real counted = within(off, -c->settings.unexpected[i], c->settings.unexpected[i]);
+            c->off_mean[i] += (counted - c->off_mean[i]) / (controller_real)CONTROLLER_MEAN_OF_OFF;
+        }
+        if (c->settings.ride_samples > 0) {
+            const double most = (double)c->settings.unexpected[i];
+            const bool far = (fabs((double)off) > most) || (fabs((double)c->off_mean[i]) > (CONTROLLER_MEAN_SHARE * most));
+            c->refused[i] = (far || !finite) ? 1 : 0;
+            c->lost[i] = (c->refused[i] != 0) ? (c->lost[i] + 1) : 0;
+            if (c->refused[i] != 0) {
+                seen->reading[i] = expected;
+            }
+        }
+    }
+}
+
+/* speeds of rotors whose sensors are not trusted, by the others; not finite where these do not determine them */
+static void replace_speeds(const controller *c, controller_input *seen)
+{
+    controller_real other[READINGS];
+    for (int32_t i = 0; i < READINGS; i++) {
+        other[i] = (c->distrusted[i] != 0) ? (controller_real)NAN : seen->reading[i];
+        if (c->distrusted[i] != 0) {
+            seen->reading[i] = (controller_real)0.0; /* speed hold does not use it */
+        }
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        if (c->distrusted[SPEED_READING[j]] != 0) {
+            const bool determined = BY_OTHERS.start[j + 1] > BY_OTHERS.start[j];
+            seen->reading[SPEED_READING[j]] = determined ? row(&BY_OTHERS, j, other) : (controller_real)NAN;
+        }
+    }
+}
+
+/* a rotor's speed that is furthest from what the others say, and further than is allowed, is not trusted any more, nor one
+ * that was refused where the others were not */
+static void distrust_contradicted(controller *c, const controller_input *seen)
+{
+    int32_t furthest = -1;
+    controller_real most = (controller_real)1.0;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const int32_t at = SPEED_READING[j];
+        if (BY_OTHERS.start[j + 1] > BY_OTHERS.start[j]) {
+            const controller_real apart = seen->reading[at] - row(&BY_OTHERS, j, seen->reading);
+            const controller_real share = (controller_real)fabs((double)apart) / c->settings.unexpected[at];
+            if (share > most) {
+                most = share;
+                furthest = at;
+            }
+        }
+    }
+    if (furthest >= 0) {
+        c->distrusted[furthest] = 1;
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        bool right = BY_OTHERS.start[j + 1] > BY_OTHERS.start[j];
+        for (uint32_t k = BY_OTHERS.start[j]; k < BY_OTHERS.start[j + 1]; k++) {
+            right = right && (c->refused[BY_OTHERS.column[k]] == 0);
+        }
+        if (right && (c->refused[SPEED_READING[j]] != 0)) {
+            c->distrusted[SPEED_READING[j]] = 1;
+        }
+    }
+}
+
+/* two readings at once that are not what is expected, or one for too long */
+static int32_t judge_unexpected(controller *c, const controller_input *in, controller_input *seen)
+{
+    int32_t fault = CONTROLLER_NO_FAULT;
+    int32_t refused = 0;
+    int32_t longest = -1;
+    bool off = false;
+    bool too_long = false;
+    for (int32_t i = 0; i < READINGS; i++) {
+        const bool far = fabs((double)c->deviation[i]) > (double)c->settings.unexpected[i];
+        off = off || far;
+        refused += c->refused[i];
+        if ((far || (c->refused[i] != 0)) && ((longest < 0) || (c->lost[i] > c->lost[longest]))) {
+            longest = i;
+        }
+        if ((c->settings.ride_samples > 0) && (c->lost[i] >= c->settings.ride_samples)) {
+            too_long = true;
+        }
+    }
+    c->surprised = ((refused > 1) || off) ? (c->surprised + 1) : 0;
+    if (longest >= 0) {
+        c->sensor = longest;
+    }
+    if (c->surprised >= CONTROLLER_IN_A_ROW) {
+        /* the model does not hold: what is read counts, but for speeds that right ones determine or contradict */
+        for (int32_t i = 0; i < READINGS; i++) {
+            const bool finite = isfinite(in->reading[i]);
+            c->distrusted[i] = ((c->refused[i] != 0) && !finite) ? 1 : 0;
+            if (finite) {
+                seen->reading[i] = in->reading[i];
+            }
+        }
+        distrust_contradicted(c, seen);
+        replace_speeds(c, seen);
+        fault = all_finite(seen->reading, READINGS) ? CONTROLLER_UNEXPECTED : CONTROLLER_NOT_FINITE;
+    } else if (too_long) {
+        (void)memcpy(c->distrusted, c->refused, sizeof c->distrusted);
+        for (int32_t j = 0; j < DYNAMOMETERS; j++) { /* a false speed contradicts the torque: hold neither of them true */
+            const bool determined = BY_OTHERS.start[j + 1] > BY_OTHERS.start[j];
+            if (determined && (TORQUE_READING[j] >= 0) && (c->refused[TORQUE_READING[j]] != 0)) {
+                c->distrusted[SPEED_READING[j]] = 1;
+            }
+        }
+        replace_speeds(c, seen);
+        fault = all_finite(seen->reading, READINGS) ? CONTROLLER_UNEXPECTED : CONTROLLER_NOT_FINITE;
+    } else {
+        /* nothing, or one reading that is refused for a short time */
+    }
+    return fault;
+}
+
+/* what the emulated vehicle is told of its road and its mass is possible */
+static bool is_road(const controller *c)
+{
+    bool possible = true;
+#if CONTROLLER_VEHICLE_STATES > 0
+    possible = all_finite(c->settings.friction, CONTROLLER_TYRES) && isfinite(c->settings.grade) &&
+               isfinite(c->settings.mass) && (c->settings.mass > (controller_real)0.0);
+    for (int32_t i = 0; i < CONTROLLER_TYRES; i++) {
+        if (!(c->settings.friction[i] > (controller_real)0.0)) {
+            possible = false;
+        }
+    }
+#else
+    (void)c;
+#endif
+    return possible;
+}
+
+static bool any_distrusted(const controller *c)
+{
+    bool any = false;
+    for (int32_t i = 0; i < READINGS; i++) {
+        any = any || (c->distrusted[i] != 0);
+    }
+    return any;
+}
+
+/* the fault of this sample; seen are the readings as they are used */
+static int32_t check(controller *c, const controller_input *in, controller_input *seen)
 {
     int32_t fault = CONTROLLER_NO_FAULT;
     const bool lifeless = is_lifeless(c, in);
-    if (!all_finite(in->reading, READINGS) || !all_finite(in->known, KNOWN) || !all_finite(in->hold_speed, DYNAMOMETERS) ||
-        !all_finite(in->added_torque, DYNAMOMETERS)) {
+    (void)memset(c->refused, 0, sizeof c->refused);
+    if (!all_finite(in->known, KNOWN) || !all_finite(in->hold_speed, DYNAMOMETERS) ||
+        !all_finite(in->added_torque, DYNAMOMETERS) || !is_road(c)) {
         fault = CONTROLLER_NOT_FINITE;
-    } else if (lifeless) {
-        fault = CONTROLLER_MISSING;
-    } else if (is_frozen(c, in)) {
-        fault = CONTROLLER_FROZEN;
-    } else if (is_too_fast(c, in)) {
-        fault = CONTROLLER_OVERSPEED;
-    } else if (c->mode != CONTROLLER_EMULATION) {
-        c->surprised = 0;
     } else {
-        note_deviation(c, in);
-        const bool lost = has_lost_torque(c, in);
-        const bool opened = has_opened(c);
-        if (lost || opened) {
-            fault = CONTROLLER_TORQUE_GONE;
-        } else if (is_unexpected(c)) {
-            fault = CONTROLLER_UNEXPECTED;
+        if (c->mode == CONTROLLER_EMULATION) {
+            refuse_readings(c, in, seen);
+        } else if (any_distrusted(c)) {
+            replace_speeds(c, seen);
         } else {
-            fault = CONTROLLER_NO_FAULT;
+            /* readings are used as they are */
+        }
+        if (!all_finite(seen->reading, READINGS)) {
+            for (int32_t i = READINGS - 1; i >= 0; i--) {
+                if (!isfinite(seen->reading[i])) {
+                    c->sensor = i;
+                }
+            }
+            fault = CONTROLLER_NOT_FINITE;
+        } else if (lifeless) {
+            fault = CONTROLLER_MISSING;
+        } else if (is_frozen(c, in)) {
+            fault = CONTROLLER_FROZEN;
+        } else if (is_too_fast(c, seen)) {
+            fault = CONTROLLER_OVERSPEED;
+        } else if (c->mode != CONTROLLER_EMULATION) {
+            c->surprised = 0;
+        } else {
+            note_deviation(c, seen);
+            const bool lost = has_lost_torque(c, in, seen);
+            const bool opened = has_opened(c);
+            if (lost || opened) {
+                fault = CONTROLLER_TORQUE_GONE;
+            } else {
+                fault = judge_unexpected(c, in, seen);
+            }
         }
     }
     return fault;
@@ -294,10 +457,10 @@ static void average(controller *c, const controller_input *in)
 
 #if CONTROLLER_VEHICLE_STATES > 0
 /* where a value stands on a rising grid: number of the lower neighbour and share of the upper one */
-static int32_t place(const controller_real *grid, controller_real value, controller_real *share)
+static int32_t place(const controller_real *grid, int32_t count, controller_real value, controller_real *share)
 {
     int32_t at = 0;
-    for (int32_t n = 1; n < (CONTROLLER_SPEEDS - 1); n++) {
+    for (int32_t n = 1; n < (count - 1); n++) {
         if (value >= grid[n]) {
             at = n;
         }
@@ -306,53 +469,214 @@ static int32_t place(const controller_real *grid, controller_real value, control
     return at;
 }
 
-/* the vehicle begins as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in proportion */
-static void begin_vehicle(controller *c)
+/* the vehicle as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in proportion */
+static void place_vehicle(controller *c, const controller_real *reading)
 {
     controller_real rotor = (controller_real)0.0;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-        rotor += ROTOR_SHARE[j] * c->reading_start[SPEED_READING[j]];
+        rotor += ROTOR_SHARE[j] * reading[SPEED_READING[j]];
     }
     controller_real share;
-    int32_t at = place(ROTOR_SPEED, rotor, &share);
-    at = place(SPEED, SPEED[at] + (share * (SPEED[at + 1] - SPEED[at])), &share);
+    const int32_t at = place(ROTOR_SPEED, CONTROLLER_SPEEDS, rotor, &share);
     controller_real part = (controller_real)1.0;
     if (ROTOR_SPEED[0] > (controller_real)0.0) {
         part = within(rotor / ROTOR_SPEED[0], (controller_real)-1.0, (controller_real)1.0);
     }
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
-        c->steady[i] = part * (STEADY[at][i] + (share * (STEADY[at + 1][i] - STEADY[at][i])));
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        c->vehicle[i] = part * (STEADY[at][i] + (share * (STEADY[at + 1][i] - STEADY[at][i])));
     }
+}
+
+static void begin_vehicle(controller *c)
+{
+    place_vehicle(c, c->reading_start);
+    (void)memcpy(c->vehicle_start, c->vehicle, sizeof c->vehicle_start);
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         c->at_cut[j] = row(&CUT_BY_READING, j, c->reading_start) + row(&CUT_BY_COMMAND, j, c->sent_start);
+        c->load[j] = (controller_real)0.0;
+        c->angle[j] = (controller_real)0.0;
     }
+    c->distance = (controller_real)0.0;
 }
 
-/* what a vehicle does beyond the linear model of this speed, from its states and the known torques less those of the begin */
-static void remainder_of(controller *c, const controller_real *off, const controller_real *known, int32_t at,
-                         controller_real share, controller_real *found)
+/* lower and upper factors of a matrix, in place, with the rows that were exchanged */
+static void factor(controller_real *m, int32_t *pivot)
 {
-    controller_real absolute[CONTROLLER_VEHICLE_STATES];
-    controller_real own[CONTROLLER_VEHICLE_INPUTS + 1];
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
-        absolute[i] = c->steady[i] + off[i];
-    }
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_INPUTS; i++) {
-        own[i] = c->known_start[KNOWN_INPUT[i]] + (NONLINEAR[i] * known[KNOWN_INPUT[i]]);
-    }
-    vehicle_rates(absolute, c->at_cut, own, found);
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
-        found[i] -= between(VEHICLE, at, share, i, off);
+    for (int32_t n = 0; n < VEHICLE; n++) {
+        int32_t largest = n;
+        for (int32_t i = n + 1; i < VEHICLE; i++) {
+            if (fabs((double)m[(i * VEHICLE) + n]) > fabs((double)m[(largest * VEHICLE) + n])) {
+                largest = i;
+            }
+        }
+        pivot[n] = largest;
+        for (int32_t k = 0; k < VEHICLE; k++) {
+            const controller_real moved = m[(n * VEHICLE) + k];
+            m[(n * VEHICLE) + k] = m[(largest * VEHICLE) + k];
+            m[(largest * VEHICLE) + k] = moved;
+        }
+        for (int32_t i = n + 1; i < VEHICLE; i++) {
+            const controller_real share = m[(i * VEHICLE) + n] / m[(n * VEHICLE) + n];
+            m[(i * VEHICLE) + n] = share;
+            if (share != (controller_real)0.0) {
+                for (int32_t k = n + 1; k < VEHICLE; k++) {
+                    m[(i * VEHICLE) + k] -= share * m[(n * VEHICLE) + k];
+                }
+            }
+        }
     }
 }
 
-static controller_real vehicle_speed(const controller *c)
+/* the solution for these factors, in place of the right side */
+static void solve(const controller_real *m, const int32_t *pivot, controller_real *right)
+{
+    for (int32_t n = 0; n < VEHICLE; n++) {
+        const controller_real moved = right[n];
+        right[n] = right[pivot[n]];
+        right[pivot[n]] = moved;
+    }
+    for (int32_t i = 1; i < VEHICLE; i++) {
+        for (int32_t k = 0; k < i; k++) {
+            right[i] -= m[(i * VEHICLE) + k] * right[k];
+        }
+    }
+    for (int32_t i = VEHICLE - 1; i >= 0; i--) {
+        for (int32_t k = i + 1; k < VEHICLE; k++) {
+            right[i] -= m[(i * VEHICLE) + k] * right[k];
+        }
+        right[i] /= m[(i * VEHICLE) + i];
+    }
+}
+
+/* friction of each tyre, mass, grade */
+static void road_of(const controller *c, controller_real *road)
+{
+    for (int32_t i = 0; i < CONTROLLER_TYRES; i++) {
+        road[i] = c->settings.friction[i];
+    }
+    road[CONTROLLER_TYRES] = c->settings.mass;
+    road[CONTROLLER_TYRES + 1] = c->settings.grade;
+}
+
+/* a sample of the vehicle with these torques at its cuts: ROS2, linearly implicit, stable whatever is fast in it */
+static void step_vehicle(controller *c, const controller_real *torque, const controller_real *own)
+{
+    const controller_real h = (controller_real)CONTROLLER_SAMPLE_TIME / (controller_real)CONTROLLER_PIECES;
+    controller_real road[CONTROLLER_TYRES + 2];
+    road_of(c, road);
+    for (int32_t piece = 0; piece < CONTROLLER_PIECES; piece++) {
+        controller_real m[VEHICLE * VEHICLE];
+        controller_real first[VEHICLE];
+        controller_real second[VEHICLE];
+        controller_real ahead[VEHICLE];
+        int32_t pivot[VEHICLE];
+        slopes_of(c->vehicle, torque, own, road, m); /* column by column */
+        for (int32_t i = 0; i < VEHICLE; i++) {
+            for (int32_t k = i; k < VEHICLE; k++) {
+                const controller_real above = m[(k * VEHICLE) + i];
+                const controller_real below = m[(i * VEHICLE) + k];
+                const controller_real one = (i == k) ? (controller_real)1.0 : (controller_real)0.0;
+                m[(i * VEHICLE) + k] = one - (GAMMA * h * above);
+                m[(k * VEHICLE) + i] = one - (GAMMA * h * below);
+            }
+        }
+        factor(m, pivot);
+        rates_of(c->vehicle, torque, own, road, first);
+        solve(m, pivot, first);
+        for (int32_t i = 0; i < VEHICLE; i++) {
+            ahead[i] = c->vehicle[i] + (h * first[i]);
+        }
+        rates_of(ahead, torque, own, road, second);
+        for (int32_t i = 0; i < VEHICLE; i++) {
+            second[i] -= (controller_real)2.0 * first[i];
+        }
+        solve(m, pivot, second);
+        for (int32_t i = 0; i < VEHICLE; i++) {
+            c->vehicle[i] += h * (((controller_real)1.5 * first[i]) + ((controller_real)0.5 * second[i]));
+        }
+    }
+}
+
+static controller_real body_speed(const controller *c)
 {
     controller_real speed = (controller_real)0.0;
-    for (int32_t i = 0; i < CONTROLLER_VEHICLE_STATES; i++) {
-        speed += VEHICLE_SPEED[i] * (c->steady[i] + c->state[OBSERVED + i]);
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        speed += BODY[i] * c->vehicle[i];
     }
     return speed;
+}
+
+static void show_vehicle(const controller *c, controller_output *out)
+{
+    controller_real own[CONTROLLER_VEHICLE_INPUTS + 1] = {(controller_real)0.0};
+    controller_real torque[DYNAMOMETERS] = {(controller_real)0.0};
+    controller_real road[CONTROLLER_TYRES + 2];
+    controller_real found[(3 * CONTROLLER_TYRES) + 1];
+    road_of(c, road);
+    outputs_of(c->vehicle, torque, own, road, found);
+    out->vehicle_speed = (controller_real)CONTROLLER_RADIUS * body_speed(c);
+    out->vehicle_distance = c->distance;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        out->wheel_speed[j] = row(&WHEEL, j, c->vehicle);
+    }
+    for (int32_t i = 0; i < CONTROLLER_TYRES; i++) {
+        out->slip[i] = found[i];
+        out->tyre_torque[i] = found[CONTROLLER_TYRES + i];
+    }
+}
+
+/* the speed at which the vehicle's tyres would damp as they do now: near their largest torque as at a much higher one */
+static controller_real schedule_speed(const controller *c, controller_real speed)
+{
+    controller_real slope = (controller_real)1.0;
+    const controller_real own[CONTROLLER_VEHICLE_INPUTS + 1] = {(controller_real)0.0};
+    const controller_real torque[DYNAMOMETERS] = {(controller_real)0.0};
+    controller_real road[CONTROLLER_TYRES + 2];
+    controller_real found[(3 * CONTROLLER_TYRES) + 1];
+    road_of(c, road);
+    outputs_of(c->vehicle, torque, own, road, found);
+    for (int32_t i = 0; i < CONTROLLER_TYRES; i++) {
+        if (found[(2 * CONTROLLER_TYRES) + i] < slope) {
+            slope = found[(2 * CONTROLLER_TYRES) + i];
+        }
+    }
+    return speed / ((slope > SMALLEST_SLOPE) ? slope : SMALLEST_SLOPE);
+}
+
+/* rates that the observer's vehicle lacks: of what the vehicle does beyond it where it is, and of the loads */
+static void remainder_of(const controller *c, const controller_input *in, int32_t at, controller_real share,
+                         controller_real *found)
+{
+    const int32_t first = KNOWN - CONTROLLER_VEHICLE_INPUTS;
+    controller_real own[CONTROLLER_VEHICLE_INPUTS + 1];
+    controller_real off[VEHICLE];
+    controller_real road[CONTROLLER_TYRES + 2];
+    road_of(c, road);
+    for (int32_t i = 0; i < CONTROLLER_VEHICLE_INPUTS; i++) {
+        own[i] = (NONLINEAR[i] > (controller_real)0.0) ? in->known[first + i] : c->known_start[first + i];
+    }
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        off[i] = c->vehicle[i] - c->vehicle_start[i];
+    }
+    rates_of(c->vehicle, c->at_cut, own, road, found);
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        found[i] += row(&BY_CUT, i, c->load) - between(LIKENESS, at, share, i, off);
+    }
+}
+
+/* wheels of the vehicle less those that the observer expects; the angle between a rotor and a wheel that stands is taken
+ * back slowly, and forgotten as the wheel rolls */
+static void compare_wheels(controller *c, const controller_input *in, controller_real *off)
+{
+    const controller_real h = (controller_real)CONTROLLER_SAMPLE_TIME;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real wheel = row(&WHEEL, j, c->vehicle);
+        const controller_real apart = (in->reading[SPEED_READING[j]] / OVER[j]) - wheel;
+        const controller_real rolled = (controller_real)fabs((double)wheel) / (controller_real)CONTROLLER_ANGLE_ROLL;
+        c->angle[j] = (c->angle[j] + (h * apart)) / ((controller_real)1.0 + (h * rolled));
+        off[j] = wheel - (c->angle[j] / (controller_real)CONTROLLER_ANGLE_TIME) - row(&WHEEL, j, c->vehicle_start) -
+                 row(&WHEEL, j, c->state + OBSERVED);
+    }
 }
 #endif
 
@@ -368,8 +692,10 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
                 /* a rotor whose load is gone would be swung by the torque that balanced it */
                 const bool gone = (c->fault == CONTROLLER_TORQUE_GONE) && (c->gone[j] != 0);
                 const controller_real carried = gone ? (controller_real)0.0 : c->sent[j];
-                c->integral[j] = carried - (c->settings.hold_proportional[j] *
-                                            (wanted_speed(c, in, j) - in->reading[SPEED_READING[j]]));
+                const bool blind = c->distrusted[SPEED_READING[j]] != 0;
+                const controller_real error =
+                    blind ? (controller_real)0.0 : (wanted_speed(c, in, j) - in->reading[SPEED_READING[j]]);
+                c->integral[j] = carried - (c->settings.hold_proportional[j] * error);
             }
         }
         if (mode == CONTROLLER_EMULATION) {
@@ -387,6 +713,8 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
                 }
             }
             (void)memset(c->deviation, 0, sizeof c->deviation);
+            (void)memset(c->off_mean, 0, sizeof c->off_mean);
+            (void)memset(c->lost, 0, sizeof c->lost);
             (void)memset(c->seems_open, 0, sizeof c->seems_open);
             (void)memset(c->carried_for, 0, sizeof c->carried_for);
             c->surprised = 0;
@@ -440,7 +768,11 @@ static void emulate(controller *c, const controller_input *in)
     controller_real share = (controller_real)0.0;
     int32_t at = 0;
 #if CONTROLLER_VEHICLE_STATES > 0
-    at = place(SPEED, vehicle_speed(c), &share);
+    controller_real off[DYNAMOMETERS];
+    controller_real torque[DYNAMOMETERS];
+    const controller_real speed = body_speed(c);
+    at = place(SPEED, CONTROLLER_DESIGNS, schedule_speed(c, speed), &share);
+    compare_wheels(c, in, off);
 #endif
     for (int32_t i = 0; i < READINGS; i++) {
         z[AT_READINGS + i] = in->reading[i] - c->reading_start[i];
@@ -453,8 +785,15 @@ static void emulate(controller *c, const controller_input *in)
         z[AT_KNOWN + i] = in->known[i] - c->known_start[i];
     }
 #if CONTROLLER_VEHICLE_STATES > 0
-    remainder_of(c, z + OBSERVED, z + AT_KNOWN, at, share, z + AT_REMAINDERS);
-    remainder_of(c, z + AHEAD, z + AT_KNOWN, at, share, z + AT_REMAINDERS + CONTROLLER_VEHICLE_STATES);
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        z[OBSERVED + i] += between(BY_WHEEL, at, share, i, off);
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        c->load[j] += between(BY_WHEEL, at, share, VEHICLE + j, off);
+        torque[j] = c->at_cut[j] + (row(&CUT_TORQUE, j, z) / (controller_real)2.0) +
+                    (row(&MOMENTUM, j, deviation) / (controller_real)CONTROLLER_SAMPLE_TIME);
+    }
+    remainder_of(c, in, at, share, z + AT_KNOWN + KNOWN);
 #endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
@@ -467,17 +806,31 @@ static void emulate(controller *c, const controller_input *in)
     for (int32_t i = 0; i < STATES; i++) {
         c->state[i] = between(NEXT_STATE, at, share, i, z);
     }
+#if CONTROLLER_VEHICLE_STATES > 0
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        torque[j] += row(&CUT_TORQUE, j, c->state) / (controller_real)2.0;
+    }
+    step_vehicle(c, torque, in->known + (KNOWN - CONTROLLER_VEHICLE_INPUTS));
+    c->distance += (controller_real)(CONTROLLER_SAMPLE_TIME * CONTROLLER_RADIUS / 2.0) * (speed + body_speed(c));
+#endif
 }
 
 static void hold(controller *c, const controller_input *in)
 {
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
+        /* of a rotor whose speed is not trusted others hold the speed; their readings would swing it */
+        const bool blind = c->distrusted[SPEED_READING[j]] != 0;
         const controller_real error = wanted_speed(c, in, j) - in->reading[SPEED_READING[j]];
-        const controller_real asked = (c->settings.hold_proportional[j] * error) + c->integral[j] + in->added_torque[j];
+        const controller_real proportional = blind ? (controller_real)0.0 : (c->settings.hold_proportional[j] * error);
+        const controller_real asked = proportional + c->integral[j] + in->added_torque[j];
         c->sent[j] = within(asked, -limit, limit);
-        if (c->sent[j] == asked) {
+        if (blind) {
+            c->integral[j] *= (controller_real)1.0 - (controller_real)(CONTROLLER_SAMPLE_TIME / CONTROLLER_FADE);
+        } else if (c->sent[j] == asked) {
             c->integral[j] += c->settings.hold_integral[j] * (controller_real)CONTROLLER_SAMPLE_TIME * error;
+        } else {
+            /* at its limit nothing winds up */
         }
     }
 }
@@ -491,30 +844,52 @@ static void check_channels(controller *c, const controller_input *in)
     }
 }
 
+static void hold_present_speeds(controller *c, const controller_input *in)
+{
+    c->fallback = CONTROLLER_SPEED_HOLD;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real below = (controller_real)CONTROLLER_HELD_BELOW_LIMIT * c->settings.speed_limit[j];
+        c->held[j] = within(in->reading[SPEED_READING[j]], -below, below);
+    }
+}
+
 static void answer_fault(controller *c, const controller_input *in, int32_t fault)
 {
     if ((fault != CONTROLLER_NO_FAULT) && (c->fault == CONTROLLER_NO_FAULT) && (c->mode != CONTROLLER_ZERO_TORQUE)) {
         c->fault = fault;
+        c->fault_sensor = c->sensor;
         c->fallback = CONTROLLER_ZERO_TORQUE;
-        if (is_holdable(fault) && (c->mode != CONTROLLER_CHANNEL_CHECK)) { /* the speeds are not known before it */
-            c->fallback = CONTROLLER_SPEED_HOLD;
-            for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-                const controller_real below = (controller_real)CONTROLLER_HELD_BELOW_LIMIT * c->settings.speed_limit[j];
-                c->held[j] = within(in->reading[SPEED_READING[j]], -below, below);
-            }
+        c->holdable = (c->mode != CONTROLLER_CHANNEL_CHECK) ? 1 : 0; /* the speeds are not known before it */
+        if (is_holdable(fault) && (c->holdable != 0)) {
+            hold_present_speeds(c, in);
         }
     } else if ((fault != CONTROLLER_NO_FAULT) && !is_holdable(fault)) {
         c->fallback = CONTROLLER_ZERO_TORQUE;
+    } else if ((fault == CONTROLLER_OVERSPEED) && (c->fault != CONTROLLER_NO_FAULT) &&
+               (c->fallback == CONTROLLER_ZERO_TORQUE) && (c->holdable != 0)) {
+        hold_present_speeds(c, in); /* without torque the rotors run away, and their speeds are known */
     } else if ((fault == CONTROLLER_NO_FAULT) && (in->mode == CONTROLLER_ZERO_TORQUE)) {
         c->fault = CONTROLLER_NO_FAULT;
+        (void)memset(c->distrusted, 0, sizeof c->distrusted);
     } else {
         /* nothing changes */
     }
 }
 
-void controller_step(controller *c, const controller_input *in, controller_output *out)
+void controller_step(controller *c, const controller_input *input, controller_output *out)
 {
-    const int32_t fault = check(c, in);
+    controller_input seen = *input; /* with the readings as they are used */
+    const controller_input *in = &seen;
+    if (c->fault == CONTROLLER_NO_FAULT) {
+        c->sensor = -1;
+        c->fault_sensor = -1;
+    }
+#if CONTROLLER_VEHICLE_STATES > 0
+    if (c->mode == CONTROLLER_EMULATION) {
+        show_vehicle(c, out); /* as it is when this sample begins */
+    }
+#endif
+    const int32_t fault = check(c, input, &seen);
     const bool unknown = (fault != CONTROLLER_NO_FAULT) && !is_holdable(fault);
     answer_fault(c, in, fault);
     const int32_t wanted = (c->fault != CONTROLLER_NO_FAULT) ? c->fallback : in->mode;
@@ -538,6 +913,9 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
     if (!unknown) {
         if (c->mode != CONTROLLER_EMULATION) {
             average(c, in);
+#if CONTROLLER_VEHICLE_STATES > 0
+            place_vehicle(c, in->reading);
+#endif
         }
         (void)memcpy(c->last, in->reading, sizeof c->last);
         for (int32_t j = 0; j < DYNAMOMETERS; j++) {
@@ -547,9 +925,15 @@ void controller_step(controller *c, const controller_input *in, controller_outpu
             c->past_torque[0][j] = flange_torque(in, j);
         }
     }
+#if CONTROLLER_VEHICLE_STATES > 0
+    if (c->mode != CONTROLLER_EMULATION) {
+        show_vehicle(c, out);
+    }
+#endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         out->command[j] = c->sent[j] / c->settings.torque_gain[j];
     }
     out->mode = c->mode;
     out->fault = c->fault;
+    out->fault_sensor = c->fault_sensor;
 }

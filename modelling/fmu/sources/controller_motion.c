@@ -18,7 +18,7 @@ enum {
 };
 
 /* where things stand among the inputs */
-enum { IN_KNOWN = CONTROLLER_READINGS, IN_HOLD = IN_KNOWN + CONTROLLER_KNOWN, IN_MODE = IN_HOLD + CONTROLLER_DYNAMOMETERS, IN_LIFE, IN_ADDED, IN_TRIGGER = IN_ADDED + CONTROLLER_DYNAMOMETERS };
+enum { IN_KNOWN = CONTROLLER_READINGS, IN_HOLD = IN_KNOWN + CONTROLLER_KNOWN, IN_MODE = IN_HOLD + CONTROLLER_DYNAMOMETERS, IN_LIFE, IN_ADDED, IN_TRIGGER = IN_ADDED + CONTROLLER_DYNAMOMETERS, IN_ROAD = IN_TRIGGER + (CONTROLLER_LEARNED > 0) };
 
 #define MOST_SAMPLES 1e7 /* in one communication step */
 #define NEAR 1e-6        /* of a sample: how far a communication step may be from a whole number of them */
@@ -82,6 +82,7 @@ static void take_settings(Motion *m) {
     if (CONTROLLER_SHAFTS > 0) own->opened_share = *p++;
     own->frozen_samples = (int32_t)*p++;
     own->life_samples = (int32_t)*p++;
+    own->ride_samples = (int32_t)*p++;
 }
 
 static int advance(Motion *m, double span) {
@@ -100,11 +101,25 @@ static int advance(Motion *m, double span) {
     in.life = isfinite(u[IN_LIFE]) ? (uint32_t)(int64_t)fmod(u[IN_LIFE], 4294967296.0) : 0;
     in.trigger = (CONTROLLER_LEARNED > 0 && u[IN_TRIGGER < N_INPUTS ? IN_TRIGGER : 0] >= 0.5) ? 1 : 0;
     take_settings(m);
+#if CONTROLLER_VEHICLE_STATES > 0
+    for (int i = 0; i < CONTROLLER_TYRES; i++) m->running.settings.friction[i] = u[IN_ROAD + i];
+    m->running.settings.mass = u[IN_ROAD + CONTROLLER_TYRES];
+    m->running.settings.grade = u[IN_ROAD + CONTROLLER_TYRES + 1];
+#endif
     for (double k = 0; k < samples; k++) {
         controller_step(&m->running, &in, &out);
         for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) m->value[OUTPUTS + j] = out.command[j];
         m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS] = out.mode;
         m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS + 1] = out.fault;
+        m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS + 2] = out.fault_sensor + 1;
+#if CONTROLLER_VEHICLE_STATES > 0
+        double *vehicle = m->value + OUTPUTS + CONTROLLER_DYNAMOMETERS + 3;
+        *vehicle++ = out.vehicle_speed;
+        *vehicle++ = out.vehicle_distance;
+        for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) *vehicle++ = out.wheel_speed[j];
+        for (int i = 0; i < CONTROLLER_TYRES; i++) *vehicle++ = out.slip[i];
+        for (int i = 0; i < CONTROLLER_TYRES; i++) *vehicle++ = out.tyre_torque[i];
+#endif
     }
     m->value[TIME] += span;
     return 1;

@@ -1,0 +1,719 @@
+"""One observer over a range of speeds: designs on a grid, and the vehicle itself stepped beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import expm
+
+from modelling.bed.bed import ControlLaw, Loop, bed_model
+from modelling.bed.observer import (
+    FORGETTING_PER_SAMPLE,
+    assembled,
+    emulated_modes,
+    filter_of,
+    observer_model,
+    riccati,
+    runs_ahead,
+    state_feedback,
+)
+from modelling.bed.vehicle import Interface, ResidualVehicle
+from modelling.equations.casadi_code import Model, compiled
+from modelling.equations.lagrange import CREEP, STICK_SPEED
+from modelling.linear.elements import elements
+from modelling.linear.linearise import deflated, linearise
+from modelling.linear.steady_motion import operating_motion, speeds_of
+from modelling.system import Input, Quantity, System
+
+# --- The law.
+#
+# The residual vehicle is a nonlinear simulation of its own: it takes the torque at each cut and gives the speed of the
+# wheel there, one sample later. The observer has a linear likeness of it. What the vehicle does beyond the likeness,
+# where it is, acts on the likeness as a known torque (the remainder), and a load that wanders at each wheel is
+# estimated next to it: both together make the likeness follow the wheel speeds that the vehicle gives. The bed's
+# readings correct rig and unmeasured torques as always, and what they say of the torque at the cuts goes into the
+# vehicle as momentum. At every speed of a grid rig, lags and likeness are linearised and a controller is designed with
+# the same weights; all have the same physical states, so matrices are interpolated in the vehicle's speed.
+# Nothing that the vehicle does fast is held over a sample inside the vehicle: it is as stable as its own integration.
+
+
+@dataclass(frozen=True)
+class SteppedSettings:
+    """The numbers of the law that no search tunes.
+
+    Attributes
+    ----------
+    load_drift : float
+        N·m/√s: how fast the load of a wheel may wander beside what is computed. Chosen by
+        trial: 1000 changes no error by more than a tenth.
+    wheel_noise : float
+        rad/s: how far the speed that the vehicle gives is trusted. Chosen by trial: less of it makes commands jump
+        (10⁻⁴ by 400 N·m from sample to sample), and gains nothing.
+    angle_time : float
+        s in which an angle between rotor and wheel is taken back while the wheels stand. Encoders count, so the angle
+        is exact on a bed; without it the noise of the speeds piles up as a twist. Chosen by trial: 0.15 to 0.5 do.
+    angle_roll : float
+        rad that a wheel rolls while such an angle is forgotten: rolling, a tyre's contact patch forgets it. Chosen by
+        trial: 0.25 leaves twice the twist when noise is added to the counts.
+    sticks_below : float
+        rad/s: dry friction of the vehicle rises to its torque up to here, as a creeping tyre does.
+    sub_steps : float
+        s, at most, of a step of the vehicle's integration.
+    """
+
+    load_drift: float = 300.0
+    wheel_noise: float = 0.03
+    angle_time: float = 0.3
+    angle_roll: float = 1.0
+    sticks_below: float = 0.1
+    sub_steps: float = 5e-4
+
+
+STEPPED = SteppedSettings()
+GAMMA = 1.0 - 0.5**0.5  # of the Rosenbrock method ROS2: with it L-stable (Verwer et al., SIAM J. Sci. Comput. 20, 1999)
+GRAVITY = 9.81  # m/s²
+SLOPES = (0.25, 0.06, 0.01)  # of the tyres, for which a controller is designed beside that of the highest speed
+SMALLEST_SLOPE = 1e-3  # of a tyre, by which a speed is divided
+SLOWEST_SLIP = 0.5  # rad/s: slip is a speed difference over the body's speed, or over this where it is slower
+FIRM = 1e6  # times the friction: nothing slips beyond proportion
+ROUNDING = 1e-3  # of the wheels' noise, on every state of the vehicle, so that none counts as known exactly
+ROAD = ("mass", "grade")  # what the vehicle is told beside the friction of each tyre
+
+
+@dataclass(frozen=True)
+class SteppedVehicle:
+    """A residual vehicle as a simulation; v states without free angles, k cuts, r inputs, t tyres, g speeds.
+
+    Attributes
+    ----------
+    rates, slopes, outputs : casadi.Function
+        (states (v,), torques at the cuts (k,), own inputs (r,), road (t + 2,)) → rates (v,), their derivatives by the
+        states (v, v), and [slip; torque, N·m; slope] (3·t) of the tyres: torque over slip, 1 where both are in
+        proportion and 0 at the largest torque. ``road``: friction coefficient of each tyre over the
+        planned one, mass of the bodies over the planned one, grade (1).
+    by_cut : ndarray (v, k)
+        Rates for 1 N·m at each cut.
+    wheel : ndarray (k, v)
+        Speed of the wheel at each cut by state, rad/s.
+    body : ndarray (v,)
+        Speed of the vehicle by state, rad/s.
+    radius : float
+        m of the rolling tyre: distance over the body's angle.
+    steady : ndarray (g, v)
+        States of steady motion at speeds of the vehicle.
+    inputs, tyres : tuple of str (r), (t)
+        Torques of its own; shafts whose tyres slip.
+    nonlinear : ndarray (r,)
+        1 of an input whose effect depends on the motion, or on the input itself; 0 of a plain torque.
+    pieces : int
+        Steps of its integration in a sample.
+    sample_time : float
+        s.
+    """
+
+    rates: ca.Function
+    slopes: ca.Function
+    outputs: ca.Function
+    by_cut: np.ndarray
+    wheel: np.ndarray
+    body: np.ndarray
+    radius: float
+    steady: np.ndarray
+    inputs: tuple[str, ...]
+    nonlinear: np.ndarray
+    tyres: tuple[str, ...]
+    pieces: int
+    sample_time: float
+
+    def schedule_speed(self, x: np.ndarray, road: np.ndarray) -> float:
+        """The speed, rad/s, at which the vehicle's tyres would damp as they do at this state (v,) and on this road.
+
+        What a tyre damps goes with its slope over the speed. Near the largest torque it damps as at a much higher one.
+        """
+        speed, t = float(self.body @ x), len(self.tyres)
+        if not t:
+            return speed
+        k, r = self.rates.size1_in(1), len(self.inputs)
+        slope = self.outputs(x, np.zeros(k), np.zeros(r), road).full()[2 * t :, 0].min(initial=1.0)
+        return speed / max(slope, SMALLEST_SLOPE)
+
+    @property
+    def as_planned(self) -> np.ndarray:
+        """Road (t + 2,) as planned: friction and mass as in the file, level."""
+        return np.r_[np.ones(len(self.tyres) + 1), 0.0]
+
+    def step(self, x: np.ndarray, torques: np.ndarray, own: np.ndarray, road: np.ndarray) -> np.ndarray:
+        """States (v,) a sample later; torques (k,), own inputs (r,) in N·m and road (t + 2,) are held.
+
+        ROS2, linearly implicit: the fast states of a brake on a turning wheel and of a tyre at standstill are stable
+        whatever the step is.
+        """
+        h = self.sample_time / self.pieces
+        for _ in range(self.pieces):
+            W = np.eye(len(x)) - GAMMA * h * self.slopes(x, torques, own, road).full()
+            first = np.linalg.solve(W, self.rates(x, torques, own, road).full()[:, 0])
+            second = self.rates(x + h * first, torques, own, road).full()[:, 0] - 2 * first
+            x = x + h * (1.5 * first + 0.5 * np.linalg.solve(W, second))
+        return x
+
+    def slope_at(self, x: np.ndarray) -> np.ndarray:
+        """Derivatives (v, v) of the rates at a state, no torque acting, as planned."""
+        slopes: np.ndarray = self.slopes(
+            x, np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned
+        ).full()  # fmt: skip
+        return slopes
+
+    def by_tyres(self, x: np.ndarray) -> np.ndarray:
+        """The part (v, v) of the rates' derivatives at a state that the slope of the tyres makes."""
+        zero = np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs))
+        road = np.r_[np.full(len(self.tyres), FIRM), 1.0, 0.0]
+        loose = np.r_[np.full(len(self.tyres), 1 / FIRM), 1.0, 0.0]
+        # a tyre that slides on nothing has no slope, whatever its deflection is
+        slid = x + 1e-3
+        firm, none = (self.slopes(slid, *zero, each).full() for each in (road, loose))
+        return firm - none
+
+    def linear(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Matrices of a sample at one state (v,): (v, v), by torques at the cuts (v, k) and by own inputs (v, r)."""
+        zero = [np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned]
+        by = [part.full() for part in self._derivatives(x, *zero)]
+        v, size = len(x), len(x) + sum(part.shape[1] for part in by[1:])
+        block = np.zeros((size, size))
+        block[:v] = np.hstack(by)
+        over = expm(block * self.sample_time)[:v]
+        k = by[1].shape[1]
+        return over[:, :v], over[:, v : v + k], over[:, v + k :]
+
+    @cached_property
+    def _derivatives(self) -> ca.Function:
+        args = [ca.SX.sym(f"in{number}", self.rates.size1_in(number)) for number in range(4)]
+        f = self.rates(*args)
+        return ca.Function("derivatives", args, [ca.jacobian(f, each) for each in args[:3]])
+
+
+def stepped_vehicle(
+    residuals: Sequence[ResidualVehicle], loop: Loop, bodies: Sequence[str], radius: float,
+    settings: SteppedSettings = STEPPED,
+) -> SteppedVehicle:  # fmt: skip
+    """The residual vehicle of a range.
+
+    Parameters
+    ----------
+    residuals : sequence of ResidualVehicle (g)
+        The same at every speed, but for its operating point.
+    loop : Loop
+        Its dynamometers give the order of the cuts.
+    bodies : sequence of str
+        Inertias whose mean speed is the vehicle's, and which carry its mass.
+    radius : float
+        m of the rolling tyre.
+    """
+    first = residuals[0]
+    cuts = [_cut(first, one.follows) for one in loop.dynamometers]
+    cut_names = [cut.torque for cut in cuts]
+    own = tuple(part.name for system in first.parts for part in system.inputs if part.name not in cut_names)
+    tyres = tuple(effect.at for system in first.parts for effect in system.effects if effect.kind == "tyre_slip")
+    at_cuts, at_own = ca.SX.sym("T", len(cuts)), ca.SX.sym("w", len(own))
+    road = ca.SX.sym("road", len(tyres) + len(ROAD))
+    grade = road[len(tyres) + 1]
+    states, rates, body, slips, torques, steepness = [], [], [], [], [], []
+    speeds_by_name: dict[str, tuple[int, np.ndarray]] = {}
+    lifts = [_lift(system) for system in first.parts]  # which angles nothing depends on is the same at every speed
+    for number, (system, lift) in enumerate(zip(first.parts, lifts, strict=True)):
+        here = [name for name in bodies if any(part.name == name for part in system.inertias)]
+        more = replace(system, inputs=(*system.inputs, *(Input(f"grade_on_{name}", name) for name in here)))
+        model = compiled(more)
+        x = ca.SX.sym(f"x{number}", lift.shape[1])
+        values = _values_on(model, system, here, tyres, road, settings)
+        downhill = GRAVITY / radius * grade / ca.sqrt(1 + grade**2)
+        inertia = {name: values[model.parameters.index(f"inertias.{name}.J")] for name in here}
+        u = ca.vertcat(*(
+            at_cuts[cut_names.index(name)] if name in cut_names
+            else at_own[own.index(name)] if name in own
+            else -inertia[name.removeprefix("grade_on_")] * downhill
+            for name in model.inputs
+        ))  # fmt: skip
+        rates.append(lift.T @ model.rates(lift @ x, u, values))
+        states.append(x)
+        parts = elements(model, model.p0[None])
+        rows = parts.mass_transformation.reshape(-1, model.n) @ lift[model.n : 2 * model.n]
+        named = {name.removeprefix("inertias."): row for name, row in zip(parts.masses, rows, strict=True)}
+        speeds_by_name |= {name: (number, row) for name, row in named.items()}
+        body.append(sum((named[name] for name in here), np.zeros(lift.shape[1])))
+        for at in tyres:
+            shaft = next((one for one in system.shafts if f"shafts.{one.name}" == at), None)
+            if shaft is not None:
+                inner, outer = (ca.DM(named[end][None]) @ x for end in shaft.between)
+                slips.append((inner - outer) / ca.fmax(ca.fabs(outer), SLOWEST_SLIP))
+                all_states = ca.SX.sym("all", len(model.states))
+                through = model.shaft_torques(all_states, u, values)[
+                    [one.name for one in system.shafts].index(shaft.name)
+                ]
+                by_carcass = ca.jacobian(through, all_states[model.states.index(f"{at}.tyre_slip")])
+                slope = by_carcass / ca.substitute(by_carcass, road[: len(tyres)], ca.SX.ones(len(tyres)) * FIRM)
+                torques.append(ca.substitute(through, all_states, lift @ x))
+                steepness.append(ca.substitute(slope, all_states, lift @ x))
+    steady = [
+        np.concatenate([lift.T @ operating_motion(system).state for system, lift in zip(one.parts, lifts, strict=True)])
+        for one in residuals
+    ]
+    starts = np.cumsum([0, *(lift.shape[1] for lift in lifts)])
+    wheel = np.zeros((len(cuts), starts[-1]))
+    for j, cut in enumerate(cuts):
+        number, row = speeds_by_name[cut.vehicle_end]
+        wheel[j, starts[number] : starts[number + 1]] = row
+    every, motion = ca.vertcat(*rates), ca.vertcat(*states)
+    arguments = [motion, at_cuts, at_own, road]
+    step = loop["sample_time"]
+    by_own = ca.horzsplit(ca.jacobian(every, at_own))
+    nonlinear = np.array([ca.depends_on(each, ca.vertcat(motion, at_own)) for each in by_own], dtype=float)
+    by_cut = ca.DM(ca.evalf(ca.substitute(ca.jacobian(every, at_cuts), ca.vertcat(*arguments), ca.vertcat(
+        steady[-1], np.zeros(len(cuts) + len(own)), np.ones(len(tyres) + 1), 0.0
+    )))).full()  # fmt: skip
+    return SteppedVehicle(
+        ca.Function("vehicle_rates", arguments, [ca.cse(every)]),
+        ca.Function("vehicle_slopes", arguments, [ca.cse(ca.densify(ca.jacobian(every, motion)))]),
+        ca.Function("vehicle_outputs", arguments, [ca.cse(ca.densify(ca.vertcat(*slips, *torques, *steepness)))]),
+        by_cut, wheel, np.concatenate(body) / max(len(bodies), 1), radius, np.stack(steady), own, nonlinear,
+        tuple(at.removeprefix("shafts.") for at in tyres), max(int(np.ceil(step / settings.sub_steps - 1e-9)), 1), step,
+    )  # fmt: skip
+
+
+def _values_on(
+    model: Model, system: System, bodies: Sequence[str], tyres: Sequence[str], road: ca.SX, settings: SteppedSettings
+) -> ca.SX:
+    """Parameters (p,) of a part with friction, mass and rolling resistance as the road and the load have them."""
+    values = ca.SX(ca.DM(model.p0))
+    for name, value in ((STICK_SPEED, settings.sticks_below), (CREEP, 0.0)):
+        if name in model.parameters:
+            values[model.parameters.index(name)] = value
+    for effect in system.effects:
+        scaled = None
+        if effect.at in tyres and effect.kind == "tyre_slip":
+            scaled = f"{effect.name}.peak", road[list(tyres).index(effect.at)]
+        if effect.kind == "coulomb_friction" and effect.at.removeprefix("inertias.") in bodies:
+            scaled = f"{effect.name}.torque", road[len(tyres)]
+        if scaled is not None:
+            values[model.parameters.index(scaled[0])] *= scaled[1]
+    for name in bodies:
+        values[model.parameters.index(f"inertias.{name}.J")] *= road[len(tyres)]
+    return values
+
+
+def _lift(system: System) -> np.ndarray:
+    linear = linearise(system)
+    return deflated(linear, elements(linear.model, linear.p[None], linear.x0)).lift
+
+
+def _cut(residual: ResidualVehicle, shaft: str) -> Interface:
+    return next(cut for cut in residual.interfaces if cut.shaft == shaft)
+
+
+# --- The law's numbers and how it steps.
+
+
+@dataclass(frozen=True)
+class Emulation:
+    """What a law over a range of speeds keeps while it emulates, of one bed.
+
+    Attributes
+    ----------
+    state : ndarray (x,)
+        Of the linear law, in deviations from where it was switched on.
+    load : ndarray (k,)
+        Estimated load of each wheel, N·m, as a deviation, too.
+    angle : ndarray (k,)
+        rad by which each rotor is ahead of its wheel, forgotten as the wheel rolls.
+    vehicle : ndarray (v,)
+        States of the vehicle, absolute.
+    distance : float
+        m.
+    """
+
+    state: np.ndarray
+    load: np.ndarray
+    angle: np.ndarray
+    vehicle: np.ndarray
+    distance: float = 0.0
+
+
+@dataclass(frozen=True)
+class SteppedLaw:
+    """Designs over speed as one law, and the vehicle beside it; x states, y readings, w known, k cuts.
+
+    Per sample: the readings correct the state, the vehicle's wheel speeds correct its likeness in the observer and the
+    loads, the command follows as in :class:`modelling.bed.bed.ControlLaw`, and the vehicle takes a step with the mean
+    torque at the cut. All matrices lie straight between those of the two nearest speeds.
+
+    Attributes
+    ----------
+    laws : tuple of ControlLaw (d)
+        At each of the ``designed`` speeds. Columns of the rates of the vehicle's states (v) follow those of the known
+        torques: of the rig, then of the vehicle. Those whose effect depends on the motion (a brake) are in the vehicle
+        alone, and their columns zero.
+    likeness : ndarray (d, v, v)
+        Rates of the observer's vehicle by its states.
+    designed : ndarray (d,)
+        rad/s of the vehicle, rising: those of the range, and higher ones at which its tyres damp as at the highest
+        with a slope of :data:`SLOPES` (see :meth:`SteppedVehicle.schedule_speed`).
+    by_wheel : ndarray (d, v + k, k)
+        Correction of the observer's vehicle and of the loads by wheel speeds that are off by 1 rad/s.
+    momentum : ndarray (k, y)
+        N·m·s into the vehicle at each cut for a reading that is off by 1.
+    vehicle : SteppedVehicle
+    observed : slice
+        Where the observer's vehicle stands among the states.
+    cut_torque : ndarray (k, x)
+        Torque into the vehicle at each cut by state.
+    speeds, rotor_speeds : ndarray (g,)
+        rad/s of the vehicle, rising, and mean of the rotors' speeds there, each counted as it turns forwards.
+    rotor_shares : ndarray (k,)
+        Of each rotor's speed in that mean.
+    over : ndarray (k,)
+        Speed of each rotor over that of its wheel.
+    cut_by_reading, cut_by_command : ndarray (k, y), (k, k)
+        Torque into the vehicle at each cut, N·m, by what was read and commanded in steady motion.
+    speed_readings : tuple of int (k)
+        Which readings are the rotors' speeds.
+    operating_speed : float
+        rad/s of the vehicle's bodies, about which a case reports its match.
+    settings : SteppedSettings
+    """
+
+    laws: tuple[ControlLaw, ...]
+    designed: np.ndarray
+    likeness: np.ndarray
+    by_wheel: np.ndarray
+    momentum: np.ndarray
+    vehicle: SteppedVehicle
+    observed: slice
+    cut_torque: np.ndarray
+    speeds: np.ndarray
+    rotor_speeds: np.ndarray
+    rotor_shares: np.ndarray
+    over: np.ndarray
+    cut_by_reading: np.ndarray
+    cut_by_command: np.ndarray
+    speed_readings: tuple[int, ...]
+    operating_speed: float
+    settings: SteppedSettings = STEPPED
+
+    @property
+    def first(self) -> ControlLaw:
+        """The law at the lowest speed: names, sizes and expectation are the same at all."""
+        return self.laws[0]
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the readings (y)."""
+        return self.first.sensors
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Names of the known torques (w)."""
+        return self.first.known
+
+    @property
+    def dynamometers(self) -> tuple[str, ...]:
+        """Names of the dynamometers (k)."""
+        return self.first.dynamometers
+
+    @property
+    def sample_time(self) -> float:
+        """In s."""
+        return self.first.sample_time
+
+    @property
+    def states(self) -> int:
+        """Number x of states of the linear law."""
+        return self.first.states
+
+    @property
+    def E(self) -> np.ndarray:
+        """Expectation (y, x) of the readings: sensors do not change with the speed."""
+        return self.first.E
+
+    @property
+    def L(self) -> np.ndarray:
+        """Correction (x, y) by the readings at the lowest speed: what is zero in it is zero at all."""
+        return self.first.L
+
+    @property
+    def vehicle_states(self) -> int:
+        """Number v of states of the vehicle."""
+        return len(self.vehicle.body)
+
+    @property
+    def linear(self) -> ControlLaw:
+        """The law about the operating point of its case."""
+        return self.frozen(self.operating_speed)
+
+    @cached_property
+    def _stacked(self) -> dict[str, np.ndarray]:
+        stacked = {
+            name: np.stack([getattr(law, name) for law in self.laws]) for name in ("A", "Bw", "Bs", "K", "Dw", "L")
+        }
+        return {**stacked, "by_wheel": self.by_wheel, "likeness": self.likeness}
+
+    def at(self, speed: float) -> dict[str, np.ndarray]:
+        """Matrices at a speed of the vehicle, rad/s."""
+        low = int(np.clip(np.searchsorted(self.designed, speed, side="right") - 1, 0, len(self.designed) - 2))
+        share = float(np.clip((speed - self.designed[low]) / (self.designed[low + 1] - self.designed[low]), 0.0, 1.0))
+        return {name: stack[low] + share * (stack[low + 1] - stack[low]) for name, stack in self._stacked.items()}
+
+    def begin(self, readings: np.ndarray, sent: np.ndarray) -> tuple[Emulation, np.ndarray]:
+        """Where an emulation begins, from absolute readings (y,) and commands (k,), and the torques at the cuts (k,).
+
+        The vehicle begins as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in
+        proportion.
+        """
+        rotor = float(self.rotor_shares @ readings[list(self.speed_readings)])
+        part = float(np.clip(rotor / self.rotor_speeds[0], -1.0, 1.0)) if self.rotor_speeds[0] > 0 else 1.0
+        vehicle = part * np.array([np.interp(rotor, self.rotor_speeds, each) for each in self.vehicle.steady.T])
+        k = len(self.dynamometers)
+        cut = self.cut_by_reading @ readings + self.cut_by_command @ sent
+        return Emulation(np.zeros(self.states), np.zeros(k), np.zeros(k), vehicle), cut
+
+    def step(
+        self, now: Emulation, begun: Emulation, cut: np.ndarray, readings: np.ndarray, known: np.ndarray,
+        own: np.ndarray, limits: tuple[np.ndarray, np.ndarray], road: np.ndarray, turned: np.ndarray,
+        added: np.ndarray | float = 0.0,
+    ) -> tuple[np.ndarray, Emulation]:  # fmt: skip
+        """Commands (k,), N·m, and what is kept for the next sample.
+
+        Parameters
+        ----------
+        now, begun : Emulation
+            Before the sample, and where the emulation began.
+        cut : ndarray (k,)
+            Torques at the cuts then, N·m.
+        readings, known : ndarray (y,), (w,)
+            Less those of the begin.
+        own, road : ndarray (r,), (t + 2,)
+            Torques of the vehicle's own, N·m, absolute, and the road: see :class:`SteppedVehicle`.
+        limits : (ndarray (k,), ndarray (k,))
+            Of the commands, less those of the begin.
+        turned : ndarray (k,)
+            rad/s: each rotor's speed as it is read, absolute.
+        """
+        vehicle, settings, h, v = self.vehicle, self.settings, self.sample_time, self.vehicle_states
+        wheel, made = vehicle.wheel @ now.vehicle, self.at(vehicle.schedule_speed(now.vehicle, road))
+        angle = (now.angle + h * (turned / self.over - wheel)) / (1 + h * np.abs(wheel) / settings.angle_roll)
+        target = wheel - angle / settings.angle_time - vehicle.wheel @ begun.vehicle
+        found = made["by_wheel"] @ (target - vehicle.wheel @ now.state[self.observed])
+        innovation = readings - self.E @ now.state
+        corrected = now.state + made["L"] @ innovation
+        corrected[self.observed] += found[:v]
+        load = now.load + found[v:]
+        off = now.vehicle - begun.vehicle
+        there = own - (1 - vehicle.nonlinear) * known[len(known) - len(own) :]  # plain torques are among the known ones
+        remainder = vehicle.rates(now.vehicle, cut, there, road).full()[:, 0] - made["likeness"] @ off
+        acting = np.concatenate([known, remainder + vehicle.by_cut @ load])
+        sent = np.clip(made["K"] @ corrected + made["Dw"] @ acting + added, *limits)
+        state = made["A"] @ corrected + made["Bw"] @ acting + made["Bs"] @ sent
+        torque = cut + self.cut_torque @ (corrected + state) / 2 + self.momentum @ innovation / h
+        after = vehicle.step(now.vehicle, torque, own, road)
+        speed = float(vehicle.body @ (now.vehicle + after)) / 2
+        return sent, Emulation(state, load, angle, after, now.distance + h * vehicle.radius * speed)
+
+    def frozen(self, speed: float) -> ControlLaw:
+        """The law and its vehicle about steady motion at one speed (rad/s) as one linear law.
+
+        States [law (x); loads (k); vehicle (v)]; the angles that are taken back at standstill are left out.
+        """
+        made, v, q = self.at(speed), self.vehicle_states, len(self.dynamometers)
+        x, w, y = self.states, len(self.known), len(self.sensors)
+        r = len(self.vehicle.inputs)
+        steady = np.array([np.interp(speed, self.speeds, each) for each in self.vehicle.steady.T])
+        on, by_cut, by_own = self.vehicle.linear(steady)
+        size = x + q + v
+        # of [states; innovation; known]: corrected states and loads
+        width = size + y + w
+        state, innovation = np.eye(x, width), np.eye(y, width, size)
+        off = -self.vehicle.wheel @ state[self.observed]
+        off[:, x + q : size] += self.vehicle.wheel
+        found = made["by_wheel"] @ off
+        corrected = state + made["L"] @ innovation
+        corrected[self.observed] += found[:v]
+        load = np.eye(q, width, x) + found[v:]
+        remainder = (self.vehicle.slope_at(steady) - made["likeness"]) @ np.eye(v, width, x + q)
+        acting = np.vstack([np.eye(w, width, size + y), remainder + self.vehicle.by_cut @ load])
+        command = made["K"] @ corrected + made["Dw"] @ acting
+        after = made["A"] @ corrected + made["Bw"] @ acting
+        torque = self.cut_torque @ (corrected + after) / 2 + self.momentum @ innovation / self.sample_time
+        own = np.eye(r, width, width - r)
+        vehicle = on @ np.eye(v, width, x + q) + by_cut @ torque + by_own @ own
+        rows = np.vstack([after, load, vehicle])
+        sending = np.vstack(
+            [made["Bs"], np.zeros((q, len(self.dynamometers))), by_cut @ self.cut_torque @ made["Bs"] / 2]
+        )
+        # by corrected states and readings in place of states and innovation: innovation = N·(y − E·xc)
+        L, E = np.zeros((size, y)), np.zeros((y, size))
+        L[:x], E[:, :x] = made["L"], self.E
+        N = np.linalg.inv(np.eye(y) - E @ L)
+
+        def form(of: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            by_reading = (of[:, size : size + y] - of[:, :size] @ L) @ N
+            return of[:, :size] - by_reading @ E, by_reading, of[:, size + y :]
+
+        (A, By, Bw), (K, Dy, Dw) = form(rows), form(command)
+        return ControlLaw(
+            A, By, Bw, sending, K, Dy, Dw, L, E, self.sensors, self.known, self.dynamometers, self.sample_time,
+            self.first.delayed_commands,
+        )  # fmt: skip
+
+
+Law = ControlLaw | SteppedLaw
+
+
+def stepped_law(
+    rigs: Sequence[System], residuals: Sequence[ResidualVehicle], loop: Loop, weights: Mapping[str, float],
+    bodies: Sequence[str], radius: float, torque_signs: np.ndarray, operating_speed: float,
+    settings: SteppedSettings = STEPPED,
+) -> SteppedLaw:  # fmt: skip
+    """Design the law of a range.
+
+    Parameters
+    ----------
+    rigs, residuals : sequence of System, sequence of ResidualVehicle (g)
+        At operating points of rising speed.
+    weights : mapping of str to float
+        Of the observer.
+    bodies : sequence of str
+        Inertias whose mean speed is the vehicle's.
+    radius : float
+        m of the rolling tyre.
+    torque_signs : ndarray (k,)
+        Torque that drives the rotor for a flange reading of 1 N·m, see ``LinearBed.torque_signs``.
+    operating_speed : float
+        rad/s, see :class:`SteppedLaw`.
+    """
+    k, vehicle = len(loop.dynamometers), stepped_vehicle(residuals, loop, bodies, radius, settings)
+    cuts = [_cut(residuals[0], one.follows) for one in loop.dynamometers]
+    modes = [emulated_modes(residual, loop["sample_time"]) for residual in residuals]
+    most = max(map(len, modes))
+    full = [number for number, each in enumerate(modes) if len(each) == most]
+    nearest = [min(full, key=lambda other: abs(other - number)) for number in range(len(modes))]
+    turning = [speeds_of(one.vehicle) for one in residuals]
+    speeds = np.array([np.mean([each[name] for name in bodies]) for each in turning])
+    places = [(number, 1.0) for number in range(len(speeds))]
+    if vehicle.tyres:  # tyres that slide, either way
+        backwards = [(0, slope) for slope in SLOPES[::-1]] if speeds[0] < 0 else []
+        places = [*backwards, *places, *((len(speeds) - 1, slope) for slope in SLOPES)]
+    scheduled = np.array([speeds[number] / slope for number, slope in places])
+    found = [
+        _design(
+            rigs[number], residuals[number], cuts, vehicle, loop, weights, modes[nearest[number]], settings, slope,
+            vehicle.steady[number],
+        )
+        for number, slope in places
+    ]  # fmt: skip
+    laws, likeness, by_wheel, momenta = zip(*found, strict=True)
+    law, v = laws[0], len(vehicle.body)
+    space = bed_model(rigs[0], residuals[0], loop)
+    n = space.rig_states + loop.lag_states
+    by_state = np.zeros((k, law.states))
+    by_state[:, :n] = np.linalg.pinv(vehicle.by_cut) @ space.space.A[n:, :n]
+    rotors = [next(part.on for part in rigs[0].inputs if part.name == one.torque_input) for one in loop.dynamometers]
+    by_rig = [speeds_of(one) for one in rigs]
+    # what turns the rotor turns the vehicle's end of the cut, by the ratio of their speeds
+    over = np.array([by_rig[-1][rotor] / turning[-1][cut.vehicle_end] for rotor, cut in zip(rotors, cuts, strict=True)])
+    turned = np.array([[each[name] for name in rotors] for each in by_rig])  # (g, k)
+    shares = np.sign(turned[-1]) / k
+    by_reading, by_command = np.zeros((k, len(law.sensors))), np.zeros((k, k))
+    for j, one in enumerate(loop.dynamometers):
+        if one.torque_sensor is None:
+            by_command[j, j] = -over[j]
+        else:
+            by_reading[j, law.sensors.index(one.torque_sensor)] = torque_signs[j] * over[j]
+    return SteppedLaw(
+        laws, scheduled, np.stack(likeness), np.stack(by_wheel), momenta[0], vehicle, slice(n, n + v), by_state,
+        speeds, turned @ shares, shares, over, by_reading, by_command,
+        tuple(law.sensors.index(one.speed_sensor) for one in loop.dynamometers), operating_speed, settings,
+    )  # fmt: skip
+
+
+def _design(
+    rig: System, residual: ResidualVehicle, cuts: Sequence[Interface], vehicle: SteppedVehicle, loop: Loop,
+    weights: Mapping[str, float], modes: Sequence[complex], settings: SteppedSettings, slope: float,
+    steady: np.ndarray,
+) -> tuple[ControlLaw, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """The observer at one speed, its vehicle (v, v), its correction by wheel speeds (v + k, k), and the momenta (k, y).
+
+    Its tyres have a ``slope`` of that at small slips.
+    """
+    space = bed_model(rig, residual, loop)
+    first = space.rig_states + loop.lag_states
+    if slope < 1:
+        A = space.space.A.copy()
+        A[first:, first:] -= (1 - slope) * vehicle.by_tyres(steady)
+        space = replace(space, space=replace(space.space, A=A))
+    model = observer_model(rig, residual, loop, modes, True, space)
+    F = state_feedback(model, weights["command_weight"], weights["command_change_weight"])
+    found = filter_of(model, weights)
+    inertia = np.array([_inertia(residual, cut) for cut in cuts])
+    free = observer_model(rig, free_wheels(residual, cuts), loop, modes)
+    momentum = inertia[:, None] * filter_of(free, weights).of_vehicle
+    law = assembled(model, runs_ahead(model), F, np.vstack([found.L, vehicle.by_cut @ momentum]))
+    w, v = len(law.known), len(vehicle.body)
+    acts = np.r_[np.ones(w - len(vehicle.inputs)), 1 - vehicle.nonlinear]
+
+    def together(
+        columns: np.ndarray,
+    ) -> np.ndarray:  # both vehicles, of the observer and ahead of it, have one remainder
+        return np.hstack([columns[:, :w] * acts, columns[:, w : w + v] + columns[:, w + v :]])
+
+    law = replace(law, Bw=together(law.Bw), Dw=together(law.Dw))
+    n = model.states
+    on = model.bed.whole[n : n + v, n : n + v]
+    of_loads = model.bed.torques[n : n + v, -v:] @ vehicle.by_cut
+    by_wheel = load_filter(on, of_loads, vehicle.wheel, loop["sample_time"], settings)
+    return law, space.space.A[first:, first:], by_wheel, momentum
+
+
+def load_filter(
+    on: np.ndarray, of_loads: np.ndarray, wheel: np.ndarray, step: float, settings: SteppedSettings
+) -> np.ndarray:
+    """Gain (v + k, k) of the Kalman filter that estimates a vehicle's states and its loads from its wheel speeds.
+
+    Parameters
+    ----------
+    on, of_loads : ndarray (v, v), (v, k)
+        The vehicle and what loads do to it, from sample to sample.
+    wheel : ndarray (k, v)
+    step : float
+        s.
+    """
+    v, q = of_loads.shape
+    unit = settings.load_drift * np.sqrt(step)  # N·m of a load, so that all states are of one size
+    A = np.block([[on, unit * of_loads], [np.zeros((q, v)), (1 - FORGETTING_PER_SAMPLE) * np.eye(q)]])
+    C = np.hstack([wheel, np.zeros((len(wheel), q))])
+    Q = np.diag(np.r_[np.full(v, (ROUNDING * settings.wheel_noise) ** 2), np.ones(q)])
+    R = settings.wheel_noise**2 * np.eye(len(wheel))
+    P = riccati(A.T, C.T, Q, R, what="estimate of the vehicle's loads")
+    gain: np.ndarray = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+    gain[v:] *= unit
+    return gain
+
+
+def free_wheels(residual: ResidualVehicle, cuts: Sequence[Interface]) -> ResidualVehicle:
+    """A residual vehicle that is nothing but the inertia at each cut: it counts the momentum that comes through."""
+    parts = []
+    for cut in cuts:
+        part = residual.part_of(cut)
+        at = next(one for one in part.inertias if one.name == cut.vehicle_end)
+        parts.append(replace(
+            part, inertias=(replace(at, drag=Quantity(0.0)),), shafts=(), gears=(), differentials=(),
+            planetary_gears=(), inputs=tuple(one for one in part.inputs if one.name == cut.torque),
+            sensors=tuple(one for one in part.sensors if one.name == cut.speed), mirror=(), effects=(),
+            operating_point=None, reference="",
+        ))  # fmt: skip
+    return ResidualVehicle(tuple(parts), tuple(cuts), residual.vehicle)
+
+
+def _inertia(residual: ResidualVehicle, cut: Interface) -> float:
+    return residual.part_of(cut).parameters[f"inertias.{cut.vehicle_end}.J"].value
