@@ -93,7 +93,7 @@ def test_a_bed_that_turns_names_what_turns_it_and_a_value_that_would_do(apart):
     (name, value) = standing.remedy
     assert name == standing.cause
     assert 0 < value < 30.0
-    (finding,) = found.findings
+    (finding,) = [one for one in found.findings if one.cause == "standstill"]
     assert "an encoder of" in finding.sentence()
     assert "does not stand" in finding.sentence()
 

@@ -54,9 +54,8 @@ def test_the_exported_c_does_what_the_python_does(bare):
     controller = exported_controller(bare)
     assert controller.torque_readings == (-1,)
     batch, alone, random = ControllerBatch(controller, 1), controller.running(), np.random.default_rng(4)
-    readings = np.zeros(len(controller.law.sensors))
     for n in range(200):
-        readings = readings + 0.02 * random.standard_normal(len(readings))
+        readings = 0.02 * random.standard_normal(len(controller.law.sensors))  # noise, about what the model expects
         known = random.standard_normal(len(controller.law.known))
         mode = SPEED_HOLD if n < 50 else EMULATION
         commands, _, fault = batch.step(readings[:, None], known[:, None], mode, np.zeros((1, 1)), n)
