@@ -218,9 +218,10 @@ def learn(
     exported = exported_controller(case)
     law = exported.law.frozen(speed) if isinstance(exported.law, SteppedLaw) else exported.law
     step, ends = law.sample_time, cut_readings(own)
-    if ends is not None and any(name not in one.channels for one in recorded.recordings for name in _needed(ends)):
-        missing = next(name for one in recorded.recordings for name in _needed(ends) if name not in one.channels)
-        raise InputError(recorded.recordings[0].source, f"has no {missing!r}", "record flange torques and rotor speeds")
+    for one in recorded.recordings if ends is not None else ():
+        for name in _needed(ends or {}):
+            if name not in one.channels:
+                raise InputError(one.source, f"has no {name!r}", "record flange torques and rotor speeds")
     sensors = recorded.sensors if ends is None else _needed(ends)
     speeds = {sensor.name for sensor in own.rig.sensors if sensor.measures == "speed"}
     kept, left_out = _repetitions(recorded, sensors, speeds, step)

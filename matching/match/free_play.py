@@ -145,8 +145,10 @@ class OpenLash:
         )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
-        """As ``result.json`` holds it."""
-        return {name: value for name, value in vars(self).items() if name != "settings"}
+        """As ``result.json`` holds it; None for a swing that grows out of bounds."""
+        return {
+            name: value if np.isfinite(value) else None for name, value in vars(self).items() if name != "settings"
+        }  # fmt: skip
 
     def words(self) -> str:
         """What the beds do."""
@@ -160,6 +162,8 @@ class OpenLash:
                 f"{said}swings on after a pulse by more than {self.settings.rest:.0%} of the range of the vehicle's "
                 f"torque; the largest swing left is {self.largest_swing:.2g} N·m rms"
             )
+        if not np.isfinite(self.largest_swing):
+            return f"{said}swing on after a pulse, and at least one of them grows out of bounds"
         return f"{said}swing on after a pulse, by up to {self.largest_swing:.3g} N·m rms"
 
 

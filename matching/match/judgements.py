@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -39,4 +41,4 @@ class Judgement:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
-        return {**vars(self), "remedy": list(self.remedy)}
+        return {**vars(self), "size": self.size if np.isfinite(self.size) else None, "remedy": list(self.remedy)}

@@ -92,7 +92,7 @@ class FollowedModes:
         wanted = {
             target.mode: eigenvalue_of(mode) for target, (_, mode) in zip(case.targets, target_modes(case), strict=True)
         }
-        ends = [abs(value) for value in wanted.values()]
+        ends = [abs(value) for value in (*wanted.values(), *(mode.eigenvalue for mode in modes.values()))]
         vehicle, loop = (
             _within(values, min(ends) / FARTHEST, max(ends) * FARTHEST)
             for values in (np.linalg.eigvals(state_spaces(case.vehicle, [{}])[0].A), poles)
@@ -139,7 +139,8 @@ class FollowedModes:
         vehicles = np.linalg.eigvals(np.stack([space.A for space in spaces]))
         of_vehicles = {number: np.empty(len(values), complex) for number in self.of_vehicle}
         of_beds = {name: np.empty(len(values), complex) for name in self.of_loop}
-        low, high = np.abs(self.loop).min() / 2, np.abs(self.loop).max() * 2
+        sizes = np.abs(self.loop) if len(self.loop) else np.zeros(1)
+        low, high = sizes.min() / 2, sizes.max() * 2
         for b, (own, found) in enumerate(zip(vehicles, poles, strict=True)):
             there = followed(self.vehicle, own)
             expected = self.loop.copy()

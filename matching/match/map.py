@@ -293,7 +293,9 @@ def _point(x: float, y: float, result: MatchResult) -> Point:
 WORD_OF_CAUSE = {
     "not_stable": "stability", "methods_disagree": "stability", "target_missed": "targets",
     "response_error": "response_error", "beds_not_stable": "beds", "beds_damping": "beds", "worst_bed": "beds",
-    "free_play": OPENED_SHAFTS,
+    "free_play": OPENED_SHAFTS, "standstill": "standstill", "emulation_left": "supervision", "roll_off": "rolled_off",
+    "command_noise": "command_noise", "sensor_offset": "sensor_offset", "slow_feed_forward": "feed_forward",
+    "dead_time_alone": "response_error",
 }  # fmt: skip
 
 

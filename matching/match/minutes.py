@@ -131,7 +131,8 @@ class Minutes:
     """All runs of an exported controller; ``not_run`` is why there are none.
 
     ``cause`` is the sensors' uncertainty that moves a bed at rest most, ``cause_is`` what these sensors measure, and
-    ``remedy`` a value (SI) of it with which the same controller on the same beds stands; ``interpreted`` is whether
+    ``remedy`` a value (SI) of it with which the same controller on the worst of these beds stands; ``interpreted`` is
+    whether
     there was no C compiler, ``step`` the controller's sample time, s.
     """
 
@@ -447,8 +448,7 @@ def _cause(
         alone[key] = moves(only) if at else 0.0
     key = max(alone, key=lambda name: alone[name])
     at, factors = groups[key], np.ones(len(sensors))
-    worst = loop.dynamometers[0]
-    name = f"sensors.{getattr(worst, key)}.uncertainty"
+    name = f"sensors.{sensors[at[0]]}.uncertainty"
     for _ in range(settings.halvings):
         factors[at] /= 2
         if moves(factors) <= 1:

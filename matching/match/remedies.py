@@ -14,11 +14,11 @@ import numpy as np
 from matching.match.box import Box, Uncertain
 from matching.match.case import Case, apply
 from matching.match.findings import counts_of
-from matching.match.loop import shaft_torque
-from matching.match.requirements import OPENED_SHAFTS
+from matching.match.requirements import OPENED_SHAFTS, TORQUE_OVER_SPEED
 from matching.match.result import MatchResult, Remedy
 from modelling.bed.observer import sensor_noise
 from modelling.errors import InputError, NoDesign
+from modelling.simulation.stepping import SimulationError
 from modelling.system import Sensor
 
 
@@ -69,7 +69,12 @@ def _finer_encoders(case: Case, factor: float) -> tuple[Case, dict[str, Any], st
         replace(one, counts=float(counts[one.name]), uncertainty=None) if one.name in counts else one
         for one in case.rig.sensors
     ]
-    keys = {f"rig: sensors.{name}.counts": many for name, many in counts.items()}
+    keys: dict[str, Any] = {}
+    for one in case.rig.sensors:
+        if one.name in counts:
+            keys[f"rig: sensors.{one.name}.counts"] = counts[one.name]
+            if one.uncertainty is not None:
+                keys[f"rig: sensors.{one.name}.uncertainty"] = "left out: the counts are its noise"
     return _with_rig_sensors(case, made), keys, f"encoders of {' and '.join(coarse)} with {min(counts.values())} counts"
 
 
@@ -110,7 +115,10 @@ def _torque_flange(case: Case) -> Iterator[tuple[Case, dict[str, Any], str]]:
     there = [one for one in case.rig.sensors if one.name not in own and one.measures in ("speed", "torque")]
     measured = {one.of for one in case.rig.sensors if one.measures == "torque"}
     cut = [one.follows for one in case.loop.dynamometers]
-    new = [Sensor(shaft_torque(name), "torque", name) for name in dict.fromkeys(cut) if name not in measured]
+    taken = {one.name for one in case.rig.sensors}
+    new = [
+        Sensor(_free(f"{name}_torque", taken), "torque", name) for name in dict.fromkeys(cut) if name not in measured
+    ]
     for sensor in sorted(there, key=lambda one: one.measures != "speed"):
         names = [*case.loop.further_sensors, sensor.name]
         yield _measuring(case, names), {"loop.measures": names}, f"{sensor.name} read by the controller"
@@ -119,6 +127,11 @@ def _torque_flange(case: Case) -> Iterator[tuple[Case, dict[str, Any], str]]:
         made = _with_rig_sensors(case, (*case.rig.sensors, sensor))
         keys = {f"rig: sensors.{sensor.name}": {"measures": "torque", "of": sensor.of}}
         yield _measuring(made, names), {**keys, "loop.measures": names}, f"a torque flange in shaft {sensor.of}"
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """A name that no sensor has."""
+    return name if name not in taken else _free(f"{name}_2", taken)
 
 
 def _measuring(case: Case, names: Sequence[str]) -> Case:
@@ -162,7 +175,7 @@ def remedies_of(
     """
     case, causes = result.case, [one.cause for one in result.findings if one.limits]
     trials, found = _Trials(again, settings.most), []
-    if limits:
+    if limits and TORQUE_OVER_SPEED not in limits:  # a curve is no number that could be larger
         ratio = max(value / case.limits[key] for key, value in limits.items())
         words = " and ".join(f"limits.{key} = {value:.4g}" for key, value in limits.items())
         keys = {f"limits.{key}": value for key, value in limits.items()}
@@ -194,7 +207,7 @@ class _Trials:
         self._left -= 1
         try:
             result = self._again(case)
-        except NoDesign:
+        except (NoDesign, SimulationError):
             return []
         error = result.response_error
         matched = result.status == "matched"
@@ -233,7 +246,7 @@ def _requirements_waived(
     play, large = result.limited_by("free_play"), {
         f"response.{key}": (key, value)
         for key, value in (("tolerance", error.after), ("unmeasured_tolerance", error.unmeasured))
-        if value > getattr(case, key)
+        if getattr(case, key) < value < np.inf
     }  # fmt: skip
     waived: dict[str, Any] = {f"limits.{OPENED_SHAFTS}": False} if play else {}
     free = replace(case, limits={**case.limits, OPENED_SHAFTS: False}) if play else case

@@ -82,7 +82,8 @@ def _of_simple_vehicle(vehicle: System, wanted: Sequence[Mode]) -> list[Mode]:
     frequency and symmetry."""
     elastic = [mode for mode in modes(vehicle) if mode.frequency > 0]
     near = closeness(*np.meshgrid([m.frequency for m in wanted], [m.frequency for m in elastic], indexing="ij"))
-    alike = np.array([[one.symmetry == other.symmetry for other in elastic] for one in wanted]).reshape(near.shape)
+    alike = np.array([[one.symmetry == other.symmetry for other in elastic] for one in wanted], bool)
+    alike = alike.reshape(near.shape)
     return [elastic[column] for _, column in pairs(np.where(alike, near, 0.0))]
 
 

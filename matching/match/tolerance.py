@@ -271,7 +271,14 @@ def work(prepared: Prepared, chunk: list[int]) -> dict[str, Any]:
     """One chunk: its number and draws."""
     number, count = chunk
     figures = prepared.figures(draw(prepared.varied, prepared.seed, number, count))
-    return {"values": {name: values.tolist() for name, values in figures.items()}, "nominal": prepared.nominal}
+    return {
+        "values": {name: _finite(values) for name, values in figures.items()}, "nominal": prepared.nominal,
+    }  # fmt: skip
+
+
+def _finite(values: np.ndarray) -> list[float | None]:
+    """Values (b,) as a record holds them: None where a draw has lost the mode."""
+    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 def unit_of(name: str) -> str:

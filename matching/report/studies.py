@@ -53,6 +53,13 @@ LIMITS = {  # what limits the match at a point, in words
     "beds": "drawn beds not stable or damped too little",
     "damping_ratio": "damping ratio below its limit",
     "opened_shafts": "swings on with free play in the cut shafts",
+    "dynamometer_torque_over_speed": "dynamometer torque above its curve over speed",
+    "standstill": "turns where the vehicle stands",
+    "supervision": "the controller leaves emulation",
+    "rolled_off": "loop not rolled off",
+    "command_noise": "command noise above its limit",
+    "sensor_offset": "flange torque unexpected after offsets",
+    "feed_forward": "model on known torques rings on",
 }
 MOST_WRITTEN = 8  # values per axis up to which every field has its number
 EQUAL_RELATIVE = 1e-9  # errors that differ by no more count as equal

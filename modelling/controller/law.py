@@ -332,7 +332,7 @@ def has_gone(recent: np.ndarray, least: np.ndarray, left: float = GONE) -> np.nd
 #
 # Four modes: zero torque, speed hold, emulation, and the check of the channels, in which no reading is fed back: small
 # torques are commanded as they are asked for, whatever sign or unit the channels have. Emulation begins from the mean
-# of the readings before it, and from the torques and commands of its first sample, so it begins without a bump at any
+# of the readings, known torques and commands before it, so it begins without a bump at any
 # steady speed. What goes wrong ends it: readings that do not come or do not change, a rotor too fast, a torque that is
 # gone at once, a shaft that opens, or readings that are not what the controller's model expects. A single reading that
 # is not finite or far from what is expected is refused in its first sample, and emulation goes on with what the model

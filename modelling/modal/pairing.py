@@ -1,8 +1,8 @@
 """Which mode is which: one to one, weighted by inertia, between two systems or between a system and its variants.
 
-Every place that compares modes pairs them here: target modes with damped modes, with modes of the closed loop and with
-those of the rig without control, modes over a changing parameter, and the modes of drawn beds with those of the bed as
-planned. Two modes are never taken for one, whatever lies nearer: the sum of the scores of all pairs is largest
+Every verdict that compares modes pairs them here: target modes with damped modes, with modes of the closed loop and
+with those of the rig without control, modes over a changing parameter, and the modes of drawn beds with those of the
+bed as planned. (A search, which asks at every step how far the poles are from the targets, takes the nearest ones.) Two modes are never taken for one, whatever lies nearer: the sum of the scores of all pairs is largest
 (Kuhn 1955, as :func:`scipy.optimize.linear_sum_assignment` solves it).
 """
 
@@ -165,7 +165,8 @@ def damped_counterparts(plain: Modes, damped: Modes, inertia: Mapping[str, float
     swinging = [mode for mode in damped if mode.frequency > 0 and mode.damping_ratio < 1]
     far = np.abs(np.log([[other.frequency / mode.frequency for other in swinging] for mode in elastic]))
     far = far.reshape(len(elastic), len(swinging))
-    alike = np.array([[mode.symmetry == other.symmetry for other in swinging] for mode in elastic]).reshape(far.shape)
+    alike = np.array([[mode.symmetry == other.symmetry for other in swinging] for mode in elastic], bool)
+    alike = alike.reshape(far.shape)
     score = LEAST_SCORE + weighted_mac(elastic, swinging, inertia) * np.exp(-far)
     score = np.where(alike & (far <= FARTHEST_DAMPED), score, 0.0)
     return {elastic[row].number: swinging[column] for row, column in pairs(score)}

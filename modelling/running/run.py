@@ -118,6 +118,12 @@ def run(
     span = getattr(plant, "sample_time", None) if sample_time is None else sample_time
     if span is None or not span > 0:
         raise InputError("run", "nothing says how long a sample is", "give sample_time in s")
+    own = getattr(plant, "sample_time", None)
+    if own is not None and abs(span - own) > 1e-9 * own:
+        raise InputError("run", f"sample_time = {span:g} s, the plant has {own:g} s", "leave sample_time out")
+    for name in () if controller is None else controller.sensors:
+        if name not in plant.sensors:
+            raise unknown(name, list(plant.sensors), "controller")
     drive = _stacked(torques or {}, plant.inputs, count, plant.count, "torques")
     told_names = () if controller is None else controller.known
     told = _stacked({name: each for name, each in (known or {}).items() if name in told_names}, told_names, count,
@@ -151,6 +157,8 @@ def _stacked(
     for i, name in enumerate(names):
         if name in arrays:
             each = arrays[name]
+            if len(each) < count:
+                raise InputError(f"{place}.{name}", f"has {len(each)} values", f"{count} samples need as many")
             made[:, i] = each[:count, None] if each.ndim == 1 else each[:count]
     return made
 

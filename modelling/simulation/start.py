@@ -57,8 +57,11 @@ def _with_possible_brakes(model: Model, time: np.ndarray, u: np.ndarray) -> np.n
     if not columns or not (u[:, columns] < 0).any():
         return u
     for column in columns:
-        lowest = int(u[:, column].argmin())
-        if u[lowest, column] < -BRAKE_NOISE * np.abs(u[:, column]).max():
+        torque = u[:, column]
+        lowest = int(torque.argmin())
+        pulled = torque[torque < -BRAKE_NOISE * np.abs(torque).max()]
+        # noise about 0 reaches as far above it as below; a brake that drives is pulled one way, for a while
+        if len(pulled) and -torque.min() > 2 * torque.max():
             raise InputError(
                 f"inputs.{model.inputs[column]}",
                 f"is {u[lowest, column]:.4g} N·m at {time[lowest]:g} s: the torque of a brake is 0 or more",
