@@ -2,7 +2,8 @@
 
 Every verdict that compares modes pairs them here: target modes with damped modes, with modes of the closed loop and
 with those of the rig without control, modes over a changing parameter, and the modes of drawn beds with those of the
-bed as planned. (A search, which asks at every step how far the poles are from the targets, takes the nearest ones.) Two modes are never taken for one, whatever lies nearer: the sum of the scores of all pairs is largest
+planned one. (A search, which asks at every step how far the poles are from the targets, takes the nearest ones.)
+Two modes are never taken for one, whatever lies nearer: the sum of the scores of all pairs is largest
 (Kuhn 1955, as :func:`scipy.optimize.linear_sum_assignment` solves it).
 """
 

@@ -167,18 +167,30 @@ def _read(path: Path, encoding: str, used: Collection[str] | None, header: int |
     return layout.table(values, None)
 
 
-CUT_OFF = "the last row has no end of line and is left out: a logger that was cut off has not written all of it"
+CUT_OFF = "the last row ends within a number and is left out: a logger that was cut off has not written all of it"
 LONGEST_MARK = 4  # bytes of a character, in any encoding
 
 
 def _without_cut_row(file: TextIO, layout: _Layout) -> _Layout:
-    """The layout of a file whose rows all end but the last one, which is then left out: a logger was cut off there."""
+    """The layout of a file whose last row has no end and is cut: a logger lost its power, or is still writing.
+
+    Many programs write no end of line after the last row. So only a row counts as cut that has fewer cells than the
+    others, or a last cell that is shorter than every other one of its column.
+    """
     with layout.path.open("rb") as raw:
         raw.seek(-min(LONGEST_MARK, raw.seek(0, 2)), 2)
         if any(end in raw.read() for end in (b"\n", b"\r")):
             return layout
-    rows = sum(1 for _ in file)
-    return layout if rows < 2 else replace(layout, rows=rows - 1, notes=(*layout.notes, CUT_OFF))
+    rows, shortest, fewest, last = 0, LONGEST_LINE, LONGEST_LINE, ""
+    for line in file:
+        if last.strip():
+            cells = last.rstrip().rsplit(None if layout.separator == BLANKS else layout.separator, 1)
+            shortest = min(shortest, len(cells[-1].strip()))
+            fewest = min(fewest, len(last.split() if layout.separator == BLANKS else last.split(layout.separator)))
+        rows, last = rows + 1, line
+    cells = last.split() if layout.separator == BLANKS else last.split(layout.separator)
+    is_cut = len(cells) < fewest or len(cells[-1].strip()) < shortest
+    return replace(layout, rows=rows - 1, notes=(*layout.notes, CUT_OFF)) if rows > 1 and is_cut else layout
 
 
 # --- The header, and what stands above and below it.

@@ -116,7 +116,7 @@ def test_recordings_that_no_diagnosis_can_use(tmp_path, monkeypatch, capsys, mor
     monkeypatch.chdir(tmp_path)
     example = EXAMPLES / "from_recordings"
     lines = (example / "bed.csv").read_text().splitlines()
-    Path("short.csv").write_text("\n".join([*lines[:41], ""]))
+    Path("short.csv").write_text("\n".join(lines[:41]))
     for recordings, said in (
         (["short.csv"], "short.csv: has 40 samples; at least 64 are needed"),
         ([str(example / "bed.csv"), "--holdout", str(example / "bed.csv")], "is fitted as well"),

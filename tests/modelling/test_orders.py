@@ -1,5 +1,6 @@
 """Campbell diagrams and forced responses, against matrices written down here and closed forms."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -172,3 +173,45 @@ def test_what_is_wrong_is_said(speed, torques, said):
     engine = ENGINE
     with pytest.raises(InputError, match=said):
         rm.order_response(engine, speed, torques)
+
+
+BRAKED = {
+    "inertias": {"sun": {"J": 15.0}, "ring": {"J": 0.3}, "carrier": {"J": 20.0}},
+    "planetary_gears": {"one": {"sun": "sun", "carrier": "carrier", "ring": "ring", "ratio": 2.6}},
+    "inputs": {"pull": {"on": "carrier"}}, "sensors": {"speed": {"measures": "speed", "of": "sun"}},
+    "effects": [{"kind": "brake", "at": "inputs.pull", "deflection": 0.007}],
+}  # fmt: skip
+
+
+def test_a_model_in_which_nothing_swings_meets_no_order(tmp_path):
+    found = campbell(from_dict(BRAKED), np.linspace(60, 600, 30), "carrier", [1.0, 2.0])
+    assert found.crossings == ()
+    json.dumps(found.to_dict(), allow_nan=False)
+    found.save(tmp_path)
+
+
+def test_a_mode_that_is_overdamped_at_some_speeds_is_there_at_the_others(tmp_path):
+    """The tyres of the driving example swing at low speed alone: crossings are numbers, and the gap is in the file."""
+    vehicle = rm.load(Path(__file__).parents[2] / "examples" / "drive_away" / "vehicle.toml")
+    found = campbell(vehicle, np.linspace(30, 400, 60), "motor", [0.5, 1.0, 2.0, 4.0])
+    assert found.crossings
+    assert all(np.isfinite([one.speed, one.frequency]).all() for one in found.crossings)
+    assert (np.abs(found.damping_ratios[np.isfinite(found.damping_ratios)]) < 1).all()
+    assert np.isfinite(found.frequencies).any(axis=0).all()
+    assert np.isnan(found.frequencies).any()
+    written = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert any(value is None for row in written["frequencies"] for value in row)
+
+
+def test_one_inertia_without_a_shaft_answers_with_its_angle(tmp_path):
+    """J = 0.1, drag 0.5 under 1 N·m of order 2: |θ| = T/(ω·√((Jω)² + d²))."""
+    system = from_dict({
+        "inertias": {"rotor": {"J": 0.1, "drag": 0.5}}, "inputs": {"torque": {"on": "rotor"}},
+        "sensors": {"speed": {"measures": "speed", "of": "rotor"}},
+    })  # fmt: skip
+    speeds = np.linspace(60, 300, 15)
+    found = order_response(system, speeds, "rotor", {("torque", 2.0): 1.0})
+    omega = 2 * speeds
+    np.testing.assert_allclose(found.peak_angles[:, 0], 1 / (omega * np.hypot(0.1 * omega, 0.5)), rtol=1e-9)
+    found.save(tmp_path)
+    assert (tmp_path / "report.html").exists()

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from modelling.errors import InputError
 from modelling.model_file import from_dict
 from modelling.recordings.read import ChannelFile, read_channels, read_recording
+from modelling.recordings.text import read_csv
 
 SYSTEM = from_dict({
     "inertias": {"motor": {"J": 0.1}},
@@ -183,3 +184,22 @@ def test_thousands_or_decimals_are_not_guessed(tmp_path, cells):
     (tmp_path / "run.csv").write_text(f"time,torque,speed\n0,{cells}\n1,{cells}\n")
     with pytest.raises(InputError, match="thousands"):
         read_recording(tmp_path / "run.csv", SYSTEM)
+
+
+def test_a_row_that_was_cut_off_is_left_out_with_a_note(tmp_path):
+    """A logger without power: cut between two cells, or within a number that still reads as one."""
+    rows = "".join(f"{k / 100:.3f},{k % 7},{k % 5 + 0.757843}\n" for k in range(40))
+    whole, path = f"time [s],torque [N*m],speed [rad/s]\n{rows}", tmp_path / "cut.csv"
+    for cut in (2, 4, 8, 11):
+        path.write_text(whole[:-cut])
+        table = read_csv(path)
+        assert [len(column.values) for column in table.columns] == [39] * 3
+        assert any("ends within a number" in note for note in table.notes)
+    for complete in (whole, whole[:-1]):  # many programs write no end of line after the last row
+        path.write_text(complete)
+        table = read_csv(path)
+        assert len(table.columns[0].values) == 40
+        assert table.columns[2].values[-1] == 4.757843
+        assert not table.notes
+    path.write_text("time [s],torque [N*m],speed [rad/s]\n0,1,2")  # one row: there is nothing to compare it with
+    assert len(read_csv(path).columns[0].values) == 1

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from modelling.errors import InputError
 from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
 
@@ -61,3 +62,20 @@ def test_it_brakes_evenly_and_holds_without_creeping(readings):
     held = readings["wheel"][(TIME > 3.1) & (TIME < 3.3)]  # against a push of half its torque
     assert abs(np.sum(held) * 1e-3) < 1e-3  # rad
     assert readings["body"][-1] > 5, "let go"
+
+
+def test_a_brake_is_never_pulled_below_zero():
+    """Recorded as negative it would drive; a channel of noise about 0 is a brake that is not pulled."""
+    system = from_dict({
+        "inertias": {"wheel": {"J": 1.0}}, "inputs": {"torque": {"on": "wheel"}, "brake": {"on": "wheel"}},
+        "sensors": {"speed": {"measures": "speed", "of": "wheel"}},
+        "effects": [{"kind": "brake", "at": "inputs.brake", "deflection": 0.01}],
+    })  # fmt: skip
+    time, random = np.arange(500) * 1e-2, np.random.default_rng(1)
+    noise, torque = 0.3 * random.standard_normal(500), np.ones(500)
+    with pytest.raises(InputError, match=r"inputs.brake: is -2.* the torque of a brake is 0 or more"):
+        simulate(system, time, {"torque": torque, "brake": -20.0 * (time > 2) + noise}, start="rest")
+    free = simulate(system, time, {"torque": torque, "brake": noise}, start="rest")["speed"][-1]
+    assert 0 < free <= time[-1]  # 1 N·m on 1 kg·m², and no more
+    held = simulate(system, time, {"torque": torque, "brake": 20.0 * (time > 2) + noise}, start="rest")["speed"]
+    assert abs(held[-1]) < 0.05
