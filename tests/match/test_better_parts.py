@@ -1,6 +1,7 @@
 """More accurate encoders never make a verdict worse: one bed with an open differential, and its neighbours."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,7 @@ def test_the_verdict_never_gets_worse_from_encoder_to_encoder():
     ranks = [(one.status == "matched", one.response_error.unmeasured <= CASE.unmeasured_tolerance) for one in results]
     assert ranks == sorted(ranks)
     assert ranks[-1] == (True, True)
-    for coarse, fine in zip(results[:-1], results[1:], strict=True):
+    for coarse, fine in pairwise(results):
         if coarse.status == fine.status == "matched":
             assert fine.response_error.unmeasured <= 1.05 * coarse.response_error.unmeasured
     # where the coarse one limits, the encoder is named or play is; never a sensor that is missing
