@@ -483,9 +483,10 @@ def columns(result: MatchResult) -> list[Column]:
 
 
 def nearest(modes: Sequence[Mode | LoopMode], frequency: float, symmetry: str) -> Mode | LoopMode | None:
-    """The mode whose frequency lies nearest to a frequency in Hz, of the same symmetry where there is one."""
-    moving = [mode for mode in modes if mode.kinetic and 0 < mode.frequency <= MODES_HIGHEST_HZ]
-    alike = [mode for mode in moving if mode.symmetry == symmetry] or moving
+    """The mode of a symmetry whose frequency lies nearest to a frequency in Hz."""
+    alike = [
+        mode for mode in modes if mode.symmetry == symmetry and mode.kinetic and 0 < mode.frequency <= MODES_HIGHEST_HZ
+    ]
     return min(alike, key=lambda mode: abs(mode.frequency - frequency), default=None)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from modelling.effects import EFFECTS as KINDS
 from modelling.equations.casadi_code import compiled
-from modelling.equations.lagrange import STICK_SPEED
+from modelling.equations.lagrange import FOLLOW_TIME, STICK_SPEED
 from modelling.errors import InputError
 from modelling.model_file import from_dict
 from modelling.simulation.simulate import simulate
@@ -57,7 +57,11 @@ def drawn(kinds, body, seed):
     motor = 6 * np.sin(2 * np.pi * generator.uniform(3, 12) * TIME + generator.uniform(0, 6))
     motor += 3 * np.sign(np.sin(2 * np.pi * generator.uniform(5, 9) * TIME + 0.3))
     brake = 2 * np.sin(2 * np.pi * generator.uniform(2, 6) * TIME)
+    brake = np.abs(brake) if "brake" in kinds else brake  # which is 0 or more
     return from_dict(tables, "drawn"), {"motor_torque": motor, "brake_torque": brake}
+
+
+FOLLOWS = 2e-6  # s of a limited rate where it may follow: what is left of it is 5e-5 of the range
 
 
 def check(kinds, body, seed):
@@ -69,7 +73,8 @@ def check(kinds, body, seed):
         return None
     start = {"speed(motor)": 3.0, "speed(load)": 3.0}
     got = simulate(model, TIME, inputs, start=start)
-    fixed = {STICK_SPEED: got.stick_speed} if STICK_SPEED in model.parameters else None
+    fixed = {STICK_SPEED: got.stick_speed} if STICK_SPEED in model.parameters else {}
+    fixed |= {FOLLOW_TIME: FOLLOWS} if FOLLOW_TIME in model.parameters else {}
     reference = simulate_adaptive(model, TIME, inputs, fixed, start, method=METHOD, tolerance=1e-8)
     jumps = "backlash" in kinds
     for name, reading in got.readings.items():
