@@ -66,11 +66,26 @@ def with_actuator(bed, name, **changed):
     [
         (lambda bed: bed, None, "every channel has the sign, unit and place"),
         (lambda bed: with_reader(bed, "motor_speed", gain=60 / (2 * np.pi)), "motor_speed", "1/min"),
-        (lambda bed: with_reader(bed, "flange_left_torque", gain=-1.0), "flange_left_torque", "wrong sign"),
+        pytest.param(
+            lambda bed: with_reader(bed, "flange_left_torque", gain=-1.0),
+            "flange_left_torque",
+            "wrong sign",
+            marks=pytest.mark.long,
+        ),
         (lambda bed: with_reader(bed, "side_right_torque", gain=0.0), "side_right_torque", "does not move"),
-        (lambda bed: with_reader(bed, "flange_right_torque", offset=12.0), "flange_right_torque", "at rest"),
+        pytest.param(
+            lambda bed: with_reader(bed, "flange_right_torque", offset=12.0),
+            "flange_right_torque",
+            "at rest",
+            marks=pytest.mark.long,
+        ),
         (lambda bed: with_actuator(bed, "dyno_left", factor=-1.0), "dyno_left", "wrong sign"),
-        (lambda bed: with_actuator(bed, "dyno_right", factor=0.0), "dyno_right", "not followed"),
+        pytest.param(
+            lambda bed: with_actuator(bed, "dyno_right", factor=0.0),
+            "dyno_right",
+            "not followed",
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_a_wrong_channel_is_named(case, controller, plan, tmp_path, change, named, words):
@@ -120,7 +135,7 @@ def test_after_a_trip_the_rest_is_not_judged(case, controller, plan, tmp_path):
     assert set(found.unjudged) == others | {"dyno_left", "dyno_right", "motor_torque"}
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.006])
+@pytest.mark.parametrize("gap", [0.0, pytest.param(0.006, marks=pytest.mark.long)])
 def test_the_check_shows_free_play(case, controller, plan, tmp_path, gap):
     """By factors of √2; friction that is there as well is none."""
     bed = reference_bed(case)

@@ -77,6 +77,7 @@ def recorded(seed):
     return rows
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [5])
 def test_friction_is_named_where_the_model_drifts_away(tmp_path, seed):
     (tmp_path / "model.toml").write_text(MODEL)

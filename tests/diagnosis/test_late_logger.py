@@ -22,6 +22,7 @@ LATE = 0.465  # s, more than half of the slowest mode's period
 SPEEDS = ("motor_speed", "load_speed")
 
 
+@pytest.mark.long
 @needs_compiler
 @pytest.mark.parametrize(
     ("sensors", "kind"), [((), "sensor_delay"), (SPEEDS, "clock_offset")], ids=["beside a torque", "all there is"]

@@ -108,6 +108,7 @@ def test_extended_model_goes_through_its_file(tmp_path: Path, subtle_drag: tuple
     assert again.parameters == found.extended.parameters
 
 
+@pytest.mark.long
 def test_torque_from_outside_is_not_explained(tmp_path: Path) -> None:
     """A 7 Hz torque that no input tells: nothing of the vocabulary may be given for sure."""
     found, answer = diagnosed(tmp_path, "disturbance", duration=3.0)
@@ -116,6 +117,7 @@ def test_torque_from_outside_is_not_explained(tmp_path: Path) -> None:
     assert found.rest
 
 
+@pytest.mark.long
 def test_friction_and_free_play_at_once_are_both_named_with_their_sizes(tmp_path: Path) -> None:
     """A gap that begins too narrow would stay so, and a further spring would take its place."""
     found, answer = diagnosed(tmp_path, "coulomb_friction", "backlash", seed=6, duration=3.0)

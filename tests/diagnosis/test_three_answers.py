@@ -137,6 +137,7 @@ def test_true_friction_beside_an_error_of_the_model_stands_in_the_extended_model
     assert found.verdict == "unexplained"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not (DATA / "dc_motor_prbs").exists(), reason="the shared recordings are not here")
 def test_friction_of_a_measured_motor_is_there_and_its_rival_is_named() -> None:
     """A person's best leaves 0.1085 rad/s of the unseen part; the speed never changes its sign."""

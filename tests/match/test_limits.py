@@ -35,6 +35,7 @@ def small(tmp_path):
     return load_case(drawn.draw(2, tmp_path))
 
 
+@pytest.mark.long
 def test_dead_time_of_20_ms_with_feedback_alone(small):
     result = match(with_loop(small, "pi", dead_time=0.02), starts=1, settings=FEW)
     assert result.status == "limited"

@@ -105,6 +105,7 @@ def _fixed(system):
     return replace(system, inertias=inertias)
 
 
+@pytest.mark.long
 def test_a_match_with_a_rigid_body_says_how_near_it_comes(tmp_path):
     case, found = fitted_simple_vehicle(written(tmp_path, RIGID_BODY))
     result = match(
