@@ -115,6 +115,7 @@ def test_what_right_channels_read_is_within_its_uncertainty(case, controller, pl
             assert own.noise == pytest.approx(reference_bed(case).readers[own.name].noise, rel=0.2)
 
 
+@pytest.mark.long
 def test_friction_that_holds_the_bed_is_no_wrong_channel(case, controller, tmp_path):
     """Torques that do not overcome it: what they do not move is not judged, and no emulation follows."""
     bed = reference_bed(case)

@@ -40,6 +40,7 @@ def test_both_speeds_of_a_late_logger_are_one_cause(sensors: tuple[str, ...], ki
     assert found.verdict == "explained"
 
 
+@pytest.mark.long
 @needs_compiler
 def test_an_input_and_a_sensor_of_a_late_logger_are_one_cause(tmp_path: Path) -> None:
     """Each channel shows the delay in another way: the torque reads late, the brake acts before it is recorded.

@@ -47,11 +47,13 @@ def diagnosis():
     return diagnose(system, [Recording(time, {"motor_torque": torque, "load_speed": reading})])
 
 
+@pytest.mark.long
 def test_the_loss_is_named_with_its_efficiency(diagnosis):
     cause = diagnosis.causes[0]
     assert (cause.kind, cause.at) == ("gear_loss", "gears.reduction")
     assert cause.parameters["efficiency"].value == pytest.approx(EFFICIENCY, abs=0.01)
 
 
+@pytest.mark.long
 def test_nothing_else_is_named_for_certain(diagnosis):
     assert not [cause for cause in diagnosis.causes[1:] if cause.confidence > 0.8]
