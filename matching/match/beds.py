@@ -98,7 +98,10 @@ def loop_frequencies(case: Case) -> np.ndarray:
 
 
 def noise_of_sensors(case: Case, sensors: Sequence[str]) -> np.ndarray:
-    """Standard deviations (y,) of sensors of the rig, SI (:func:`modelling.bed.observer.sensor_noise`)."""
+    """Standard uncertainties (y,) of sensors of the rig, SI, counts of encoders that state them included.
+
+    See :func:`modelling.bed.observer.sensor_noise`.
+    """
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
     return np.array([sensor_noise(by_name[name], case.loop["sample_time"]) for name in sensors])
 

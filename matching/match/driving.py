@@ -17,7 +17,6 @@ from matching.match.imperfections import (
     count_angles,
     known_at_operating_point,
     sensor_gains,
-    uncertainties,
     vehicle_rows,
     white_noise,
 )
@@ -387,7 +386,7 @@ def _compared(
     measures = {sensor.name: sensor.measures for sensor in case.rig.sensors}
     found = worst_part(
         vehicle, played.readings, parts_of(torques, step), kinds=[measures[name] for name in sensors],
-        uncertainty=uncertainties(case, sensors).tolist(),
+        uncertainty=noise_of_sensors(case, sensors).tolist(),
     )  # fmt: skip
     return _Compared(np.nan_to_num(found.error, nan=0.0, posinf=np.inf), found.largest)
 

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from scipy.linalg import null_space
 
+from matching.match.beds import noise_of_sensors
 from matching.match.box import of_system
 from matching.match.case import Case, once_per_case
 from matching.match.imperfections import DEMAND_FACTOR, DEMAND_LATE_S, count_angles
@@ -528,8 +529,7 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
         for dynamometer in loop.dynamometers
     ]
     inertias = np.array([case.rig.parameters[f"inertias.{rotor}.J"].value for rotor in rotors])
-    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
-    noise = np.array([sensor_noise(by_name[one.speed_sensor], loop["sample_time"]) for one in loop.dynamometers])
+    noise = noise_of_sensors(case, [one.speed_sensor for one in loop.dynamometers])
     allowed = np.array(requirements(case).command_noise)
     proportional, integral = hold_gains(
         speeds, inertias, float(loop.command_delays().max()) + loop["sample_time"] / 2,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from matching.match.beds import noise_of_sensors
 from matching.match.case import Case
 from matching.match.exported import exported_controller
 from matching.match.imperfections import (
@@ -16,7 +17,6 @@ from matching.match.imperfections import (
     BedRun,
     Imperfection,
     bed_motions,
-    uncertainties,
     vehicle_motions,
     with_cut_sensors,
 )
@@ -291,8 +291,8 @@ def _unseen(case: Case) -> np.ndarray:
     """rms (s,) of swings of torques and speeds at the cuts that the dynamometers' sensors cannot tell from rest."""
     by_cut = {one.follows: one for one in case.loop.dynamometers}
     ones = [by_cut[cut.shaft] for cut in case.residual_vehicle.interfaces]
-    torques = [0.0 if one.torque_sensor is None else uncertainties(case, [one.torque_sensor])[0] for one in ones]
-    speeds = [uncertainties(case, [one.speed_sensor])[0] for one in ones]
+    torques = [0.0 if one.torque_sensor is None else noise_of_sensors(case, [one.torque_sensor])[0] for one in ones]
+    speeds = [noise_of_sensors(case, [one.speed_sensor])[0] for one in ones]
     of_sine = 2 * np.sqrt(2)  # range over rms
     unseen: np.ndarray = REST.uncertainties / of_sine * np.array([*torques, *speeds])
     return unseen

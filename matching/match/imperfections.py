@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from matching.match.beds import noise_of_sensors
 from matching.match.box import of_system
 from matching.match.case import Case
 from matching.match.loop import interface_speed, shaft_torque
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
-from modelling.bed.observer import sensor_noise
 from modelling.controller.law import ExportedController
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind
@@ -259,18 +259,12 @@ def bed(case: Case, drawn: int = 0, seed: int = 0) -> BedRows:
     return bed_rows(case, [sensor.name for sensor in case.rig.sensors], rows if drawn else rows[:1])
 
 
-def uncertainties(case: Case, sensors: Sequence[str]) -> np.ndarray:
-    """Standard uncertainty (s,) of a reading of sensors of the rig, SI, counts of encoders that state them included."""
-    by_name = {sensor.name: sensor for sensor in case.rig.sensors}
-    return np.array([sensor_noise(by_name[name], case.loop["sample_time"]) for name in sensors])
-
-
 def white_noise(case: Case, sensors: Sequence[str]) -> np.ndarray:
     """Standard deviation (s,) of what is white of it, SI: of an encoder that states its counts, none but what is stated
     in addition."""
     by_name = {sensor.name: sensor for sensor in case.rig.sensors}
     every = [by_name[name] for name in sensors]
-    whole = uncertainties(case, sensors)
+    whole = noise_of_sensors(case, sensors)
     return np.array([u if one.counts is None else one.uncertainty or 0.0 for one, u in zip(every, whole, strict=True)])
 
 
@@ -303,7 +297,7 @@ def poor_sensors(
     All that is wrong of them begins at sample ``begun``, with the emulation: what noise of a speed hold makes of the
     begin is judged by :mod:`matching.match.minutes`.
     """
-    u, speeds = uncertainties(case, sensors), are_speeds(case, sensors)
+    u, speeds = noise_of_sensors(case, sensors), are_speeds(case, sensors)
     poor = np.array([row.poor_sensors for row in rows])[:, None]
     counting = poor | np.array([row.encoders for row in rows])[:, None]
     sides = np.random.default_rng(seed).choice([-1.0, 1.0], len(sensors))

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from matching.match.beds import noise_of_sensors
 from matching.match.case import Case
 from matching.match.exported import exported_controller
 from matching.match.findings import Finding
@@ -23,7 +24,6 @@ from matching.match.imperfections import (
     known_at_operating_point,
     perturbed_system,
     sensor_gains,
-    uncertainties,
     white_noise,
     with_cut_sensors,
 )
@@ -278,7 +278,7 @@ def _errors(
             at = sensors.index(dynamometer.torque_sensor)
             for number, row in enumerate(rows):
                 drift[number, at] += row.zeros[j] * uncertainty[at]
-    share = uncertainty / uncertainties(case, sensors)  # less than 1 where less is tried
+    share = uncertainty / noise_of_sensors(case, sensors)  # less than 1 where less is tried
     noise = np.broadcast_to(share * white_noise(case, sensors), shape)
     count = np.broadcast_to(np.minimum(share, 1.0) * count_angles(case, sensors), shape)
     slow = round(settings.zero_s / step) if not at_speed.any() else samples
@@ -312,7 +312,7 @@ def _played(
     begun = max(round(settings.settle / step), 1)
     samples = begun + round(settings.seconds / step)
     made, _, at_cuts = with_cut_sensors(case)
-    u = uncertainties(case, sensors) if uncertainty is None else uncertainty
+    u = noise_of_sensors(case, sensors) if uncertainty is None else uncertainty
     errors = _errors(case, sensors, rows, begun, samples - begun, seed, settings, step, u)
     plant = bed_rows(made, sensors, [row.bed for row in rows], errors)
     read = [plant.beds.model.sensors.index(one.speed_sensor) for one in loop.dynamometers]
@@ -411,7 +411,7 @@ def _allowed(case: Case, rows: Sequence[_Row], settings: MinuteSettings) -> np.n
 def _flange_uncertainty(case: Case) -> np.ndarray:
     """N·m (k,) of every dynamometer's flange torque; 0 without one, which has no zero."""
     names = [one.torque_sensor for one in case.loop.dynamometers]
-    return np.array([0.0 if name is None else uncertainties(case, [name])[0] for name in names])
+    return np.array([0.0 if name is None else noise_of_sensors(case, [name])[0] for name in names])
 
 
 def _rotor_over_cut(case: Case) -> np.ndarray:
@@ -431,7 +431,7 @@ def _cause(
 ) -> tuple[str, str, float | None]:  # fmt: skip
     """The uncertainty that moves a bed at rest most, as a key, what it is of, and a value with which the bed stands."""
     sensors, loop = list(controller.law.sensors), case.loop
-    u = uncertainties(case, sensors)
+    u = noise_of_sensors(case, sensors)
     groups = {
         "speed_sensor": [sensors.index(one.speed_sensor) for one in loop.dynamometers],
         "torque_sensor": [sensors.index(one.torque_sensor) for one in loop.dynamometers if one.torque_sensor],
