@@ -348,9 +348,12 @@ def supervised(command: Callable[[], int]) -> int:
         return command()
     parent = os.getpid()
     can_end_early = mmap.mmap(-1, 1)  # shared with the child
+    # Held back until both processes have their handlers: the command may run, and be signalled, before its parent is ready.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
     try:
         child = os.fork()
     except OSError as error:  # no further process is allowed
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return _say(str(of_the_machine(error) or error), BAD_INPUT)
     if child == 0:
         os.setsid()
@@ -361,6 +364,7 @@ def supervised(command: Callable[[], int]) -> int:
         tell_ends_early(lambda can: can_end_early.__setitem__(0, int(can)))
         for number in ENDING_SIGNALS:
             signal.signal(number, _interrupt)  # also where the caller ignores them: the parent passes on what counts
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return command() if os.getppid() == parent else FAULT
     asked: list[int] = []
 
@@ -377,6 +381,7 @@ def supervised(command: Callable[[], int]) -> int:
     for number in ENDING_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, pass_on)
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     signal.setitimer(signal.ITIMER_REAL, 0)
     _kill_session(child)  # worker processes that are left

@@ -79,7 +79,7 @@ def test_a_simulation_in_native_code_ends():
 
 
 ANSWERS = """
-import sys, time
+import os, sys, time
 from matching.cli import main, supervised
 from modelling.resources import ends_early, ended_early_by, limited, time_is_over
 
@@ -92,15 +92,24 @@ def command():
     print("answer", flush=True)
     return 128 + ended_early_by()
 
+fork = os.fork
+
+def slow_parent():
+    if child := fork():
+        time.sleep(float(sys.argv[2]))
+    return child
+
+os.fork = slow_parent
 sys.exit(supervised(command))
 """
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("twice", [False, True])
-def test_what_can_answer_with_what_it_has_is_given_the_time_to_write_and_a_second_signal_ends_it(number, twice):
+@pytest.mark.parametrize("behind", ["0", "0.3"])  # s that the parent needs more than its child
+def test_what_can_answer_with_what_it_has_is_given_the_time_to_write_and_a_second_signal_ends_it(number, twice, behind):
     seconds = "60" if twice else "1"  # of writing: longer than a command without an answer is given
-    command = [sys.executable, "-c", ANSWERS, seconds]
+    command = [sys.executable, "-c", ANSWERS, seconds, behind]
     with started(command, env=WHERE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         read_until(process.stdout, "begun")
         process.send_signal(number)
