@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import null_space
+from scipy.signal import lfilter
 
 from matching.match.beds import noise_of_sensors
 from matching.match.box import of_system
@@ -24,6 +25,8 @@ from modelling.controller.law import (
     CHECK_TORQUE_SHARE,
     KEPT_SAMPLES,
     LIFE_S,
+    MEAN_OF_OFF,
+    MEAN_SHARE,
     NO_LIMIT,
     OPENED_SHARE,
     RIDE_THROUGH_S,
@@ -433,6 +436,7 @@ def _gone_at_once(bed: WatchedBed, shaft: str, of_flanges: np.ndarray) -> bool:
 
 DETERMINED = 1e-6  # of a speed: what is left of it when other speeds are taken off
 LOST_TORQUE = 0.2  # of the torque limit: what has to be on the flange before its loss counts
+SURPRISE_HEADROOM = 2.0  # over that answer, for free play, friction and other beds: drives at 3 ms reached 1.1
 UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be from what the controller expects
 
 
@@ -518,6 +522,19 @@ def _unexpected_speeds(case: Case, law: ControlLaw, scale: float) -> np.ndarray:
     return found
 
 
+def _surprised_by_torques(case: Case, law: ControlLaw, scale: float) -> np.ndarray:
+    """How far each reading has to be let off (y,), so that no torque that steps unmeasured, or late, ends an emulation.
+
+    A law with a long dead time follows such a torque slowly, and what it expects stays off: this is its own answer on
+    the bed as planned, at once and as a mean.
+    """
+    bed = watched_bed(case, law, {})
+    off, _ = bed.run(_torque_steps(case, bed, scale))
+    means = lfilter([1 / MEAN_OF_OFF], [1, 1 / MEAN_OF_OFF - 1], off, axis=0)
+    needed: np.ndarray = np.maximum(np.abs(off), np.abs(means) / MEAN_SHARE).max(axis=(0, 2), initial=0.0)
+    return SURPRISE_HEADROOM * needed
+
+
 def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Settings:
     case, loop, k = parts.case, parts.case.loop, len(parts.case.loop.dynamometers)
     torque = np.minimum(case.limits_of("torque"), NO_LIMIT)
@@ -541,7 +558,9 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
             unexpected[at] = UNEXPECTED_TORQUE * largest
     limited = torque < NO_LIMIT
     if limited.all() and law.L.any():
-        unexpected = np.minimum(unexpected, _unexpected_speeds(case, law, UNEXPECTED_TORQUE * float(torque.max())))
+        scale = UNEXPECTED_TORQUE * float(torque.max())
+        unexpected = np.minimum(unexpected, _unexpected_speeds(case, law, scale))
+        unexpected = np.maximum(unexpected, _surprised_by_torques(case, law, scale))
     watches = bool((unexpected < NO_LIMIT).any())
     step = law.sample_time
     return Settings(
