@@ -14,6 +14,7 @@ from modelling.bed.bed import ControlLaw
 from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SteppedLaw
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
+    EVEN_LIFE,
     FADE_S,
     GONE,
     HELD_BELOW_LIMIT,
@@ -52,7 +53,7 @@ def memory_bytes(controller: ExportedController) -> int:
     v, t = controller.law.vehicle_states, len(tyres_of(controller))
     settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 1 + (t + 3 if v else 0)
     state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
-    return 8 * (settings + state) + 4 * (17 + k + 3 * y + 2 * (s + 1))
+    return 8 * (settings + state) + 4 * (19 + k + 3 * y + 2 * (s + 1))
 
 
 def tyres_of(controller: ExportedController) -> tuple[str, ...]:
@@ -113,6 +114,7 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_MEAN_SAMPLES {mean_samples(law.sample_time)}",
         f"#define CONTROLLER_FADE {_real(FADE_S)} /* s */",
         f"#define CONTROLLER_MEAN_OF_OFF {MEAN_OF_OFF}",
+        f"#define CONTROLLER_EVEN_LIFE {EVEN_LIFE}",
         f"#define CONTROLLER_MEAN_SHARE {_real(MEAN_SHARE)}",
         f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",
         f"#define CONTROLLER_OPENED_IN_A_ROW {IN_A_ROW}",

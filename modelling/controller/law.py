@@ -234,6 +234,7 @@ MEAN_OF_OFF = 10  # samples that the mean of what a reading is off from what is 
 MEAN_SHARE = 0.25  # of the allowed: how far that mean may be off. Healthy beds reached 0.09 in drives of every kind
 RIDE_THROUGH_S = 0.02  # for which emulation goes on without a reading that is refused. Chosen by trial
 FADE_S = 0.5  # time constant with which the torque of a rotor ends whose speed is not trusted. Chosen by trial
+EVEN_LIFE = 100  # samples in which the sign of life rose by one: then a larger rise is samples that did not run
 LIFE_S = 0.05  # without a change of the sign of life, after which it counts as missing
 HELD_BELOW_LIMIT = 0.95  # of the largest speed: what is held after an overspeed
 NO_LIMIT = 1e12  # N·m, rad/s: larger than anything on a bed, and finite, as FMI wants it
@@ -410,6 +411,7 @@ class SupervisedController:
         self._seen, self._holdable = np.zeros(y), False  # readings as they are used; the speeds were known at a fault
         self.sensor = -1  # the reading that led to the last fault, −1 without one
         self._life: int | None = None
+        self._even_life = self.missed_samples = 0  # the latter of this emulation, see `_catch_up`
         self._triggered, self._played = False, 0  # samples since the trigger, 0 before it
         self.reason = ""  # of the last fault, where one reading led to it: which, and how far it was off
 
@@ -433,6 +435,8 @@ class SupervisedController:
             From false to true: the manoeuvre begins, and what was learned of it is played.
         """
         added = np.zeros(len(self._sent)) if added is None else added
+        if np.isfinite(known).all():
+            self._catch_up(known, hold, life, trigger)
         fault = self._check(readings, known, np.concatenate([hold, added]), life)
         readings, below = self._seen, HELD_BELOW_LIMIT * self.settings.speed_limit
         if fault and not self._fault and self._mode != ZERO_TORQUE:
@@ -473,6 +477,26 @@ class SupervisedController:
         elif 0 < self._played <= len(self._learned):
             self._played += 1
         self._triggered = trigger
+
+    def _catch_up(self, known: np.ndarray, hold: np.ndarray, life: int, trigger: bool) -> None:
+        """Samples of an emulation that did not run: a sign of life that rises by one a sample tells how many.
+
+        The bed held the last commands in them; law and vehicle are stepped with these and the readings that the model
+        expects.
+        """
+        risen = 0 if self._life is None else (life - self._life) % 2**32
+        settings = self.settings
+        if self._mode != EMULATION:
+            self.missed_samples = 0
+        elif 1 < risen <= settings.ride_samples + 1 and settings.life_samples and self._even_life >= EVEN_LIFE:
+            for _ in range(risen - 1):
+                self._follow_trigger(trigger)
+                self._emulate(self._start[0] + self.law.E @ self._state, known, (self._sent, self._sent), 0.0)
+                self.missed_samples += 1
+        if risen == 1:
+            self._even_life = min(self._even_life + 1, 2 * EVEN_LIFE)
+        elif risen > 1:
+            self._even_life = max(self._even_life - 2, 0)
 
     def _check(self, readings: np.ndarray, known: np.ndarray, asked: np.ndarray, life: int) -> int:
         """The first of :data:`FAULTS` that shows."""
@@ -639,25 +663,30 @@ class SupervisedController:
         of_curve = np.interp(speeds, settings.curve_speeds, settings.curve_torques)
         return np.minimum(np.minimum(settings.torque_limit, of_power), of_curve)
 
+    def _emulate(
+        self, readings: np.ndarray, known: np.ndarray, limits: tuple[np.ndarray, np.ndarray], added: np.ndarray | float
+    ) -> np.ndarray:
+        """Torques (k,), N·m, between limits, and the states a sample later."""
+        y0, w0, u0 = self._start
+        within = limits[0] - u0, limits[1] - u0
+        if isinstance(self.law, SteppedLaw):
+            assert self._emulation is not None
+            now, begun, cut = self._emulation
+            sent, now = self.law.step(
+                now, begun, cut, readings - y0, known - w0, known[len(known) - len(self.law.vehicle.inputs) :],
+                within, self.road, readings[self._speeds], added,
+            )  # fmt: skip
+            self._emulation, self._state = (now, begun, cut), now.state
+        else:
+            sent, self._state = self.law.step(self._state, readings - y0, known - w0, within, added)
+        return u0 + sent
+
     def _command(self, readings: np.ndarray, known: np.ndarray, hold: np.ndarray, added: np.ndarray) -> np.ndarray:
         settings, limit = self.settings, self._torque_limits(readings)
         if self._mode == EMULATION:
-            y0, w0, u0 = self._start
             if 0 < self._played <= len(self._learned):
                 added = added + self._learned[self._played - 1]
-            limits = -limit - u0, limit - u0
-            if isinstance(self.law, SteppedLaw):
-                assert self._emulation is not None
-                now, begun, cut = self._emulation
-                sent, now = self.law.step(
-                    now, begun, cut, readings - y0, known - w0,
-                    known[len(known) - len(self.law.vehicle.inputs) :], limits, self.road,
-                    readings[self._speeds], added,
-                )  # fmt: skip
-                self._emulation, self._state = (now, begun, cut), now.state
-            else:
-                sent, self._state = self.law.step(self._state, readings - y0, known - w0, limits, added)
-            return u0 + sent
+            return self._emulate(readings, known, (-limit, limit), added)
         if self._mode == SPEED_HOLD:
             error = (self._held if self._fault else hold) - readings[self._speeds]
             blind = self._distrusted[self._speeds]  # others hold the speed; their readings would swing this rotor

@@ -756,6 +756,7 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
             "0 none, 1 not finite, 2 missing, 3 frozen, 4 overspeed, 5 torque gone, 6 unexpected",
         ),
         Variable("fault_sensor", "output", "1", 0.0, f"that led to it: 0 none; {numbered}"),
+        Variable("missed_samples", "output", "1", 0.0, "of this emulation that did not run, by the sign of life"),
     ]  # fmt: skip
     return ControllerContents(
         xml(controller.title), name, CONTROLLER_ABOUT, (*readings, *known, *hold, *switches, *added, *road),

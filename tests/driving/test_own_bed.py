@@ -55,6 +55,15 @@ def test_from_rest_through_the_range_braked_held_and_away_again(beside, kmh):
     np.testing.assert_allclose(run.bed[-1, 12], RADIUS * run.car[:, 5].sum() * 1e-3, rtol=0.02)  # and the distance
 
 
+def test_samples_that_do_not_run_are_caught_up_with(beside):
+    """One in twenty, at random, from rest through the range."""
+    car = bed()
+    u, parts = up_and_down(60, of=car)
+    run = beside.run(car, 0.0, u, missing=0.05)
+    assert not run.faults.any()
+    assert max(run.error(*parts[name]) for name in PARTS) <= 0.03
+
+
 def test_held_wheels_keep_their_angle_by_the_counts_of_the_encoders(beside):
     """For twenty seconds, without noise on top of the counts: the twist that is left is of a few counts."""
     still = bed(extra={"noise_speed": 0.0, "noise_motor": 0.0})

@@ -77,6 +77,22 @@ def test_c_and_python_command_the_same_through_the_range(controller):
     assert worst < 1e-7
 
 
+@compiles
+def test_c_and_python_catch_up_alike_with_samples_that_did_not_run(controller):
+    samples, rode = 700, replace(controller, settings=replace(controller.settings, ride_samples=20))
+    readings, known, hold = driven(rode.law, samples)
+    running, batch, worst, missed = rode.running(), ControllerBatch(rode, 1), 0.0, {300: 1, 420: 5, 421: 1, 500: 30}
+    life = 2**32 - 350  # it wraps around
+    for n in range(samples):
+        life += 1 + missed.get(n, 0)
+        mode = HOLD if n < 150 else EMULATION
+        wanted = running.step(readings[:, n], known[:, n], mode, hold[:, n], life % 2**32)
+        sent, _, _ = batch.step(readings[:, n : n + 1], known[:, n : n + 1], mode, hold[:, n : n + 1], life)
+        worst = max(worst, float(np.abs(sent[:, 0] - wanted.commands).max()))
+    assert running.missed_samples == 7, "thirty are more than are ridden through"
+    assert worst < 1e-7
+
+
 def test_its_fmu_does_what_python_does(controller, tmp_path):
     """Commands and the emulated vehicle, on a road that changes while it drives."""
     made = controller_fmu(controller)

@@ -761,7 +761,8 @@ static void follow_trigger(controller *c, const controller_input *in)
     c->triggered = in->trigger;
 }
 
-static void emulate(controller *c, const controller_input *in)
+/* one sample; `held`: the commands before it were held, since it did not run */
+static void emulate(controller *c, const controller_input *in, bool held)
 {
     controller_real z[WIDTH];
     controller_real deviation[READINGS];
@@ -798,7 +799,9 @@ static void emulate(controller *c, const controller_input *in)
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
         const controller_real added = in->added_torque[j] + learned_torque(c, j);
-        c->sent[j] = within(c->sent_start[j] + between(COMMAND, at, share, j, z) + added, -limit, limit);
+        if (!held) {
+            c->sent[j] = within(c->sent_start[j] + between(COMMAND, at, share, j, z) + added, -limit, limit);
+        }
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         z[AT_SENT + j] = c->sent[j] - c->sent_start[j];
@@ -876,6 +879,35 @@ static void answer_fault(controller *c, const controller_input *in, int32_t faul
     }
 }
 
+/* samples of an emulation that did not run: a sign of life that rises by one a sample tells how many */
+static void catch_up(controller *c, const controller_input *input)
+{
+    const uint32_t risen = (c->has_life != 0) ? (input->life - c->life) : 0u;
+    const bool few = (risen > 1u) && ((risen - 1u) <= (uint32_t)c->settings.ride_samples);
+    if (c->mode != CONTROLLER_EMULATION) {
+        c->missed_samples = 0;
+    } else if (few && (c->settings.life_samples > 0) && (c->even_life >= CONTROLLER_EVEN_LIFE)) {
+        for (uint32_t n = 1u; n < risen; n++) {
+            controller_input in = *input; /* the model says what the readings were */
+            for (int32_t i = 0; i < READINGS; i++) {
+                in.reading[i] = expected_reading(c, i);
+            }
+            follow_trigger(c, &in);
+            emulate(c, &in, true);
+            c->missed_samples++;
+        }
+    } else {
+        /* nothing was missed, or the sign of life does not tell how much */
+    }
+    if (risen == 1u) {
+        c->even_life += (c->even_life < (2 * CONTROLLER_EVEN_LIFE)) ? 1 : 0;
+    } else if ((risen > 1u) && (c->even_life > 0)) {
+        c->even_life -= (c->even_life > 1) ? 2 : 1;
+    } else {
+        /* no sign of a sample */
+    }
+}
+
 void controller_step(controller *c, const controller_input *input, controller_output *out)
 {
     controller_input seen = *input; /* with the readings as they are used */
@@ -889,6 +921,9 @@ void controller_step(controller *c, const controller_input *input, controller_ou
         show_vehicle(c, out); /* as it is when this sample begins */
     }
 #endif
+    if (all_finite(input->known, KNOWN)) {
+        catch_up(c, input);
+    }
     const int32_t fault = check(c, input, &seen);
     const bool unknown = (fault != CONTROLLER_NO_FAULT) && !is_holdable(fault);
     answer_fault(c, in, fault);
@@ -896,7 +931,7 @@ void controller_step(controller *c, const controller_input *input, controller_ou
     enter(c, in, unknown ? CONTROLLER_ZERO_TORQUE : wanted);
     follow_trigger(c, in);
     if (c->mode == CONTROLLER_EMULATION) {
-        emulate(c, in);
+        emulate(c, in, false);
     } else if (c->mode == CONTROLLER_SPEED_HOLD) {
         hold(c, in);
     } else if (c->mode == CONTROLLER_CHANNEL_CHECK) {
@@ -936,4 +971,5 @@ void controller_step(controller *c, const controller_input *input, controller_ou
     out->mode = c->mode;
     out->fault = c->fault;
     out->fault_sensor = c->fault_sensor;
+    out->missed_samples = c->missed_samples;
 }

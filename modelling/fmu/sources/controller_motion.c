@@ -112,8 +112,9 @@ static int advance(Motion *m, double span) {
         m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS] = out.mode;
         m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS + 1] = out.fault;
         m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS + 2] = out.fault_sensor + 1;
+        m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS + 3] = out.missed_samples;
 #if CONTROLLER_VEHICLE_STATES > 0
-        double *vehicle = m->value + OUTPUTS + CONTROLLER_DYNAMOMETERS + 3;
+        double *vehicle = m->value + OUTPUTS + CONTROLLER_DYNAMOMETERS + 4;
         *vehicle++ = out.vehicle_speed;
         *vehicle++ = out.vehicle_distance;
         for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) *vehicle++ = out.wheel_speed[j];
