@@ -15,7 +15,7 @@ from matching.match.beds import noise_of_sensors
 from matching.match.box import of_system
 from matching.match.case import Case, once_per_case
 from matching.match.imperfections import DEMAND_FACTOR, DEMAND_LATE_S, count_angles
-from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque
+from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque, torque_sign
 from matching.match.operating_range import law_over_speed
 from matching.match.requirements import requirements
 from modelling.bed.bed import ControlLaw, delayed_bed, held
@@ -30,9 +30,11 @@ from modelling.controller.law import (
     NO_LIMIT,
     OPENED_SHARE,
     RIDE_THROUGH_S,
+    UNDELIVERED_SHARE,
     WATCHED_SAMPLES,
     ExportedController,
     OpenedShaft,
+    Rotors,
     Settings,
     WatchedShafts,
     has_gone,
@@ -437,6 +439,7 @@ def _gone_at_once(bed: WatchedBed, shaft: str, of_flanges: np.ndarray) -> bool:
 DETERMINED = 1e-6  # of a speed: what is left of it when other speeds are taken off
 LOST_TORQUE = 0.2  # of the torque limit: what has to be on the flange before its loss counts
 SURPRISE_HEADROOM = 2.0  # over that answer, for free play, friction and other beds: drives at 3 ms reached 1.1
+UNDELIVERED_GAINS = 3.0  # times what a torque gain may be off: further off the delivered torque is a fault
 UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be from what the controller expects
 
 
@@ -469,7 +472,29 @@ def exported_controller(case: Case) -> ExportedController:
         rule.watched,
         rule.rows,
         speeds_by_others(case.rig, law.sensors, speeds),
+        delivery=_rotors(case),
     )
+
+
+def _rotors(case: Case) -> Rotors:
+    """What tells the air-gap torques of a case's dynamometers by what is measured."""
+    rig, loop = case.rig, case.loop
+    inertia, drag, sign = (np.array([float(value)] * len(loop.dynamometers)) for value in (0, 0, 1))
+    others = [name for one in rig.differentials for name in one.ends]
+    others += [name for gear in rig.planetary_gears for name in gear.ends]
+    others += [name for gear in rig.gears for name in gear.between]
+    for j, one in enumerate(loop.dynamometers):
+        rotor = next(part.on for part in rig.inputs if part.name == one.torque_input)
+        shafts = [shaft.name for shaft in rig.shafts if rotor in shaft.between]
+        measured = [sensor.of for sensor in rig.sensors if sensor.name == one.torque_sensor]
+        speed = next(sensor.of for sensor in rig.sensors if sensor.name == one.speed_sensor)
+        if one.torque_sensor is not None and shafts == measured and speed == rotor and rotor not in others:
+            inertia[j] = rig.parameters[f"inertias.{rotor}.J"].value
+            found = rig.parameters.get(f"inertias.{rotor}.drag")
+            drag[j], sign[j] = 0.0 if found is None else found.value, torque_sign(rig, one)
+    acts = loop.command_delays() + loop.lags("inverter_lag") + loop["sample_time"] / 2 - loop.lags("torque_sensor_lag")
+    delay = tuple(max(round(value / loop["sample_time"]), 0) for value in acts.tolist())
+    return Rotors(inertia, drag, sign, delay)
 
 
 def speeds_by_others(rig: System, sensors: Sequence[str], speeds: Sequence[int]) -> np.ndarray:
@@ -563,12 +588,14 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
         unexpected = np.maximum(unexpected, _surprised_by_torques(case, law, scale))
     watches = bool((unexpected < NO_LIMIT).any())
     step = law.sample_time
+    off = [one.half_width / one.value for one in case.uncertainty.uncertain if one.name.endswith(".torque_gain")]
     return Settings(
         torque, np.full(k, speed), proportional, integral, np.where(limited, LOST_TORQUE * torque, NO_LIMIT),
         np.array([dynamometer.torque_gain for dynamometer in loop.dynamometers]), unexpected,
         np.full(k, case.limits.get("dynamometer_power", NO_LIMIT)), *_curve(case),
         np.where(limited, CHECK_TORQUE_SHARE * torque, NO_LIMIT),
         np.full(k, CHECK_SPEED_SHARE * speed if speed < NO_LIMIT else NO_LIMIT),
+        undelivered_share=min(max(UNDELIVERED_SHARE, UNDELIVERED_GAINS * max(off, default=0.0)), 1.0),
         life_samples=max(round(LIFE_S / step), 2),
         ride_samples=max(round(RIDE_THROUGH_S / step), 1) if watches else 0,
     )  # fmt: skip

@@ -59,6 +59,7 @@ ARRAYS = (
     "torque_limit", "speed_limit", "hold_proportional", "hold_integral", "lost_torque", "torque_gain", "power_limit",
     "check_torque", "check_speed", "curve_speeds", "curve_torques", "unexpected", "opened_torque",
 )  # fmt: skip
+SHARES = ("opened_share", "undelivered_share")
 C_NAMES = {"curve_speeds": "curve_speed", "curve_torques": "curve_torque"}
 
 
@@ -66,14 +67,15 @@ def _source(controller: ExportedController) -> str:
     """C of a controller without its settings, so that all controllers of one law share a library."""
     settings = controller.settings
     neutral: dict[str, Any] = {name: np.zeros(getattr(settings, name).shape) for name in ARRAYS}
-    neutral |= {"opened_share": 0.0, "frozen_samples": 0, "life_samples": 0, "ride_samples": 0}
+    neutral |= dict.fromkeys(SHARES, 0.0) | {"frozen_samples": 0, "life_samples": 0, "ride_samples": 0}
     files = c_sources(replace(controller, title="", settings=replace(settings, **neutral)))
     taken = [
         f"        for (int i = 0; i < {len(getattr(settings, name))}; i++) {{ c->settings.{C_NAMES.get(name, name)}[i] "
         "= *next++; }"
         for name in ARRAYS
     ]  # fmt: skip
-    shim = SHIM.replace("@SETTINGS@", "\n".join([*taken, "        c->settings.opened_share = *next++;"]))
+    shares = [f"        c->settings.{name} = *next++;" for name in SHARES]
+    shim = SHIM.replace("@SETTINGS@", "\n".join([*taken, *shares]))
     source = "\n".join([files["controller.h"], files["controller.c"], shim]).replace('#include "controller.h"', "")
     return source.replace('#include "controller_data.h"', files["controller_data.h"])
 
@@ -99,7 +101,8 @@ class ControllerBatch:
             return
         self._batch_step = library.batch_step
         settings = controller.settings
-        values = np.concatenate([*(getattr(settings, name) for name in ARRAYS), [settings.opened_share]])
+        shares = [getattr(settings, name) for name in SHARES]
+        values = np.concatenate([*(getattr(settings, name) for name in ARRAYS), shares])
         samples = np.array([settings.frozen_samples, settings.life_samples, settings.ride_samples], np.int32)
         library.batch_size.restype = ctypes.c_size_t
         self.bytes_each = library.batch_size()

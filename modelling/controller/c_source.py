@@ -14,6 +14,7 @@ from modelling.bed.bed import ControlLaw
 from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SteppedLaw
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
+    DELIVERY_S,
     EVEN_LIFE,
     FADE_S,
     GONE,
@@ -30,6 +31,7 @@ from modelling.controller.law import (
     WATCHED_SAMPLES,
     ExportedController,
     mean_samples,
+    undelivered_samples,
 )
 from modelling.escape import c_comment
 
@@ -51,9 +53,10 @@ def memory_bytes(controller: ExportedController) -> int:
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
     x, w, s = controller.law.states, len(controller.law.known), len(controller.watched.shafts)
     v, t = controller.law.vehicle_states, len(tyres_of(controller))
-    settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 1 + (t + 3 if v else 0)
+    settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 2 + (t + 3 if v else 0)
     state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
-    return 8 * (settings + state) + 4 * (19 + k + 3 * y + 2 * (s + 1))
+    state += (controller.rotors.kept + 4) * k
+    return 8 * (settings + state) + 4 * (20 + 2 * k + 3 * y + 2 * (s + 1))
 
 
 def tyres_of(controller: ExportedController) -> tuple[str, ...]:
@@ -82,6 +85,7 @@ def _header(controller: ExportedController) -> str:
             known=[c_comment(name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],
             kept=KEPT_TORQUES,
+            sent_kept=controller.rotors.kept,
             watched=WATCHED_SAMPLES,
             shafts=[c_comment(name) for name in controller.watched.shafts],
             learned=len(controller.learned),
@@ -92,7 +96,7 @@ def _header(controller: ExportedController) -> str:
 
 
 def _data(controller: ExportedController) -> str:
-    law, settings = controller.law, controller.settings
+    law, settings, rotors = controller.law, controller.settings, controller.rotors
     laws = (law,) if isinstance(law, ControlLaw) else law.laws
     lines = [
         "/* numbers of the controller: each matrix row by row, without its zeros */",
@@ -115,6 +119,8 @@ def _data(controller: ExportedController) -> str:
         f"#define CONTROLLER_FADE {_real(FADE_S)} /* s */",
         f"#define CONTROLLER_MEAN_OF_OFF {MEAN_OF_OFF}",
         f"#define CONTROLLER_EVEN_LIFE {EVEN_LIFE}",
+        f"#define CONTROLLER_DELIVERY {_real(DELIVERY_S)} /* s */",
+        f"#define CONTROLLER_UNDELIVERED_SAMPLES {undelivered_samples(law.sample_time)}",
         f"#define CONTROLLER_MEAN_SHARE {_real(MEAN_SHARE)}",
         f"#define CONTROLLER_CARRIED_SAMPLES {controller.watched.carried_samples}",
         f"#define CONTROLLER_OPENED_IN_A_ROW {IN_A_ROW}",
@@ -122,6 +128,10 @@ def _data(controller: ExportedController) -> str:
         "",
         f"static const int32_t TORQUE_READING[] = {{{', '.join(map(str, controller.torque_readings))}}};",
         f"static const int32_t SPEED_READING[] = {{{', '.join(map(str, controller.speed_readings))}}};",
+        f"static const controller_real ROTOR_INERTIA[] = {{{', '.join(map(_real, rotors.inertia))}}};",
+        f"static const controller_real ROTOR_DRAG[] = {{{', '.join(map(_real, rotors.drag))}}};",
+        f"static const controller_real ROTOR_SIGN[] = {{{', '.join(map(_real, rotors.sign))}}};",
+        f"static const int32_t SENT_DELAY[] = {{{', '.join(map(str, rotors.delay))}}}; /* samples */",
         "static const controller_settings CONTROLLER_DEFAULTS = {",
     ]
     per_dynamometer = (
@@ -139,6 +149,7 @@ def _data(controller: ExportedController) -> str:
         lines.append(f"    {{{', '.join(_real(value) for value in getattr(settings, part))}}}, /* {part} */")
     opened = ", ".join(_real(value) for value in (*settings.opened_torque, 0.0))
     lines += [f"    {{{opened}}}, /* opened_torque */", f"    {_real(settings.opened_share)}, /* opened_share */"]
+    lines += [f"    {_real(settings.undelivered_share)}, /* undelivered_share */"]
     if isinstance(law, SteppedLaw):
         lines += [f"    {{{', '.join(['1.0'] * (len(law.vehicle.tyres) + 1))}}}, 1.0, 0.0, /* friction, mass, grade */"]
     lines += [f"    {settings.frozen_samples}, {settings.life_samples}, {settings.ride_samples}}};"]

@@ -222,9 +222,10 @@ class ShaftWatch:
 # --- What the supervision of a controller needs to know: limits, speed hold, when to give up.
 
 ZERO_TORQUE, SPEED_HOLD, EMULATION, CHANNEL_CHECK = 0, 1, 2, 3  # modes
-FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected")
-OVERSPEED, TORQUE_GONE, UNEXPECTED = (FAULTS.index(name) for name in ("overspeed", "torque gone", "unexpected"))
-HOLDABLE = (4, 5, 6)  # faults after which the speeds are still known: speed hold; after others zero torque
+FAULTS = ("none", "not finite", "missing", "frozen", "overspeed", "torque gone", "unexpected", "not delivered")
+OVERSPEED, TORQUE_GONE, UNEXPECTED, NOT_DELIVERED = 4, 5, 6, 7
+# Faults after which the speeds are still known: speed hold; after others zero torque.
+HOLDABLE = (OVERSPEED, TORQUE_GONE, UNEXPECTED, NOT_DELIVERED)
 # s that the exponential means hold from which an emulation begins. Twice the mean less the mean of the mean follows a
 # hold that still comes to its speed without a lag (double exponential smoothing), and leaves a sixth of one sample's
 # noise at 1 kHz; what is left of it the observer estimates. Chosen by trial.
@@ -233,6 +234,9 @@ SAMPLES_IN_A_ROW = 2  # in which two readings at once have to be unexpected: the
 MEAN_OF_OFF = 10  # samples that the mean of what a reading is off from what is expected holds
 MEAN_SHARE = 0.25  # of the allowed: how far that mean may be off. Healthy beds reached 0.09 in drives of every kind
 RIDE_THROUGH_S = 0.02  # for which emulation goes on without a reading that is refused. Chosen by trial
+DELIVERY_S = 0.2  # time constant over which commanded and delivered torque are compared: noise of speeds is 2 N·m then
+UNDELIVERED_S = 0.05  # for which they have to differ. Both chosen by trial
+UNDELIVERED_SHARE = 0.15  # of the commanded torque: five times the 3 % by which a torque gain may be off unless stated
 FADE_S = 0.5  # time constant with which the torque of a rotor ends whose speed is not trusted. Chosen by trial
 EVEN_LIFE = 100  # samples in which the sign of life rose by one: then a larger rise is samples that did not run
 LIFE_S = 0.05  # without a change of the sign of life, after which it counts as missing
@@ -270,6 +274,9 @@ class Settings:
         mean over :data:`MEAN_OF_OFF` samples. A reading that is further off is refused.
     ride_samples : int
         So many samples emulation goes on without a reading that is refused; 0 switches refusing off.
+    undelivered_share : float
+        Part of the commanded air-gap torque, where that is above ``lost_torque``, that may be missing or too much by
+        what flange and rotor say, see :class:`Rotors`; 0 switches it off.
     frozen_samples : int
         So many samples with the same readings on a turning bed stop the emulation; 0 switches it off.
     opened_share : float
@@ -292,6 +299,7 @@ class Settings:
     check_speed: np.ndarray
     opened_torque: np.ndarray = field(default_factory=lambda: np.zeros(0))
     opened_share: float = OPENED_SHARE
+    undelivered_share: float = UNDELIVERED_SHARE
     frozen_samples: int = 4
     life_samples: int = 0
     ride_samples: int = 0
@@ -356,6 +364,40 @@ def mean_samples(sample_time: float) -> int:
     return max(round(MEAN_S / sample_time), 1)
 
 
+def undelivered_samples(sample_time: float) -> int:
+    """Samples in a row in which the delivered torque has to differ; ``sample_time`` in s."""
+    return max(round(UNDELIVERED_S / sample_time), 1)
+
+
+@dataclass(frozen=True)
+class Rotors:
+    """What tells the air-gap torques of k dynamometers by their flanges and speeds: J·dω/dt + drag·ω − sign·flange.
+
+    Attributes
+    ----------
+    inertia, drag, sign : ndarray (k,)
+        kg·m² and N·m·s/rad of the rotor, sign of the flange's torque on it; an inertia of 0 is not judged: there is no
+        flange, or the rotor carries more than it.
+    delay : tuple of int (k)
+        Samples after which a command acts, inverter lag included.
+    """
+
+    inertia: np.ndarray
+    drag: np.ndarray
+    sign: np.ndarray
+    delay: tuple[int, ...]
+
+    @classmethod
+    def unknown(cls, k: int) -> Rotors:
+        """Nothing is judged."""
+        return cls(np.zeros(k), np.zeros(k), np.ones(k), (0,) * k)
+
+    @property
+    def kept(self) -> int:
+        """Commands that have to be kept."""
+        return 1 + max(self.delay, default=0)
+
+
 class SupervisedController:
     """A control law with its supervision.
 
@@ -371,13 +413,15 @@ class SupervisedController:
         See :class:`ExportedController`.
     learned : ndarray (n, k), optional
         See :class:`ExportedController`.
+    rotors : Rotors, optional
     """
 
     def __init__(
         self, law: Law, settings: Settings, torque_readings: list[int],
         speed_readings: list[int], watched: WatchedShafts, by_others: np.ndarray | None = None,
-        learned: np.ndarray | None = None,
+        learned: np.ndarray | None = None, rotors: Rotors | None = None,
     ):  # fmt: skip
+        self._rotors = Rotors.unknown(len(speed_readings)) if rotors is None else rotors
         self._by_others = np.zeros((len(speed_readings), len(law.sensors))) if by_others is None else by_others
         self._learned = np.zeros((0, 0)) if learned is None else learned
         self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
@@ -413,6 +457,9 @@ class SupervisedController:
         self._life: int | None = None
         self._even_life = self.missed_samples = 0  # the latter of this emulation, see `_catch_up`
         self._triggered, self._played = False, 0  # samples since the trigger, 0 before it
+        self._past_sent = np.zeros((self._rotors.kept, k))
+        self._delivery: np.ndarray | None = None  # (3, k): command as it acts, flange torque, speed, alike filtered
+        self._undelivered_for = np.zeros(k, int)
         self.reason = ""  # of the last fault, where one reading led to it: which, and how far it was off
 
     def step(
@@ -461,6 +508,7 @@ class SupervisedController:
         if not unknown:
             if self._mode != EMULATION:
                 self._average(readings, known)
+            self._follow_delivery(readings)
             self._last = readings.copy()
             self._past_torques = np.vstack([self._flange_torques(readings), self._past_torques[:-1]])
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
@@ -556,7 +604,33 @@ class SupervisedController:
                     self._distrusted[self._speeds[j]] = True
             self._replace_speeds()
             return UNEXPECTED if np.isfinite(self._seen).all() else 1
-        return 0
+        return NOT_DELIVERED if self._is_undelivered() else 0
+
+    def _follow_delivery(self, readings: np.ndarray) -> None:
+        """Filter what was commanded, as it acts now, what the flange says and how fast the rotor turns, all alike."""
+        self._past_sent = np.vstack([self._sent, self._past_sent[:-1]])
+        acting = self._past_sent[list(self._rotors.delay), np.arange(len(self._sent))]
+        now = np.stack([acting, self._flange_torques(readings), readings[self._speeds]])
+        before = now if self._delivery is None else self._delivery
+        self._delivery = before + self.law.sample_time / DELIVERY_S * (now - before)
+
+    def _is_undelivered(self) -> bool:
+        """Torque of the flange and the rotor's own inertia say another air-gap torque than was commanded."""
+        rotors, settings = self._rotors, self.settings
+        if self._delivery is None:
+            return False
+        sent, flange, speed = self._delivery
+        rate = (self._last[self._speeds] - speed) / DELIVERY_S
+        delivered = rotors.inertia * rate + rotors.drag * speed - rotors.sign * flange
+        judged = (rotors.inertia > 0) & (np.abs(sent) > settings.lost_torque) & (settings.undelivered_share > 0)
+        off = judged & (np.abs(delivered - sent) > settings.undelivered_share * np.abs(sent))
+        self._undelivered_for = np.where(off, self._undelivered_for + 1, 0)
+        at = int(np.argmax(self._undelivered_for))
+        if self._undelivered_for[at] < undelivered_samples(self.law.sample_time):
+            return False
+        self.sensor = self._torques[at]
+        self.reason = f"{delivered[at]:.4g} N·m act on a rotor, {sent[at]:.4g} N·m were commanded"
+        return True
 
     def _refuse(self, readings: np.ndarray) -> None:
         """Refuse readings that are not finite or far from what the model expects, at once or in the mean."""
@@ -652,6 +726,7 @@ class SupervisedController:
             self._state = np.zeros(self.law.states)
             self._past_torques[:] = self._flange_torques(readings)
             self._surprised = 0
+            self._undelivered_for[:] = 0
             self._off_mean[:], self._lost[:] = 0.0, 0
             self._deviations[:] = 0.0
             self._watch.reset()
@@ -726,6 +801,8 @@ class ExportedController:
         Speed of each rotor by other readings of speeds where the rig turns as one, 0 where they do not determine it.
     learned : ndarray (n, k)
         Torques, N·m, that emulation adds sample by sample from the trigger of a manoeuvre on; (0, k) without any.
+    delivery : Rotors, optional
+        What tells the delivered air-gap torques; without it they are not judged.
     """
 
     title: str
@@ -738,12 +815,18 @@ class ExportedController:
     shafts: tuple[OpenedShaft, ...]
     by_others: np.ndarray
     learned: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    delivery: Rotors | None = None
+
+    @property
+    def rotors(self) -> Rotors:
+        """``delivery``, or that nothing is judged."""
+        return Rotors.unknown(len(self.speed_readings)) if self.delivery is None else self.delivery
 
     def running(self) -> SupervisedController:
         """The same controller in Python, at zero torque."""
         return SupervisedController(
             self.law, self.settings, list(self.torque_readings), list(self.speed_readings), self.watched,
-            self.by_others, self.learned,
+            self.by_others, self.learned, self.rotors,
         )  # fmt: skip
 
 

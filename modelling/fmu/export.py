@@ -753,7 +753,7 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
         Variable("active_mode", "output", "1", 0.0, "0 zero torque, 1 speed hold, 2 emulation, 3 channel check"),
         Variable(
             "fault", "output", "1", 0.0,
-            "0 none, 1 not finite, 2 missing, 3 frozen, 4 overspeed, 5 torque gone, 6 unexpected",
+            "0 none, 1 not finite, 2 missing, 3 frozen, 4 overspeed, 5 torque gone, 6 unexpected, 7 not delivered",
         ),
         Variable("fault_sensor", "output", "1", 0.0, f"that led to it: 0 none; {numbered}"),
         Variable("missed_samples", "output", "1", 0.0, "of this emulation that did not run, by the sign of life"),
@@ -816,6 +816,8 @@ def _settings(controller: ExportedController) -> list[Variable]:
     if controller.watched.shafts:
         meaning = "part of the torque that it carried that an opened shaft seems to lose at least"
         parameters.append(Variable("opened_share", "parameter", "1", settings.opened_share, meaning, 0.0, 1.0))
+    meaning = "part of the commanded torque that may be missing, or too much, before it is a fault; 0: no check"
+    parameters.append(Variable("undelivered_share", "parameter", "1", settings.undelivered_share, meaning, 0.0, 1.0))
     for key, meaning in (
         ("frozen_samples", "samples with the same readings on a turning bed that are a fault; 0: no check"),
         ("life_samples", "samples without a change of life that are a fault; 0: no check"),

@@ -101,7 +101,7 @@ def unsupervised(controller: ExportedController) -> ExportedController:
         own, torque_limit=unlimited["torque_limit"], power_limit=unlimited["power_limit"],
         curve_torques=unlimited["curve_torques"], lost_torque=never, speed_limit=never,
         unexpected=np.full(len(own.unexpected), np.inf), opened_torque=np.full(len(own.opened_torque), np.inf),
-        frozen_samples=0, life_samples=0, ride_samples=0,
+        undelivered_share=0.0, frozen_samples=0, life_samples=0, ride_samples=0,
     )  # fmt: skip
     return replace(controller, settings=settings)
 
@@ -112,7 +112,7 @@ def plain(law: Law, torque_readings: tuple[int, ...], speed_readings: tuple[int,
     none, nothing = np.full(k, np.inf), np.zeros(k)
     settings = Settings(
         none, none, nothing, nothing, none, np.ones(k), np.full(y, np.inf), none, np.zeros(1), np.full(1, np.inf),
-        none, none, frozen_samples=0,
+        none, none, undelivered_share=0.0, frozen_samples=0,
     )  # fmt: skip
     return ExportedController(
         "", law, settings, ("",) * y, torque_readings, speed_readings, nothing_watched(y, k), (), np.zeros((k, y))

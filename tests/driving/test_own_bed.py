@@ -183,6 +183,30 @@ def test_a_dead_encoder_ends_in_speed_hold_by_the_others(beside, channel, kind):
     assert np.ptp(run.bed[at:, 3:5]) < 8, "rad/s: the speeds are held"
 
 
+@pytest.mark.parametrize("share", [0.8, 1.25])
+def test_torque_that_is_not_delivered_as_commanded_ends_in_speed_hold(beside, share):
+    """A machine that loses a fifth, or gives a quarter too much, from the end of the first second on: a tip-in shows it."""
+    car, time = bed(), np.arange(3000) * 1e-3
+    speed = 80 / 3.6 / RADIUS
+    u = inputs(time, held_motor(car, speed)[0] + 100 * ramp(time, 1.5, 0.1))
+    run = beside.run(car, speed, u, sent_share=(1000, share))
+    at = int(np.argmax(run.faults > 0))
+    assert FAULTS[run.faults[-1]] == "not delivered"
+    assert 1500 < at <= 1950
+    assert set(run.bed[at:, 9]) == {1.0}, "speed hold"
+    assert run.bed[:, 3:5].max() < 110, "rad/s: no rotor runs away"
+
+
+@pytest.mark.long
+def test_what_a_machine_may_be_off_ends_nothing(beside):
+    """Tip-ins, braking and a wheel that spins on drawn beds whose machines give up to 8 % more or less."""
+    for number in range(10):
+        random = np.random.default_rng(5200 + number)
+        car = bed(random)
+        u, _ = up_and_down(random.uniform(30, 95), of=car)
+        assert not beside.run(car, 0.0, u, sent_share=(0, random.uniform(0.92, 1.08))).faults.any()
+
+
 @pytest.mark.long
 def test_no_single_sensor_breaks_a_shaft(beside):
     """Every sensor, wrong in every way, at rest, rolling, braked and in a tip-in, on twenty drawn beds."""

@@ -38,7 +38,8 @@ def controller(case):
     learned = np.stack([20 * np.sin(20 * time), -15 * np.sin(30 * time)], axis=1)
     made = exported_controller(case)
     # what is commanded is compared, whatever the readings are: none is refused
-    settings = replace(made.settings, ride_samples=0, unexpected=np.full(len(made.law.sensors), 1e12))
+    never = np.full(len(made.law.sensors), 1e12)
+    settings = replace(made.settings, ride_samples=0, unexpected=never, undelivered_share=0.0)
     return replace(made, learned=learned, settings=settings)
 
 
@@ -75,6 +76,21 @@ def test_c_and_python_command_the_same_through_the_range(controller):
         assert (active[0], fault[0]) == (wanted.mode, wanted.fault)
         worst = max(worst, float(np.abs(sent[:, 0] - wanted.commands).max()))
     assert worst < 1e-7
+
+
+@compiles
+@pytest.mark.parametrize("share", [0.15, 0.6])
+def test_c_and_python_judge_delivered_torque_alike(controller, share):
+    judges = replace(controller, settings=replace(controller.settings, undelivered_share=share))
+    readings, known, hold = driven(judges.law, 1500)
+    running, batch, found = judges.running(), ControllerBatch(judges, 1), set()
+    for n in range(1500):
+        mode = HOLD if n < 150 else EMULATION
+        wanted = running.step(readings[:, n], known[:, n], mode, hold[:, n], n)
+        _, _, fault = batch.step(readings[:, n : n + 1], known[:, n : n + 1], mode, hold[:, n : n + 1], n)
+        assert fault[0] == wanted.fault
+        found.add(wanted.fault)
+    assert 7 in found
 
 
 @compiles

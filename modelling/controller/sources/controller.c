@@ -69,7 +69,8 @@ static bool all_finite(const controller_real *value, int32_t count)
 
 static bool is_holdable(int32_t fault)
 {
-    return (fault == CONTROLLER_OVERSPEED) || (fault == CONTROLLER_TORQUE_GONE) || (fault == CONTROLLER_UNEXPECTED);
+    return (fault == CONTROLLER_OVERSPEED) || (fault == CONTROLLER_TORQUE_GONE) || (fault == CONTROLLER_UNEXPECTED) ||
+           (fault == CONTROLLER_NOT_DELIVERED);
 }
 
 void controller_init(controller *c)
@@ -376,6 +377,53 @@ static bool any_distrusted(const controller *c)
     return any;
 }
 
+/* what the air gap delivers: torque of the flange and the rotor's own inertia against what was commanded */
+static bool is_undelivered(controller *c)
+{
+    bool undelivered = false;
+    const controller_real time = (controller_real)CONTROLLER_DELIVERY;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real rate = (c->rotor_last[j] - c->rotor_filtered[j]) / time;
+        const controller_real delivered =
+            (ROTOR_INERTIA[j] * rate) + (ROTOR_DRAG[j] * c->rotor_filtered[j]) - (ROTOR_SIGN[j] * c->flange_filtered[j]);
+        const double off = fabs((double)(delivered - c->sent_filtered[j]));
+        const double size = fabs((double)c->sent_filtered[j]);
+        const bool judged = (ROTOR_INERTIA[j] > (controller_real)0.0) && (size > (double)c->settings.lost_torque[j]) &&
+                            (c->settings.undelivered_share > (controller_real)0.0);
+        const bool now = judged && (off > ((double)c->settings.undelivered_share * size));
+        c->undelivered_for[j] = now ? (c->undelivered_for[j] + 1) : 0;
+        if (c->undelivered_for[j] >= CONTROLLER_UNDELIVERED_SAMPLES) {
+            c->sensor = TORQUE_READING[j];
+            undelivered = true;
+        }
+    }
+    return undelivered;
+}
+
+/* what was commanded, as it acts now, what the flange says and how fast the rotor turns, alike filtered */
+static void follow_delivery(controller *c, const controller_input *in)
+{
+    const controller_real share = (controller_real)(CONTROLLER_SAMPLE_TIME / CONTROLLER_DELIVERY);
+    for (int32_t n = CONTROLLER_SENT_KEPT - 1; n > 0; n--) {
+        (void)memcpy(c->past_sent[n], c->past_sent[n - 1], sizeof c->past_sent[n]);
+    }
+    (void)memcpy(c->past_sent[0], c->sent, sizeof c->past_sent[0]);
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real acting = c->past_sent[SENT_DELAY[j]][j];
+        const controller_real now = in->reading[SPEED_READING[j]];
+        if (c->has_delivery == 0) {
+            c->sent_filtered[j] = acting;
+            c->flange_filtered[j] = flange_torque(in, j);
+            c->rotor_filtered[j] = now;
+        }
+        c->sent_filtered[j] += share * (acting - c->sent_filtered[j]);
+        c->flange_filtered[j] += share * (flange_torque(in, j) - c->flange_filtered[j]);
+        c->rotor_filtered[j] += share * (now - c->rotor_filtered[j]);
+        c->rotor_last[j] = now;
+    }
+    c->has_delivery = 1;
+}
+
 /* the fault of this sample; seen are the readings as they are used */
 static int32_t check(controller *c, const controller_input *in, controller_input *seen)
 {
@@ -416,6 +464,9 @@ static int32_t check(controller *c, const controller_input *in, controller_input
                 fault = CONTROLLER_TORQUE_GONE;
             } else {
                 fault = judge_unexpected(c, in, seen);
+            }
+            if ((fault == CONTROLLER_NO_FAULT) && is_undelivered(c)) {
+                fault = CONTROLLER_NOT_DELIVERED;
             }
         }
     }
@@ -717,6 +768,7 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
             (void)memset(c->lost, 0, sizeof c->lost);
             (void)memset(c->seems_open, 0, sizeof c->seems_open);
             (void)memset(c->carried_for, 0, sizeof c->carried_for);
+            (void)memset(c->undelivered_for, 0, sizeof c->undelivered_for);
             c->surprised = 0;
         }
     }
@@ -952,6 +1004,7 @@ void controller_step(controller *c, const controller_input *input, controller_ou
             place_vehicle(c, in->reading);
 #endif
         }
+        follow_delivery(c, in);
         (void)memcpy(c->last, in->reading, sizeof c->last);
         for (int32_t j = 0; j < DYNAMOMETERS; j++) {
             for (int32_t n = CONTROLLER_KEPT - 1; n > 0; n--) {

@@ -80,6 +80,7 @@ static void take_settings(Motion *m) {
     for (int i = 0; i < CONTROLLER_READINGS; i++) own->unexpected[i] = *p++;
     for (int i = 0; i < CONTROLLER_SHAFTS; i++) own->opened_torque[i] = *p++;
     if (CONTROLLER_SHAFTS > 0) own->opened_share = *p++;
+    own->undelivered_share = *p++;
     own->frozen_samples = (int32_t)*p++;
     own->life_samples = (int32_t)*p++;
     own->ride_samples = (int32_t)*p++;
