@@ -185,7 +185,7 @@ def test_a_dead_encoder_ends_in_speed_hold_by_the_others(beside, channel, kind):
 
 @pytest.mark.parametrize("share", [0.8, 1.25])
 def test_torque_that_is_not_delivered_as_commanded_ends_in_speed_hold(beside, share):
-    """A machine that loses a fifth, or gives a quarter too much, from the end of the first second on: a tip-in shows it."""
+    """A machine that loses a fifth, or gives a quarter too much, from the end of the first second on."""
     car, time = bed(), np.arange(3000) * 1e-3
     speed = 80 / 3.6 / RADIUS
     u = inputs(time, held_motor(car, speed)[0] + 100 * ramp(time, 1.5, 0.1))
