@@ -22,8 +22,9 @@ from matching.match.imperfections import (
 )
 from matching.match.loop import compared_sensors, linear_bed, without_limits
 from matching.match.loop_modes import neutral_motions
-from matching.match.operating_range import RANGE, at_speed, body_speed, grid, law_over_speed
+from matching.match.operating_range import RANGE, at_speed, at_vehicle_speed, body_speed, grid, law_over_speed
 from matching.match.requirements import requirements
+from modelling.bed.profile import DrivenTorques, SpeedProfile
 from modelling.controller.law import FAULTS, ExportedController
 from modelling.errors import InputError
 from modelling.fidelity.over_range import parts_of, worst_part
@@ -54,6 +55,10 @@ class DrivingSettings:
         rad/s: an end at which the vehicle's sensors of speed move no more than this is at rest.
     judged_at_rest : float
         s at the end of a drive.
+    steadily : float
+        s for which a drawn drive keeps each of its speeds: what rings of the change before it dies out.
+    gentlest : float
+        Of the steepest change of speed of the case's own profiles: the least that a drawn drive has.
     """
 
     drawn: int = 20
@@ -64,6 +69,8 @@ class DrivingSettings:
     hold: float = 3.0
     at_rest: float = 0.2
     judged_at_rest: float = 1.0
+    steadily: float = 1.5
+    gentlest: float = 0.6
 
 
 DRIVING = DrivingSettings()
@@ -170,7 +177,7 @@ class DriveErrors:
 
 @dataclass(frozen=True)
 class DriveResult:
-    """A drive under the controller of the range, and under that of one speed; traces of the bed as planned.
+    """A drive under the controller of the range, and, on the bed as planned alone, under that of one speed.
 
     ``traces``: time (t,), then by sensor (t,) of vehicle, bed, and bed under the controller of one speed.
     """
@@ -337,13 +344,52 @@ def driving(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) -> D
     drives, not_run = [], ""
     try:
         controllers = exported_controller(case), exported_controller(one_speed)
-        drives = [_driven(case, drive, controllers, seed, settings) for drive in about.drives]
+        own = (*about.drives, *drawn_drives(case, seed, settings))
+        drives = [_driven(case, drive, controllers, seed, settings) for drive in own]
     except (SimulationError, InputError) as fault:
         not_run = str(fault)
     return Driving(
         about.lowest, about.highest, tuple(grid(about).tolist()), at_speeds(case, seed, settings), tuple(drives),
         body_speed(case) * about.rolling_radius, not_run, settings,
     )  # fmt: skip
+
+
+def drawn_drives(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) -> list[Drive]:
+    """Drives that nobody chose: one begins at rest, or as slow as the range is, one ends braked; all pass every speed.
+
+    They are driven by the driver of the case's first profile and change their speed as steeply as the case's profiles
+    do; a case without a driver has none.
+    """
+    about = case.operating_range
+    assert about is not None
+    driven = [drive.torques for drive in about.drives if isinstance(drive.torques, DrivenTorques)]
+    if not driven:
+        return []
+    slopes = np.concatenate([np.diff(one.profile.speed) / np.diff(one.profile.time) for one in driven])
+    rise, fall = float(slopes.max()), float(-slopes.min())
+    random, least, most = np.random.default_rng(seed), max(about.lowest, 0.0), about.highest
+
+    def some(low: float, high: float) -> float:
+        return least + random.uniform(low, high) * (most - least)
+
+    drives = []
+    for title, speeds in (
+        ("drawn: away, and through the range", (least, some(0.9, 1.0), some(0.5, 0.7))),
+        ("drawn: on the way, faster and slower", (some(0.2, 0.4), some(0.5, 0.8), some(0.3, 0.5))),
+        ("drawn: braked", (some(0.5, 0.9), least, some(0.1, 0.2))),
+    ):
+        time, speed = [0.0, settings.steadily / 3], [speeds[0], speeds[0]]
+        for wanted in speeds[1:]:
+            steepest = (rise if wanted > speed[-1] else fall) * random.uniform(settings.gentlest, 1.0)
+            if steepest > 0 and wanted != speed[-1]:
+                time.append(time[-1] + abs(wanted - speed[-1]) / steepest)
+                speed.append(wanted)
+            time.append(time[-1] + settings.steadily)
+            speed.append(speed[-1])
+        profile = SpeedProfile(np.array(time), np.array(speed), np.zeros(len(time)))
+        begin = at_vehicle_speed(driven[0].vehicle, case.rig, about, speeds[0])
+        drives.append(Drive(title, speeds[0], replace(driven[0], profile=profile, vehicle=begin, given={})))
+    return drives
 
 
 def _driven(
@@ -358,11 +404,14 @@ def _driven(
     rows = [Imperfection(""), *(Imperfection("", box.at(position)) for position in box.draw(settings.drawn, seed))]
     sensors = compared_sensors(case)
     vehicle = vehicles_in(own, torques, rows, sensors)
-    played = [_play(own, controller, torques, rows, sensors, seed, settings) for controller in controllers]
-    driven = list(torques.values())
-    compared = [_compared(own, driven, sensors, vehicle, each, step) for each in played]
+    played = [
+        _play(own, controller, torques, on, sensors, seed, settings)
+        for controller, on in zip(controllers, (rows, rows[:1]), strict=True)  # beside it, only on the bed as planned
+    ]
+    driven, vehicles = list(torques.values()), (vehicle, vehicle[:, :, :1])
+    compared = [_compared(own, driven, sensors, on, each, step) for on, each in zip(vehicles, played, strict=True)]
     errors, one_speed = (
-        _errors(one, vehicle, each, settings, step) for one, each in zip(compared, played, strict=True)
+        _errors(one, on, each, settings, step) for one, on, each in zip(compared, vehicles, played, strict=True)
     )
     worst = sensors[int(compared[0].by_sensor[:, 0].argmax())]
     traces = {

@@ -73,15 +73,17 @@ class Bench:
         self.car_motion, _ = drive_car(self.car, still(self.car, np.zeros(self.count)), self.torque, STEP)
 
     def repeated(self, added, seed, exact=False):
-        """Motion less the car's (t, 3, b) with torques added (b, t, k)."""
+        """Motion less the car's (t, 3, b) with torques added (b, t, k), and the readings (t, y, b)."""
         law, rest, before = self.controller.law, np.zeros(self.count), 0.3
         first = round(before / STEP)
         sensors = (Exact if exact else Sensors)(law.sensors, self.noise, self.gains, STEP, seed)
-        batch = ControllerBatch(self.controller, self.count)
+        batch, read = ControllerBatch(self.controller, self.count), []
 
         def commands(readings, _, mode, hold, sample):
             more = added[:, sample - first].T if sample >= first else np.zeros((2, self.count))
             sent, _, faults = batch.step(readings, np.zeros((len(law.known), self.count)), mode, hold, sample, more)
+            if sample >= first:
+                read.append(readings)
             return sent, faults
 
         found, _, lasted = run_bed(
@@ -89,37 +91,48 @@ class Bench:
             before=before,
         )  # fmt: skip
         assert lasted.all()
-        return found - self.car_motion
+        return found - self.car_motion, np.array(read)
 
 
 @pytest.mark.long
-def test_what_repeats_is_learned_at_eight_milliseconds():
+@pytest.mark.parametrize("dead_time", [0.003, 0.008])
+def test_what_repeats_is_learned_at_the_cut(dead_time, tmp_path):
+    """On 20 beds whose specimens are up to 5 % off: the error at the cut falls, the true side shafts get no worse."""
     case = load_case(REFERENCE / "observer.toml")
-    case = replace(
-        case, loop=case.loop.with_values({"dead_time": 0.008}), limits={**case.limits, "opened_shafts": False}
-    )
+    limits = {**case.limits, "opened_shafts": False}
+    case = replace(case, loop=case.loop.with_values({"dead_time": dead_time}), limits=limits)
     tuned = match(case, settings=SearchSettings(emulated=0.0), beds=20, ordering=False).tuned
-    bench = Bench(tuned, 0.008)
-    learner = Learner.of(tuned, control_law(linear_bed(tuned)), SAMPLES)
+    bench = Bench(tuned, dead_time)
     ranges = np.ptp(bench.car_motion[:, :, 0], axis=0)
+    names, time = bench.controller.law.sensors, np.arange(SAMPLES) * STEP
+    units = {sensor.name: sensor.unit for sensor in tuned.rig.sensors} | {"motor_torque": "N*m"}
 
-    def size(error):
-        return np.sqrt(np.mean((error / ranges[:, None]) ** 2, axis=(0, 1)))
+    def true_errors(error):
+        return np.sqrt(np.mean((error[:, 1:] / ranges[1:, None]) ** 2, axis=0)).max(axis=0)
 
     added = np.zeros((bench.count, SAMPLES, 2))
-    sizes = [size(bench.repeated(added, 0, exact=True))]
-    for repetition in range(REPETITIONS):
-        errors = [bench.repeated(added, 1 + 10 * repetition + number) for number in range(RECORDINGS)]
-        noise = size(errors[0] - errors[1]) / np.sqrt(2)
+    at_cut, noise, sides = np.zeros((REPETITIONS + 1, bench.count)), np.zeros(bench.count), []
+    for repetition in range(REPETITIONS + 1):
+        sides.append(true_errors(bench.repeated(added, 0, exact=True)[0]))
+        runs = [bench.repeated(added, 1 + 10 * repetition + number) for number in range(RECORDINGS)]
+        off = true_errors(runs[0][0] - runs[1][0]) / np.sqrt(2)
         for number in range(bench.count):
-            error = np.stack([each[:, :, number] for each in errors])
-            added[number] += learner.correction(error, ranges).torques
-        sizes.append(size(bench.repeated(added, 0, exact=True)))
-        assert (sizes[-1] <= sizes[-2] + noise / 2).all(), (sizes, noise)
-    shares = np.array(sizes[1:]) / sizes[0]
-    print(np.round(sizes[0], 4), np.round(shares, 2))
-    assert (shares[-1] <= 0.3).sum() >= 0.9 * bench.count, shares
-    assert np.median(shares[-1]) <= 0.2
+            paths = [tmp_path / f"{number}_{n}.csv" for n in range(RECORDINGS)]
+            for path, (_, read) in zip(paths, runs, strict=True):
+                columns = {name: read[:, i, number] for i, name in enumerate(names)}
+                columns["motor_torque"] = bench.torque[:, number]
+                path.write_text(csv_text(time, columns, {name: units[name] for name in columns}))
+            folder = tmp_path / f"learned_{number}"
+            learned = learn(tuned, paths, played=folder if repetition else None)
+            at_cut[repetition, number], noise[number] = learned.error, learned.noise
+            learned.save(folder)
+            added[number] = learned.torques
+        if repetition:
+            assert (sides[-1] <= sides[-2] + off).all(), (sides, off)
+    shares = at_cut / at_cut[0]
+    print(dead_time, "cut", np.round(at_cut[0], 4), np.round(shares[1:], 2), "noise", np.round(noise, 4))
+    print("sides", np.round(np.array(sides), 4))
+    assert ((shares[-1] <= 0.4) | (at_cut[-1] <= 1.5 * noise)).all(), (shares, at_cut, noise)
 
 
 @pytest.mark.long
@@ -130,7 +143,7 @@ def test_the_loop_answers_added_torques_as_the_learner_expects():
     pulse = np.zeros((1, SAMPLES, 2))
     time = np.arange(SAMPLES) * STEP
     pulse[0, :, 0] = 40 * np.sin(2 * np.pi * 6 * time) * np.sin(np.pi * np.clip((time - 0.1) / 0.5, 0, 1)) ** 2
-    found = bench.repeated(pulse, 0, exact=True)[:, :, 0] - bench.repeated(0 * pulse, 0, exact=True)[:, :, 0]
+    found = bench.repeated(pulse, 0, exact=True)[0][:, :, 0] - bench.repeated(0 * pulse, 0, exact=True)[0][:, :, 0]
     learner = Learner.of(case, control_law(linear_bed(case)), SAMPLES)
     lines = slice(1, learner.answers.shape[1] + 1)
     A = np.fft.rfft(pulse[0], learner.padded, axis=0)[lines]

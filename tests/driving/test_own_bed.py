@@ -253,7 +253,7 @@ def test_no_single_sensor_breaks_a_shaft(beside):
                         after = int(np.argmax(run.faults > 0)) - 1000
                         row = sensor, what
                         found.setdefault((*row, situation), []).append(
-                            (FAULTS[run.faults.max()] * run.faults.any(), after)
+                            (FAULTS[run.faults.max()] if run.faults.any() else "", after)
                         )
                         most = float(np.abs(run.bed[:, [1, 2, 5, 6]]).max())
                         largest[row] = max(largest.get(row, 0.0), most)
