@@ -306,7 +306,12 @@ def torques_of(system: System) -> dict[str, float]:
 
 
 def _solved(model: Model, p: np.ndarray) -> ReferenceMotion:
-    point = model.system.operating_point
+    return _solved_at(model, np.asarray(p, float).tobytes())
+
+
+@functools.lru_cache(maxsize=4096)  # a match over speeds asks for the same beds in search and judgement
+def _solved_at(model: Model, values: bytes) -> ReferenceMotion:
+    point, p = model.system.operating_point, np.frombuffer(values)
     assert point is not None
     torques = dict(point.torques)
     u = np.array([torques.get(name, 0.0) for name in model.inputs])
