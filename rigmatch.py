@@ -20,6 +20,7 @@ MANOEUVRES = ("BackOut", "DriveAway", "Step", "Sweep", "TipIn")
 HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
     "DiagnosisSettings": "matching.diagnosis.settings",
     "InputError": "modelling.errors",
+    "JudgeSettings": "matching.match.match",
     "SearchSettings": "matching.match.variables",
     "Controller": "modelling.running.plant",
     "Plant": "modelling.running.plant",
@@ -29,7 +30,8 @@ HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
     "SimulationError": "modelling.simulation.stepping",
 }
 __all__ = [
-    "BackOut", "Controller", "DiagnosisSettings", "DriveAway", "InputError", "Plant", "SearchSettings",
+    "BackOut", "Controller", "DiagnosisSettings", "DriveAway", "InputError", "JudgeSettings", "Plant",
+    "SearchSettings",
     "SimulationError", "Step", "Sweep", "TipIn", "bed", "campbell", "commission", "controller", "diagnose",
     "excite", "explore", "export", "fidelity", "identify", "learn", "load", "load_case", "load_result", "map",
     "match", "modes", "new", "order_response", "read_recording", "response", "run", "show", "simulate", "to_ss",
@@ -67,6 +69,7 @@ if TYPE_CHECKING:
     from matching.diagnosis.settings import DiagnosisSettings
     from matching.match.exported import controller
     from matching.match.imperfections import bed
+    from matching.match.match import JudgeSettings
     from matching.match.variables import SearchSettings
     from modelling.bed.manoeuvres import BackOut, DriveAway, Step, Sweep, TipIn
     from modelling.errors import InputError

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from matching.fidelity import XilFidelity
     from matching.match.case import Case
     from matching.match.map import Axis, Map
+    from matching.match.match import JudgeSettings
     from matching.match.result import MatchResult
     from matching.match.tolerance import Tolerance
     from matching.match.variables import SearchSettings
@@ -1190,7 +1191,7 @@ def _files_read(case: Case, bed: Path, order: CommissionOrder) -> dict[str, str]
 def match(
     case: Case | File, seed: int = 0, starts: int = 4, workers: int | None = None,
     progress: Callable[[str], None] | None = None, *, beds: int | None = None,
-    settings: SearchSettings | None = None,
+    settings: SearchSettings | None = None, judging: JudgeSettings | None = None,
 ) -> MatchResult:  # fmt: skip
     """Tune what the case lets move until the rig reproduces the vehicle's response, and verify the result.
 
@@ -1215,6 +1216,8 @@ def match(
         Fresh beds drawn from [uncertainty] that judge the result; 200 unless given.
     settings : SearchSettings, optional
         Numbers of the search, as ``rm.SearchSettings(pool=300)``; each has its meaning and origin there.
+    judging : JudgeSettings, optional
+        Numbers of the judge, as ``rm.JudgeSettings(...)``, likewise.
 
     Returns
     -------
@@ -1228,13 +1231,14 @@ def match(
     >>> result.status  # doctest: +LONG
     'limited'
     """
+    from matching.match.match import JUDGING
     from matching.match.match import match as run
     from matching.worker_pool import beside
 
     case = case_of(case)
     computing()
     with beside(workers or cores()) as aside, shown("match", progress, OF_A_MATCH) as tell:
-        return run(case, seed, starts, tell, beds=beds, aside=aside, settings=settings)
+        return run(case, seed, starts, tell, beds=beds, aside=aside, settings=settings, judging=judging or JUDGING)
 
 
 def map(  # noqa: A001

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
 from matching.match.case import Case, Move, apply, scaled
-from matching.match.driving import driving
+from matching.match.driving import DRIVING, DrivingSettings, driving
 from matching.match.findings import Finding, stated
-from matching.match.free_play import lashes
+from matching.match.free_play import FREE_PLAY, FreePlay, lashes
 from matching.match.in_time import simulate_deviations
 from matching.match.limits import (
     Relaxations,
@@ -24,7 +24,7 @@ from matching.match.limits import (
     relaxations,
 )
 from matching.match.loop import linear_bed
-from matching.match.minutes import minutes_of, minutes_without
+from matching.match.minutes import MinuteSettings, minutes_of, minutes_without
 from matching.match.objective import search_for
 from matching.match.order import Fresh, Ordered, contributions, ordered, planned_unless_better
 from matching.match.problem import (
@@ -39,10 +39,10 @@ from matching.match.problem import (
     target_results,
     unloaded_lashes,
 )
-from matching.match.remedies import remedies_of
+from matching.match.remedies import REMEDIES, RemedySettings, remedies_of
 from matching.match.responses import ComparedBed, SimpleVehicle, error_figures, fitted_simple_vehicle
 from matching.match.result import MatchResult, ParameterResult
-from matching.match.robustness import not_kept, noted
+from matching.match.robustness import DRAWN_BEDS, DrawnBedsSettings, not_kept, noted
 from matching.match.search import solve
 from matching.match.targets import LEAST_SHARE_TO_MOVE, change_weight
 from matching.match.variables import CONTROLLER, RESIDUAL, SearchSettings
@@ -67,6 +67,34 @@ SHORT = SearchSettings(
 )
 LARGEST_UNMOVED = 0.005  # of a quantity's range: what ends so near its start stayed there
 NOTHING_MOVED = "matched at the values the case began with: nothing had to move by more than 0.5 % of its range"
+
+
+@dataclass(frozen=True)
+class JudgeSettings:
+    """How a tuned bed is judged beside the requirements of the case; each class says what its numbers mean.
+
+    Attributes
+    ----------
+    play : FreePlay
+        Coming to rest with free play.
+    minutes : MinuteSettings
+        Standing still and staying in emulation; its ``seconds`` are ``emulated`` of the search's settings.
+    driving : DrivingSettings
+        A range of speeds.
+    drawn_beds : DrawnBedsSettings
+        What drawn beds are worth a sentence.
+    remedies : RemedySettings
+        What would make a limited case a match.
+    """
+
+    play: FreePlay = FREE_PLAY
+    minutes: MinuteSettings = field(default_factory=MinuteSettings)
+    driving: DrivingSettings = DRIVING
+    drawn_beds: DrawnBedsSettings = DRAWN_BEDS
+    remedies: RemedySettings = REMEDIES
+
+
+JUDGING = JudgeSettings()
 
 
 @dataclass(frozen=True)
@@ -129,7 +157,7 @@ def attempt(
 def match(
     case: Case, seed: int = 0, starts: int | None = None, progress: Progress | None = None, *, beds: int | None = None,
     aside: SideProcesses | None = None, ordering: bool = True, begins: Sequence[Mapping[str, float]] = (),
-    settings: SearchSettings | None = None,
+    settings: SearchSettings | None = None, judging: JudgeSettings = JUDGING,
 ) -> MatchResult:  # fmt: skip
     """Match a rig to its vehicle.
 
@@ -153,6 +181,7 @@ def match(
     begins : sequence of mapping
         Values by name, SI, from which the search begins instead, as a map begins from its neighbours.
     settings : SearchSettings, optional
+    judging : JudgeSettings, optional
 
     Returns
     -------
@@ -163,13 +192,14 @@ def match(
     found = attempt(
         case, seed, starts, progress, beds=beds, aside=aside, ordering=ordering, begins=begins, settings=settings
     )
-    return judged(found, progress, aside=aside, ordering=ordering)
+    return judged(found, progress, aside=aside, ordering=ordering, judging=judging)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def judged(
-    found: Attempt, progress: Progress | None = None, *, aside: SideProcesses | None = None, ordering: bool = True
-) -> MatchResult:
+    found: Attempt, progress: Progress | None = None, *, aside: SideProcesses | None = None, ordering: bool = True,
+    judging: JudgeSettings = JUDGING,
+) -> MatchResult:  # fmt: skip
     """The rest of :func:`match`: a search's end verified, judged on fresh beds and in time, with what limits it."""
     tell = progress or (lambda _: None)
     problem, simple, settings, short = found.problem, found.simple, found.settings, found.short
@@ -177,11 +207,15 @@ def judged(
     case, tuned = problem.case, solution.tuned
     in_time = None if aside is None else aside.begin(simulate_deviations, tuned, seed)
     standing = (
-        (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated, seed) if settings.emulated else None
+        (aside or SideProcesses()).begin(minutes_of, tuned, settings.emulated, seed, judging.minutes)
+        if settings.emulated
+        else None
     )
     checked = verify(tuned, case.rig, beds=count, seed=seed)
-    play = lashes(tuned, seed) if settings.emulated or checked.required.opened_shafts else None
-    over_range = driving(tuned, seed) if case.operating_range is not None and settings.emulated else None
+    play = lashes(tuned, seed, judging.play) if settings.emulated or checked.required.opened_shafts else None
+    over_range = None
+    if case.operating_range is not None and settings.emulated:
+        over_range = driving(tuned, seed, judging.driving)
     tell("verification on fresh beds")
     solution = replace(solution, checked=checked)
     targets = target_results(problem, checked)
@@ -198,7 +232,7 @@ def judged(
         *stated("open_lash", unloaded_lashes(case)),
     ]
     stands = led_by_dead_time(stands, case, error)
-    findings = (*stands, *_both_ways(solution, case), *noted(case, checked, play))
+    findings = (*stands, *_both_ways(solution, case), *noted(case, checked, play, judging.drawn_beds))
     tell("bound and curves")
     result = MatchResult(
         findings=findings,
@@ -240,9 +274,9 @@ def judged(
         begins = [solution.values, *(way for way in (solution.play or ()) if way)] if solution.values else []
 
         def again(changed: Case) -> MatchResult:
-            return match(changed, seed, beds=count, settings=given, ordering=False, begins=begins)
+            return match(changed, seed, beds=count, settings=given, ordering=False, begins=begins, judging=judging)
 
-        result = replace(result, remedies=remedies_of(result, again, relaxed.limits))
+        result = replace(result, remedies=remedies_of(result, again, relaxed.limits, judging.remedies))
         tell("what would make it a match")
     return replace(result, seconds=time.perf_counter() - found.begun)
 

@@ -220,11 +220,11 @@ def minutes(
         return Minutes(not_run=str(fault))
 
 
-def minutes_of(case: Case, seconds: float, seed: int = 0) -> Minutes:
+def minutes_of(case: Case, seconds: float, seed: int = 0, settings: MinuteSettings | None = None) -> Minutes:
     """Export the controller of a tuned case and run it for so many seconds."""
     if case.loop.torqueless:
         return minutes_without("the dynamometers give no torque")
-    return minutes(case, exported_controller(case), seed, MinuteSettings(seconds=seconds))
+    return minutes(case, exported_controller(case), seed, replace(settings or MinuteSettings(), seconds=seconds))
 
 
 def minutes_without(reason: str) -> Minutes:

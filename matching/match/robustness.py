@@ -55,7 +55,9 @@ class DrawnBedsSettings:
 DRAWN_BEDS = DrawnBedsSettings()
 
 
-def noted(case: Case, robust: Verification, play: OpenLash | None = None) -> list[Finding]:
+def noted(
+    case: Case, robust: Verification, play: OpenLash | None = None, settings: DrawnBedsSettings = DRAWN_BEDS
+) -> list[Finding]:
     """What does not limit a match: errors of drawn beds, a worst bed that is damped too little, free play that does not
     swing on in time."""
     found, beds = [], of_beds(robust)
@@ -65,7 +67,7 @@ def noted(case: Case, robust: Verification, play: OpenLash | None = None) -> lis
     ):
         beyond = beds.drawn - int(np.searchsorted(errors, allowed, side="right"))
         most = quantile(errors, 0.95)
-        if most is not None and beyond > DRAWN_BEDS.few * beds.drawn:
+        if most is not None and beyond > settings.few * beds.drawn:
             found.append(Finding("beds_error", most, allowed, where=what, beds=(beyond, beds.drawn), limits=False))
     found += _worst_bed(robust, stable=True)
     if not robust.required.opened_shafts:
