@@ -311,12 +311,8 @@ def _residual_speeds(case: Case, torques: np.ndarray, driven: Mapping[str, np.nd
         if vehicle.inputs
         else rest[:, None][:, :0]
     )
-    x, speeds = vehicle.steady[0], [vehicle.wheel @ vehicle.steady[0]]
-    for n in range(len(torques) - 1):
-        middle = (torques[n] + torques[n + 1]) / 2
-        x = vehicle.step(x, held + middle, own + (moved[n] + moved[n + 1]) / 2, vehicle.as_planned)
-        speeds.append(vehicle.wheel @ x)
-    found = np.array(speeds)
+    middle, own_middle = held + (torques[:-1] + torques[1:]) / 2, own + (moved[:-1] + moved[1:]) / 2
+    found = vehicle.drive(vehicle.steady[0], middle, own_middle, vehicle.as_planned) @ vehicle.wheel.T
     if not np.isfinite(found).all():
         raise InputError(
             "recordings", "drive the residual vehicle out of bounds", "check signs and units of the torques"

@@ -161,6 +161,26 @@ class SteppedVehicle:
             x = x + h * (1.5 * first + 0.5 * np.linalg.solve(W, second))
         return x
 
+    def drive(self, x: np.ndarray, torques: np.ndarray, own: np.ndarray, road: np.ndarray) -> np.ndarray:
+        """States (n + 1, v) sample after sample as by :meth:`step`, under torques (n, k) and own inputs (n, r)."""
+        if not len(torques):
+            return np.asarray(x)[None]
+        driven = self._one.mapaccum("driven", len(torques))
+        after = driven(x, torques.T, own.T, ca.repmat(ca.DM(road), 1, len(torques))).full().T
+        return np.vstack([x, after])
+
+    @cached_property
+    def _one(self) -> ca.Function:
+        """:meth:`step` in CasADi."""
+        args = [ca.SX.sym(f"in{number}", self.rates.size1_in(number)) for number in range(4)]
+        x, h = args[0], self.sample_time / self.pieces
+        for _ in range(self.pieces):
+            inverse = ca.inv(ca.SX.eye(x.numel()) - GAMMA * h * self.slopes(x, *args[1:]))
+            first = inverse @ self.rates(x, *args[1:])
+            second = self.rates(x + h * first, *args[1:]) - 2 * first
+            x = x + h * (1.5 * first + 0.5 * (inverse @ second))
+        return ca.Function("one", args, [x])
+
     def slope_at(self, x: np.ndarray) -> np.ndarray:
         """Derivatives (v, v) of the rates at a state, no torque acting, as planned."""
         slopes: np.ndarray = self.slopes(

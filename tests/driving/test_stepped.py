@@ -163,6 +163,16 @@ def test_the_vehicle_is_integrated_right(controller):
         np.testing.assert_allclose(vehicle.body @ found, vehicle.body @ exact, atol=0.01 * moved)
 
 
+def test_samples_in_a_row_are_the_same_as_one_by_one(controller):
+    vehicle, random = controller.law.vehicle, np.random.default_rng(6)
+    torques, own = random.uniform(-200, 400, (40, 2)), np.tile([300.0, -20.0, 0.0, 30.0], (40, 1))
+    x = [vehicle.steady[2]]
+    for torque, mine in zip(torques, own, strict=True):
+        x.append(vehicle.step(x[-1], torque, mine, vehicle.as_planned))
+    found = vehicle.drive(vehicle.steady[2], torques, own, vehicle.as_planned)
+    np.testing.assert_allclose(found, np.array(x), rtol=1e-9, atol=1e-9)
+
+
 def test_the_vehicle_is_stable_while_a_wheel_spins(controller):
     """The deflection of a brake stays within what it gives way by, whatever the wheel's speed is (Dahl)."""
     vehicle = controller.law.vehicle
