@@ -15,7 +15,7 @@ BASE = {"J_a": 0.1, "J_b": 1.0, "drag_a": 0.03, "drag_b": 0.5, "k": 300.0, "c": 
 PLACE = {
     "shaft": "shafts.s", "a": "inertias.a", "b": "inertias.b", "u": "inputs.u", "v": "inputs.v",
     "w_a": "sensors.w_a", "w_b": "sensors.w_b", "m": "sensors.m", "phi": "sensors.phi", "J": "inertias.b.J",
-    "k": "shafts.s.stiffness",
+    "k": "shafts.s.stiffness", "drag": "inertias.b.drag",
 }  # fmt: skip
 # Place and typical parameters of every kind; each is drawn about them.
 KINDS = {
@@ -56,7 +56,7 @@ ELSEWHERE = {
     "lag at a sensor": ("lag", "w_b"),
     "gain_drift at a sensor": ("gain_drift", "m"),
     "table of a shaft": ("table", "shaft"),
-    "parameter_drift of an inertia": ("parameter_drift", "J"),
+    "parameter_drift of a drag": ("parameter_drift", "drag"),
 }
 TWIST_TABLE = {
     "twist_1": -0.05, "torque_1": -1.0, "twist_2": 0.0, "torque_2": 0.0, "twist_3": 0.04, "torque_3": 4.0,
@@ -182,6 +182,8 @@ def readings(of: Drawn, pieces: int) -> dict[str, np.ndarray]:
         d = np.zeros_like(x)
         torque, d[5:8] = shaft(t, x)
         into_b, on_a, on_b = torque, u - base["drag_a"] * x[0], -base["drag_b"] * x[1]
+        if kind == "parameter_drift" and at == "drag":
+            on_b = aged(t) * on_b
         if kind == "compliance":  # states 5 and 6: twist of the second spring, speed of the inertia between
             into_b = p["stiffness"] * x[5]
             d[5], d[6] = x[6] - x[1], (torque - into_b) / p["J"]
@@ -203,8 +205,7 @@ def readings(of: Drawn, pieces: int) -> dict[str, np.ndarray]:
             on_a = on_a - p["amplitude"] * np.sin(turned + p["phase"]) - p["amplitude_2"] * np.sin(2 * turned)
         elif kind == "table" and at == "b":
             on_b = on_b + _interpolated(p, "speed", x[1])
-        J_b = base["J_b"] * (aged(t) if kind == "parameter_drift" and at == "J" else 1.0)
-        d[0], d[1] = (on_a - torque) / base["J_a"], (into_b + on_b) / J_b
+        d[0], d[1] = (on_a - torque) / base["J_a"], (into_b + on_b) / base["J_b"]
         d[2], d[3], d[4] = x[0] - (x[6] if kind == "compliance" else x[1]), x[0], x[1]
         if kind == "imposed_motion":
             d[1] = 0.0
@@ -309,16 +310,23 @@ def _filtered_input(of, u, h):
     for n in range(len(u[0])):
         begin[n] = now
         if of.kind == "rate_limit":
-            most = of.p["rate"] * h
-            middle[n], end[n] = (
-                now + np.clip(u[1][n] - now, -most / 2, most / 2),
-                now + np.clip(u[2][n] - now, -most, most),
-            )
+            middle[n], end[n] = (_limited(now, u[0][n], u[2][n], h, part * h, of.p["rate"]) for part in (0.5, 1.0))
         else:
             middle[n] = _lagged(now, u[0][n], u[1][n], h / 2, of.p["time_constant"])
             end[n] = _lagged(now, u[0][n], u[2][n], h, of.p["time_constant"])
         now = end[n].copy()
     return begin, middle, end
+
+
+def _limited(y, first, last, span, over, rate):
+    """A limited rate after ``over`` s: at its rate until it meets the input, which is straight over ``span``, then with
+    it."""
+    slope, gap = (last - first) / span, first - y
+    toward = np.sign(gap)
+    nearing = rate - toward * slope  # by how much the gap shrinks in a second
+    meets = np.where(gap == 0, 0.0, np.where(nearing > 0, np.abs(gap) / np.where(nearing > 0, nearing, 1.0), np.inf))
+    alone = np.minimum(meets, over)
+    return y + toward * rate * alone + np.clip(slope, -rate, rate) * (over - alone)
 
 
 def _lagged(y, first, last, over, time):

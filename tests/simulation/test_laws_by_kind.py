@@ -10,8 +10,10 @@ from tests.simulation import laws
 
 NAMES = (*laws.KINDS, *laws.ELSEWHERE)
 SEED = 6120
-# What the law has at rest or at its edges besides, as the documents say: friction creeps, a filter drives the inertia.
 TRUE_ERROR = 0.01  # of the range of a reading
+# Of the range, beside what is stated, as the documents say: a filter far above drivetrains drives an imposed inertia,
+# and what dry friction holds creeps.
+BESIDE = {"imposed_motion": 2e-3} | dict.fromkeys((*laws.FRICTION, "load_friction"), 3e-4)
 
 
 def compared(name, count, seed=SEED, pieces=20):
@@ -38,7 +40,7 @@ def test_every_kind_has_its_law():
 def test_it_moves_as_its_law_says(name):
     true, stated, own = compared(name, 2, pieces=10)
     assert true.max() < TRUE_ERROR
-    assert (true <= stated + 2 * own + 1e-5).all()
+    assert (true <= stated + 2 * own + BESIDE.get(name, 1e-5)).all()
 
 
 @pytest.mark.long
@@ -49,4 +51,4 @@ def test_drawn_chains_move_as_the_law_says(name):
     ratio = np.median(true / np.maximum(stated, 1e-12))
     print(f"| {name} | {np.median(true):.1e} | {true.max():.1e} | {stated.max():.1e} | {ratio:.2g} | {own.max():.0e} |")
     assert true.max() < TRUE_ERROR
-    assert np.mean((true <= stated + 2 * own + 1e-5).all(axis=1)) >= 0.9
+    assert np.mean((true <= stated + 2 * own + BESIDE.get(name, 1e-5)).all(axis=1)) >= 0.9
