@@ -186,8 +186,11 @@ def _gapped(
     torque: list[sm.Expr] = []
     for side, within in ((unity, sm.Max), (-unity, sm.Min)):
         over = spring - side * law.gap / 2
-        damping = law.damping * sm.Max(zero, sm.Min(unity, half + side * over / depth))
-        torque.append(within(zero, _shared(law, elastic.xreplace({x: within(zero, over)}), damping, rate)))
+        # not evaluated: SymPy would compare the arguments' assumptions, at length and for nothing
+        rising = sm.Min(unity, half + side * over / depth, evaluate=False)
+        damping = law.damping * sm.Max(zero, rising, evaluate=False)
+        pressed = elastic.xreplace({x: within(zero, over, evaluate=False)})
+        torque.append(within(zero, _shared(law, pressed, damping, rate), evaluate=False))
     return sm.Add(*torque)
 
 
