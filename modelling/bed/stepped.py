@@ -591,6 +591,20 @@ class SteppedLaw:
 Law = ControlLaw | SteppedLaw
 
 
+def shown_of(law: Law) -> list[tuple[str, str, str]]:
+    """Name, unit and meaning of what the emulated vehicle shows; nothing of a law without one."""
+    if not isinstance(law, SteppedLaw):
+        return []
+    tyres = law.vehicle.tyres
+    return [
+        ("vehicle.speed", "m/s", "of the emulated vehicle"),
+        ("vehicle.distance", "m", "since the emulation began"),
+        *((f"{name}.wheel_speed", "rad/s", "of the emulated wheel at this cut") for name in law.dynamometers),
+        *((f"{tyre}.slip", "1", "of the emulated tyre") for tyre in tyres),
+        *((f"{tyre}.torque", "N*m", "of the emulated tyre on its road") for tyre in tyres),
+    ]
+
+
 def stepped_law(
     rigs: Sequence[System], residuals: Sequence[ResidualVehicle], loop: Loop, weights: Mapping[str, float],
     bodies: Sequence[str], radius: float, torque_signs: np.ndarray, operating_speed: float,

@@ -45,6 +45,21 @@ void row_step(void *row, const double *own, int mode, unsigned life, int trigger
     state[0] = output.mode;
     state[1] = output.fault;
 }
+void row_shown(const void *row, double *out)
+{
+#if CONTROLLER_VEHICLE_STATES > 0
+    controller_output now;
+    show_vehicle((const controller *)row, &now);
+    *out++ = now.vehicle_speed;
+    *out++ = now.vehicle_distance;
+    for (int j = 0; j < DYNAMOMETERS; j++) { *out++ = now.wheel_speed[j]; }
+    for (int i = 0; i < CONTROLLER_TYRES; i++) { *out++ = now.slip[i]; }
+    for (int i = 0; i < CONTROLLER_TYRES; i++) { *out++ = now.tyre_torque[i]; }
+#else
+    (void)row;
+    (void)out;
+#endif
+}
 void batch_step(unsigned char *all, int count, const double *in, int mode, unsigned life, int trigger, double *out,
                 int *state)
 {
@@ -94,9 +109,12 @@ class ControllerBatch:
         self._count, self._k = count, len(controller.law.dynamometers)
         library = None
         if compiler():
-            library = library_of(_source(controller), OPTIMISATION, ["batch_size", "batch_begin", "row_step"])
+            library = library_of(
+                _source(controller), OPTIMISATION, ["batch_size", "batch_begin", "row_step", "row_shown"]
+            )
         self._python = [controller.running() for _ in range(count)] if library is None else []
         self.row_step: Any = None if library is None else library.row_step
+        self.row_shown: Any = None if library is None else library.row_shown
         if library is None:
             return
         self._batch_step = library.batch_step

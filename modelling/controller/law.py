@@ -9,7 +9,7 @@ import scipy
 from scipy.linalg import solve_discrete_are
 
 from modelling.bed.bed import ControlLaw
-from modelling.bed.stepped import Emulation, Law, SteppedLaw
+from modelling.bed.stepped import Emulation, Law, SteppedLaw, shown_of
 from modelling.bed.vehicle import FeedForward
 from modelling.errors import NoDesign
 from modelling.linear.state_space import StateSpace
@@ -518,6 +518,18 @@ class SupervisedController:
         """What the emulated vehicle does, as the last sample left it."""
         assert self._emulation is not None
         return self._emulation[0]
+
+    def shown(self) -> np.ndarray:
+        """What the emulated vehicle does (e,), as the last sample left it: see
+        :func:`modelling.bed.stepped.shown_of`; NaN while nothing is emulated."""
+        if not isinstance(self.law, SteppedLaw) or self._mode != EMULATION:
+            return np.full(len(shown_of(self.law)), np.nan)
+        vehicle, now = self.law.vehicle, self.vehicle
+        tyres = vehicle.outputs(
+            now.vehicle, np.zeros(len(self._sent)), np.zeros(len(vehicle.inputs)), self.road
+        ).full()  # fmt: skip
+        speed = vehicle.radius * vehicle.body @ now.vehicle
+        return np.r_[speed, now.distance, vehicle.wheel @ now.vehicle, tyres[: 2 * len(vehicle.tyres), 0]]
 
     def _follow_trigger(self, trigger: bool) -> None:
         if trigger and not self._triggered:

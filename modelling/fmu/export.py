@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from modelling.bed.stepped import Law, SteppedLaw
+from modelling.bed.stepped import Law, SteppedLaw, shown_of
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import ExportedController
 from modelling.effects.effect import SECOND_STATE
@@ -774,17 +774,7 @@ def _vehicle(law: Law) -> tuple[list[Variable], list[Variable]]:
         Variable("vehicle.mass", "input", "1", 1.0, "of the emulated vehicle's bodies over the planned one"),
         Variable("vehicle.grade", "input", "1", 0.0, "rise of the road over its length on the map"),
     ]
-    emulated = [
-        Variable("vehicle.speed", "output", "m/s", 0.0, "of the emulated vehicle"),
-        Variable("vehicle.distance", "output", "m", 0.0, "since the emulation began"),
-        *(
-            Variable(f"{dynamometer}.wheel_speed", "output", "rad/s", 0.0, "of the emulated wheel at this cut")
-            for dynamometer in law.dynamometers
-        ),
-        *(Variable(f"{tyre}.slip", "output", "1", 0.0, "of the emulated tyre") for tyre in tyres),
-        *(Variable(f"{tyre}.torque", "output", "N*m", 0.0, "of the emulated tyre on its road") for tyre in tyres),
-    ]
-    return road, emulated
+    return road, [Variable(name, "output", unit, 0.0, meaning) for name, unit, meaning in shown_of(law)]
 
 
 def _settings(controller: ExportedController) -> list[Variable]:

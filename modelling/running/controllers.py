@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from modelling.bed.stepped import Law
+from modelling.bed.stepped import Law, shown_of
 from modelling.controller.law import (
     EMULATION,
     NO_LIMIT,
@@ -60,17 +60,24 @@ class ControllerRows:
     ----------
     fault, fault_at : ndarray of int (b,)
         What ended the emulation first, 0 where nothing did, and its sample, −1.
+    shown : tuple of str (e)
+        What the emulated vehicle shows, by name.
     """
 
     def __init__(self, controller: ExportedController, schedule: Schedule, count: int = 1):
         self.controller, self.schedule, self.count = controller, schedule, count
         self.sensors, self.known = tuple(controller.law.sensors), tuple(controller.law.known)
+        self.shown = tuple(name for name, _, _ in shown_of(controller.law))
         self.begin()
 
     def begin(self) -> None:
         """Everything forgotten."""
         self.fault, self.fault_at = np.zeros(self.count, np.int32), np.full(self.count, -1, np.int64)
         self._each = [self.controller.running() for _ in range(self.count)]
+
+    def show(self) -> np.ndarray:
+        """What the emulated vehicles do (e, b), as the last sample left it; NaN of a row that emulates nothing."""
+        return np.stack([one.shown() for one in self._each], axis=1)
 
     def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray:
         """See :class:`modelling.running.plant.Controller`."""

@@ -7,6 +7,7 @@
 #include <string.h>
 
 typedef int (*function)(const double **, double **, long long *, double *, int);
+typedef void (*showing)(const void *, double *);
 typedef void (*controller)(void *, const double *, int, unsigned, int, double *, int *);
 
 typedef struct {
@@ -17,8 +18,9 @@ typedef struct {
 typedef struct {
     function sample, reading;
     controller step; /* 0: no command acts */
+    showing shown;   /* what the emulated vehicle does; 0: there is none */
     long long rows, physical, read, drives, dynamometers, pieces, longest, parameters;
-    long long sensors, kept, law_sensors, known, every, controller_bytes;
+    long long sensors, kept, law_sensors, known, every, controller_bytes, emulated_size;
     double span, largest; /* s of a sample; a state beyond it has left all bounds */
     double *state;        /* (b, physical + dynamometers * longest) */
     const double *parameter, *arriving; /* (b, parameters), (b, k, pieces, longest) */
@@ -41,6 +43,7 @@ typedef struct {
     long long *fault_at; /* (b): its sample, -1 */
     long long *lost_at;  /* (b): sample at which a row left all bounds, -1 */
     double *readings, *commands, *states; /* (t', b, kept), (t', b, dynamometers), (t', b, physical) or 0 */
+    double *emulated;                     /* (t', b, emulated_size), as it is when a sample of emulation begins */
     double *work;                         /* of the functions, then buffers */
     long long *integers;
     long long work_size;
@@ -137,6 +140,9 @@ int run_rows(const rows *r, long long first, long long end, long long total)
                     in[r->law_sensors + r->known + j] = r->hold.at[n * r->hold.sample + j * r->hold.place + b * r->hold.row];
                     in[r->law_sensors + r->known + k + j] =
                         r->added.at[n * r->added.sample + j * r->added.place + b * r->added.row];
+                }
+                if (kept_now && r->shown && r->state_of[2 * b] == EMULATION) {
+                    r->shown(r->controllers + b * r->controller_bytes, r->emulated + (slot * r->rows + b) * r->emulated_size);
                 }
                 r->step(r->controllers + b * r->controller_bytes, in, r->mode[n], (unsigned)n, r->trigger[n], command,
                         r->state_of + 2 * b);

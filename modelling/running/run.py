@@ -47,6 +47,10 @@ class Motion:
         sample, −1.
     states : ndarray (t, x, b) or None
         Absolute, where they were asked for.
+    emulated : mapping of str to ndarray (t, b)
+        What the emulated vehicle does under a controller over a range of speeds, by the names that its FMU has
+        (``vehicle.speed`` in m/s, ``vehicle.distance`` in m, ``NAME.wheel_speed`` in rad/s, ``TYRE.slip``,
+        ``TYRE.torque`` in N·m); NaN while nothing is emulated.
     interpreted : bool
         Whether there was no C compiler, with which it takes a tenth of the time.
     """
@@ -61,15 +65,18 @@ class Motion:
     fault_at: np.ndarray
     states: np.ndarray | None = field(repr=False, default=None)
     interpreted: bool = False
+    emulated: Mapping[str, np.ndarray] = field(repr=False, default_factory=dict)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Time series (t, b) of a sensor or command by name."""
+        """Time series (t, b) of a sensor, command or quantity of the emulated vehicle by name."""
         if name in self.sensors:
             found: np.ndarray = self.readings[:, self.sensors.index(name)]
         elif name in self.names:
             found = self.commands[:, self.names.index(name)]
+        elif name in self.emulated:
+            found = self.emulated[name]
         else:
-            raise unknown(name, [*self.sensors, *self.names], "time series")
+            raise unknown(name, [*self.sensors, *self.names, *self.emulated], "time series")
         return found
 
 
@@ -182,6 +189,8 @@ def _interpreted(
     needed = [] if controller is None else [plant.sensors.index(name) for name in controller.sensors]
     motion = np.full((kept, own.beds.physical, rows), np.nan) if own is not None and states else None
     idle = np.zeros((k, rows)) if own is None else own.idle()
+    shown = controller.shown if isinstance(controller, ControllerRows) else ()
+    emulated = np.full((kept, len(shown), rows), np.nan)
     lost, lost_at = np.zeros(rows, bool), np.full(rows, count)
     shape = drive.shape[1], rows
     plant.begin(np.broadcast_to(drive[0], shape))
@@ -195,6 +204,8 @@ def _interpreted(
             here = own.exact()
             values = own.sensed(here) if controller is not None else here
         commands = idle
+        if isinstance(controller, ControllerRows) and shown and n % every == 0:
+            emulated[n // every] = controller.show()
         if controller is not None:
             asked = controller.step(n, values[needed], np.broadcast_to(told[n], (told.shape[1], rows)))
             if asked is None:
@@ -224,6 +235,7 @@ def _interpreted(
     return Motion(
         np.arange(kept) * (every * span), tuple(keep), tuple(plant.commands), read[:kept], sent[:kept], lost,
         fault, fault_at, None if motion is None else motion[:kept], compiler() is None,
+        {name: emulated[:kept, i] for i, name in enumerate(shown)},
     )  # fmt: skip
 
 
@@ -254,7 +266,7 @@ class _Shared(ctypes.Structure):
 
 _SIZES = (
     "rows", "physical", "read", "drives", "dynamometers", "pieces", "longest", "parameters", "sensors", "kept",
-    "law_sensors", "known", "every", "controller_bytes",
+    "law_sensors", "known", "every", "controller_bytes", "emulated_size",
 )  # fmt: skip
 
 
@@ -262,7 +274,7 @@ class _Rows(ctypes.Structure):
     """``rows`` of ``rows.c``, field by field."""
 
     _fields_ = [
-        *((name, c_void_p) for name in ("sample", "reading", "step")),
+        *((name, c_void_p) for name in ("sample", "reading", "step", "shown")),
         *((name, c_longlong) for name in _SIZES),
         ("span", c_double), ("largest", c_double),
         *((name, c_void_p) for name in ("state", "parameter", "arriving")),
@@ -273,7 +285,8 @@ class _Rows(ctypes.Structure):
         )),
         ("drift_from", c_longlong), ("drift_samples", c_longlong), ("noise_from", c_longlong),
         *((name, c_void_p) for name in (
-            "controllers", "state_of", "fault", "fault_at", "lost_at", "readings", "commands", "states", "work",
+            "controllers", "state_of", "fault", "fault_at", "lost_at", "readings", "commands", "states", "emulated",
+            "work",
             "integers",
         )),
         ("work_size", c_longlong),
@@ -306,14 +319,16 @@ class _Compiled:
         kept = -(-count // self.every)
         plant.begin(np.zeros((len(plant.inputs), b)))
         errors, sensing = plant.errors, plant.sensing
+        shown = () if controller is None else controller.shown
         law = np.array([] if controller is None else [plant.sensors.index(name) for name in controller.sensors])
         r = _Rows()
         r.sample, r.reading = functions
         r.step = None if batch is None else ctypes.cast(batch.row_step, c_void_p)
+        r.shown = ctypes.cast(batch.row_shown, c_void_p) if batch is not None and shown else None
         sizes = (
             b, beds.physical, len(sensors), len(beds.drives), k, beds.pieces, beds.longest, beds.parameters.shape[1],
             len(plant.sensors), len(self.keep), len(law), self.told.shape[1], self.every,
-            0 if batch is None else batch.bytes_each,
+            0 if batch is None else batch.bytes_each, len(shown),
         )  # fmt: skip
         for name, size in zip(_SIZES, sizes, strict=True):
             setattr(r, name, size)
@@ -321,6 +336,7 @@ class _Compiled:
         r.drift_from, r.drift_samples, r.noise_from = errors.drift_from, errors.drift_samples, errors.noise_from
         state = np.array(beds.start.T, order="C", copy=True)  # C writes to it
         readings, commands = np.full((kept, b, len(self.keep)), np.nan), np.full((kept, b, k), np.nan)
+        emulated = np.full((kept, b, len(shown)), np.nan)
         motion = np.full((kept, b, beds.physical), np.nan) if self.with_states else None
         fault, fault_at, lost_at = np.zeros(b, np.int32), np.full(b, -1, np.int64), np.full(b, -1, np.int64)
         sizes_of_work = [(f.sz_w(), f.sz_iw(), max(f.sz_arg(), f.sz_res())) for f in beds.functions]
@@ -334,7 +350,7 @@ class _Compiled:
             "state": state, "parameter": beds.parameters, "arriving": beds.arriving, "middle": beds.middles,
             "trim": beds.trim.T, "gain": errors.gain, "zero": errors.zero, "drift": errors.drift,
             "count": errors.count, "angle": sensing.angle, "last": sensing.last, "rest": sensing.rest,
-            "readings": readings, "commands": commands, "work": np.zeros(work_size + buffers),
+            "readings": readings, "commands": commands, "emulated": emulated, "work": np.zeros(work_size + buffers),
         }  # fmt: skip
         for name, array in reals.items():
             self._point(r, name, array, float)
@@ -372,6 +388,7 @@ class _Compiled:
             np.arange(kept) * (self.every * plant.sample_time), self.keep, plant.commands,
             readings.transpose(0, 2, 1), commands.transpose(0, 2, 1), lost_at >= 0, fault, fault_at,
             None if motion is None else motion.transpose(0, 2, 1),
+            emulated={name: emulated[:, :, i] for i, name in enumerate(shown)},
         )  # fmt: skip
 
     def _point(self, r: _Rows, name: str, array: np.ndarray, kind: type) -> None:

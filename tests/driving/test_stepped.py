@@ -14,13 +14,16 @@ from scipy.integrate import solve_ivp
 
 from matching.match.case_file import case_files, case_from_tables, load_case
 from matching.match.exported import exported_controller
+from matching.match.imperfections import bed
 from matching.match.operating_range import at_speed, grid
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
 from modelling.bed.stepped import Emulation
 from modelling.controller.batch import ControllerBatch
 from modelling.errors import InputError
 from modelling.fmu.export import controller_fmu
-from modelling.linear.steady_motion import torques_of
+from modelling.linear.steady_motion import speeds_of, torques_of
+from modelling.running.controllers import ControllerRows, Schedule
+from modelling.running.run import run
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "drive_away" / "case.toml"
 HOLD, EMULATION = 1, 2
@@ -161,6 +164,31 @@ def test_the_vehicle_is_integrated_right(controller):
         moved = np.abs(vehicle.wheel @ (exact - at)).max() + 1e-3
         np.testing.assert_allclose(vehicle.wheel @ found, vehicle.wheel @ exact, atol=0.01 * moved)
         np.testing.assert_allclose(vehicle.body @ found, vehicle.body @ exact, atol=0.01 * moved)
+
+
+@compiles
+def test_a_run_shows_what_the_emulated_vehicle_does(case, monkeypatch):
+    """Compiled and in Python alike; the bed's rotors turn as its wheels do, and the distance is that of its speed."""
+    about, samples = at_speed(case, 10.0), 700
+    torque = {"motor_torque": 40 * np.clip((np.arange(samples) - 300) / 50, 0, 1)}
+    made = exported_controller(case)
+    steady = speeds_of(about.vehicle)
+    hold = np.array([[steady[f"wheel_{side}"]] for side in ("left", "right")])
+    begin = np.array([[torques_of(about.rig)[name]] for name in ("dyno_left", "dyno_right")])
+    controller = ControllerRows(made, Schedule.held_first(200, samples, hold, begin))
+    known = {"motor_torque": torque["motor_torque"] + torques_of(about.vehicle)["motor_torque"]}
+    found = run(bed(about), controller, torque, known)
+    monkeypatch.setattr("modelling.running.run.compiler", lambda: None)
+    python = run(bed(about), controller, torque, known)
+    assert set(found.emulated) == set(python.emulated) >= {"vehicle.speed", "left.wheel_speed", "tyre_body_left.slip"}
+    for name, values in found.emulated.items():
+        assert np.isnan(values[:200]).all()
+        np.testing.assert_allclose(python.emulated[name][201:], values[201:], atol=1e-7)
+    np.testing.assert_allclose(found["left.wheel_speed"][300:], found["rotor_left_speed"][300:], atol=0.3)
+    np.testing.assert_allclose(
+        np.diff(found["vehicle.distance"][210:, 0]), 1e-3 * found["vehicle.speed"][210:-1, 0], rtol=1e-3
+    )
+    assert found["vehicle.speed"][-1, 0] > found["vehicle.speed"][250, 0] > 9.9
 
 
 def test_samples_in_a_row_are_the_same_as_one_by_one(controller):
