@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from matching.uncertainty.result import Uncertainty
     from modelling.bed.manoeuvres import Manoeuvre
     from modelling.linear.state_space import Response, StateSpace
-    from modelling.modal.orders import Campbell, OrderResponse
+    from modelling.modal.forced import CriticalSettings, OrderResponse
+    from modelling.modal.orders import Campbell
     from modelling.modal.result import Modes
     from modelling.recordings.read import Channel
     from modelling.recordings.recording import Recording
@@ -375,7 +376,7 @@ def response(model: System | File, frequencies: Sequence[float | str] | np.ndarr
 def campbell(
     model: System | File, speed: str | np.ndarray, *, of: str | None = None, orders: str | Iterable[float] = "0.5,1,2,4"
 ) -> Campbell:
-    """Campbell diagram: modes over speed, and where orders of a turning part meet them.
+    """Campbell diagram: damped modes over speed, and where orders of a turning part meet them.
 
     Modes of a model that is not linear (tyre slip, say) are those of steady motion at each speed, followed by their
     shapes. The command writes campbell.json, a figure and report.html.
@@ -394,26 +395,31 @@ def campbell(
     Returns
     -------
     Campbell
-        ``crossings`` with order, mode, speed (rad/s) and frequency (Hz); ``speeds`` and ``frequencies``.
+        ``crossings`` with order, mode, speed (rad/s), and the frequencies (Hz) at which the mode rings and would ring
+        undamped; ``speeds`` and ``frequencies``.
 
     Examples
     --------
     >>> found = rm.campbell("examples/engine/engine.toml", "600:6000 1/min", orders=[2, 4])
     >>> print(f"{found.crossings[0].speed:.1f} rad/s")
-    88.5 rad/s
+    86.4 rad/s
     """
     from modelling.modal.orders import campbell as find
+    from modelling.modal.orders import check_orders, checked_speeds
 
     system = system_of(model)
-    speeds, of = _speeds(speed), of or _first_driven(system)
+    of = of or _first_driven(system)
     given = [in_si(one, "1", "orders") for one in (orders.split(",") if isinstance(orders, str) else orders)]
+    speeds = checked_speeds(system, of, _speeds(speed))
+    check_orders(given)
     computing()
     return find(system, speeds, of, given)
 
 
 def order_response(
-    model: System | File, speed: str | np.ndarray, torques: Mapping[str, float | str], *, of: str | None = None,
-    phases: Mapping[str, float | str] | None = None,
+    model: System | File, speed: str | np.ndarray, torques: Mapping[str, Any], *, of: str | None = None,
+    phases: Mapping[str, float | str] | None = None, load: float | str | None = None,
+    settings: CriticalSettings | None = None,
 ) -> OrderResponse:  # fmt: skip
     """Forced response to orders: torque of every shaft and angle of every inertia over speed; critical speeds.
 
@@ -426,42 +432,80 @@ def order_response(
         A model file.
     speed : str or ndarray
         As in campbell.
-    torques : mapping of str to float or str
-        Amplitude (N·m) by input and order, e.g. --torques "engine_torque:2=100".
+    torques : mapping of str to float, str or function
+        Amplitude (N·m) by input and order, e.g. --torques "engine_torque:2=100"; or a table over speed, and over load
+        where it has one, e.g. "engine_torque:2=order_2.csv" with the columns speed, torque, phase and load. An input
+        that imposes a speed or an angle takes rad/s or rad. In Python also a function of speeds in rad/s.
     of : str, optional
         As in campbell.
     phases : mapping of str to float or str
         Phase (rad, or "30 deg") by input and order; 0 unless stated.
+    load : float or str, optional
+        At which tables over load are read, e.g. "80 %".
+    settings : CriticalSettings, optional
+        Numbers by which a speed is called critical.
 
     Returns
     -------
     OrderResponse
-        ``critical`` with shaft, speed (rad/s), torque (N·m) and order; ``torques`` and ``angles`` by order.
+        ``critical`` with shaft, speed (rad/s), torque (N·m), order and mode; ``largest`` of every shaft with its
+        peak-to-peak and fatigue torque; ``torques`` and ``angles`` by order.
 
     Examples
     --------
     >>> found = rm.order_response("examples/engine/engine.toml", "600:6000 1/min", {"engine_torque:2": 150})
-    >>> found.critical[0].shaft
-    'damper'
+    >>> worst = max(found.largest, key=lambda one: one.torque)
+    >>> print(f"{worst.shaft}: {worst.torque:.0f} N·m")
+    crank: 118 N·m
     """
-    import numpy as np
+    from modelling.modal.forced import check_acting
+    from modelling.modal.forced import order_response as find
+    from modelling.modal.orders import checked_speeds
 
-    from modelling.modal.orders import order_response as find
-
-    system, phases, acting = system_of(model), phases or {}, {}
+    system, phases = system_of(model), phases or {}
+    speeds = checked_speeds(system, of or _first_driven(system), _speeds(speed))
     for name in phases:
         if name not in torques:
             raise unknown(name, list(torques), "phases")
-    for name, amplitude in torques.items():
+    named: dict[tuple[str, float], Any] = {}
+    for name in torques:
         source, colon, order = name.rpartition(":")
         if not colon:
             raise InputError("torques", f"{name!r} has no order", "write INPUT:ORDER=TORQUE, e.g. engine_torque:2=100")
-        phase = in_si(phases.get(name, 0.0), "rad", f"phases {name}")
-        size = in_si(amplitude, "N*m", f"torques {name}")
-        acting[source, in_si(order, "1", f"torques {name}")] = complex(size * np.exp(1j * phase))
-    speeds, of = _speeds(speed), of or _first_driven(system)
+        named[source, in_si(order, "1", f"torques {name}")] = name
+    check_acting(system, named)
+    acting = {
+        (source, order): _amplitude(torques[name], name, system.input_units[source], phases.get(name, 0.0), load)
+        for (source, order), name in named.items()
+    }
+    if load is not None and not any(isinstance(one, str) and _is_table(one) for one in torques.values()):
+        raise InputError(
+            "load", "no table over load is named", 'name one, e.g. --torques "engine_torque:2=order_2.csv"'
+        )
+    for each in acting.values():
+        if callable(each):
+            each(speeds)  # what a table does not cover is told before anything is computed
     computing()
-    return find(system, speeds, of, acting)
+    return find(system, speeds, of or _first_driven(system), acting, settings)
+
+
+def _is_table(stated: str) -> bool:
+    return Path(stated).suffix.lower() in (".csv", ".txt", ".parquet", ".mat")
+
+
+def _amplitude(stated: Any, name: str, unit: str, phase: float | str, load: float | str | None) -> Any:
+    """Of an order, complex, or a function of speeds (rad/s) that gives it."""
+    import numpy as np
+
+    from modelling.recordings.torque_table import torque_table
+
+    turned = np.exp(1j * in_si(phase, "rad", f"phases {name}"))
+    if isinstance(stated, str) and _is_table(stated):
+        table = torque_table(Path(stated), unit, None if load is None else in_si(load, "1", "load"))
+        return lambda speeds: turned * table(speeds)
+    if callable(stated):
+        return lambda speeds: turned * np.asarray(stated(speeds), complex)
+    return complex(in_si(stated, unit, f"torques {name}") * turned)
 
 
 def _first_driven(system: System) -> str:
@@ -476,18 +520,22 @@ def _speeds(stated: str | np.ndarray) -> np.ndarray:
 
     from modelling.modal.orders import POINTS
 
+    if isinstance(stated, np.ndarray):
+        return stated.astype(float)
+    right = 'write LOWEST:HIGHEST with a unit, e.g. "600:6000 1/min" or "60:600 rad/s"'
     if not isinstance(stated, str):
-        return np.asarray(stated, float)
+        raise InputError("speed", f"{stated!r} has no unit", f"{right}; or give an array in rad/s")
     parts = [part.strip().partition(" ") for part in stated.split(":")]
     units = [unit for _, _, unit in parts if unit]
     numbers = [number for number, _, _ in parts]
     if len(parts) not in (2, 3):
-        raise InputError("speed", f"{stated!r} is no range", 'write LOWEST:HIGHEST, e.g. "600:6000 1/min"')
+        raise InputError("speed", f"{stated!r} is no range", right)
+    if not units:
+        raise InputError("speed", f"{stated!r} has no unit", right)
     points = numbers[2] if len(parts) == 3 else str(POINTS)
     if not points.isdecimal() or int(points) < 2:
         raise InputError("speed", f"{points!r} is no number of speeds", "give 2 or more")
-    unit = units[0] if units else "rad/s"
-    low, high = (in_si(f"{number} {own or unit}", "rad/s", "speed") for number, _, own in parts[:2])
+    low, high = (in_si(f"{number} {own or units[0]}", "rad/s", "speed") for number, _, own in parts[:2])
     if not 0 < low < high:
         raise InputError("speed", f"{stated!r} does not rise from above 0", "give the lowest speed first")
     return np.linspace(low, high, int(points))

@@ -668,6 +668,10 @@ class Kind:
         """Impose the ``speed`` or ``angle`` that an input holds on the motion of the inertia it sits on."""
         raise NotImplementedError
 
+    def imposed_response(self, measures: str, s: np.ndarray) -> np.ndarray:
+        """What the imposed motion is of what the input holds, at complex frequencies s, 1/s; 1 where it is exact."""
+        raise NotImplementedError
+
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:
         """Change what a sensor reads."""
         raise NotImplementedError
