@@ -300,9 +300,30 @@ def same_file(one: Recording | File, other: Recording | File) -> bool:
     return one is other
 
 
+def _each(recordings: Any) -> list[Any]:
+    """Recordings in a list, where one alone may stand for it."""
+    from modelling.recordings.frames import is_frame
+    from modelling.recordings.recording import Recording as Read
+
+    if isinstance(recordings, str | PathLike | Read) or is_frame(recordings):
+        return [recordings]
+    return list(recordings or ())
+
+
 def recording_of(recording: Recording | File, system: System, channels: File | None = None) -> Recording:
-    """A recording, read where a path stands for it; raises as :func:`read_recording` does."""
-    return read_recording(recording, system, channels) if isinstance(recording, str | PathLike) else recording
+    """A recording, read where a path or a pandas DataFrame stands for it; raises as :func:`read_recording` does."""
+    from modelling.recordings.frames import is_frame
+    from modelling.recordings.read import recording_of_frame
+    from modelling.recordings.recording import Recording as Read
+
+    if isinstance(recording, str | PathLike):
+        return read_recording(recording, system, channels)
+    if is_frame(recording):
+        return recording_of_frame(recording, system, channels_of(channels))
+    if not isinstance(recording, Read):
+        right = "give a path, a pandas DataFrame, or what rm.read_recording returns"
+        raise InputError("recording", f"{type(recording).__name__} is no recording", right)
+    return recording
 
 
 # --- What a drivetrain does: modes, frequency responses, motions.
@@ -614,9 +635,9 @@ def simulate(
     ----------
     model : System or path
         Model file (TOML).
-    recording : Recording, path, or mapping of input to manoeuvre
-        Recording (CSV, MDF, .mat or Parquet). In Python also torques of inputs as manoeuvres, such as
-        ``{"motor_torque": rm.TipIn(amplitude=100)}``; other inputs are 0 and it starts at rest.
+    recording : Recording, path, DataFrame, or mapping of input to manoeuvre
+        Recording (CSV, MDF, .mat or Parquet). In Python also a pandas DataFrame, or torques of inputs as manoeuvres,
+        such as ``{"motor_torque": rm.TipIn(amplitude=100)}``; other inputs are 0 and it starts at rest.
     channels : path, optional
         File that says what the channels are called in the recording (TOML).
     start : {"recorded", "rest", "steady"}, states by name or all states
@@ -720,12 +741,9 @@ def diagnose(
     from matching.diagnosis.data import segments_between_gaps
     from matching.diagnosis.diagnose import diagnose as run
     from modelling.recordings.plausible import check_motion
-    from modelling.recordings.recording import Recording
 
     system = system_of(model)
-    fitted, judging = (
-        [what] if isinstance(what, str | PathLike | Recording) else list(what or ()) for what in (recordings, holdout)
-    )
+    fitted, judging = ([*_each(what)] for what in (recordings, holdout))
     for each in judging:
         if any(same_file(each, other) for other in fitted):
             raise InputError(f"holdout {each}", "is fitted as well", "name a recording that the fit does not see")

@@ -241,7 +241,7 @@ def drawn_engine(rng, least_damping):
     rows = np.zeros((n - 1, n))
     for i in range(n - 1):
         rows[i, i], rows[i, i + 1] = 1 / ratio[i], -1
-    squares, shapes = eigh(rows.T @ (k[:, None] * rows), np.diag(J))
+    squares = eigh(rows.T @ (k[:, None] * rows), np.diag(J), eigvals_only=True)
     lowest = np.sqrt(squares[1])
     c = 2 * least_damping / lowest * k * rng.uniform(0.7, 1.4, n - 1)
     data = {
