@@ -105,7 +105,7 @@ def check_seconds(
 
 
 def _least_held(channels: Mapping[str, np.ndarray], system: System) -> float:
-    """Least share of the whole inertia that turns with a recorded sensor's: a wheel that spins leaves the car behind."""
+    """Least share of the whole inertia that turns with a recorded one: a wheel that spins leaves the car behind."""
     apart = {place for effect in system.effects if effect.law.slips for place in effect.places}
     shares = [1.0]
     for sensor in system.sensors:
