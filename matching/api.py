@@ -1304,11 +1304,11 @@ def match(
 
 
 def map(  # noqa: A001
-    case: Case | File, x: str | Axis, y: str | Axis, executor: Executor | None = None, *,
+    case: Case | File, x: str | Axis, y: str | Axis | None = None, executor: Executor | None = None, *,
     seed: int = 0, starts: int = 2,
     workers: int | None = None, record: File | None = None, progress: Callable[[str], None] | None = None,
 ) -> Map:  # fmt: skip
-    """The response error that a match reaches over two quantities.
+    """The response error that a match reaches over one or two quantities.
 
     A quantity is named as in [move] of the case, or is one of the loop, e.g. loop.dead_time; it may carry its range and
     the number of values, or all values: loop.dead_time=0.001:0.008:6 or "loop.dead_time=1 ms,2 ms,5 ms". Mirror images
@@ -1322,7 +1322,8 @@ def map(  # noqa: A001
     case : Case or path
         Case file (TOML).
     x, y : str or Axis
-        QUANTITY[=LOW:HIGH[:N]] or QUANTITY=VALUE,VALUE,…; units as in the case file, SI where none is written.
+        QUANTITY[=LOW:HIGH[:N]] or QUANTITY=VALUE,VALUE,…; units as in the case file, SI where none is written. Without
+        y one quantity is swept.
     executor : Executor, optional
         Where the points are solved.
     seed : int
@@ -1349,13 +1350,33 @@ def map(  # noqa: A001
     from matching.match.map import axis, map_case
 
     case = case_of(case)
-    x, y = (axis(case, end, f"--{name}") if isinstance(end, str) else end for name, end in (("x", x), ("y", y)))
+    x = axis(case, x, "--x") if isinstance(x, str) else x
+    y = axis(case, y, "--y") if isinstance(y, str) else y
     computing()
     with shown("map", progress, OF_A_COUNT) as tell:
         return map_case(
             case, x, y, executor, seed=seed, starts=starts, workers=workers, record=path_of(record),
             progress=lambda done, total: tell(f"{done} of {total} points"),
         )  # fmt: skip
+
+
+def sweep(case: Case | File, x: str | Axis, executor: Executor | None = None, **options: Any) -> Map:
+    """The response error that a match reaches over one quantity: :func:`map` without its second axis.
+
+    Parameters
+    ----------
+    case, x, executor, options : see :func:`map`
+
+    Returns
+    -------
+    Map
+        With one row of points.
+
+    Examples
+    --------
+    >>> rm.sweep("examples/road_to_rig/case.toml", "loop.dead_time=1ms:8ms:6").plot()  # doctest: +SKIP
+    """
+    return map(case, x, None, executor, **options)
 
 
 def tolerance(

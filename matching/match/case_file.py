@@ -6,13 +6,14 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tomli_w
 
 from matching.match.box import read_uncertainty, uncertainty_table
 from matching.match.case import ERROR_SCALES, LIMITS_OF_ALL, Case, Compared, Move, Target, own_limit, table_of, text_of
+from matching.match.movable import movable
 from matching.match.operating_range import (
     in_steady_motion,
     range_tables,
@@ -29,7 +30,7 @@ from modelling.bed.vehicle import ResidualVehicle, cut, own_part, with_residual_
 from modelling.errors import InputError, unknown
 from modelling.linear.steady_motion import torques_of
 from modelling.model_file import dumps, load, quantity
-from modelling.system import Effect, Quantity, System, mirror_image, resistance
+from modelling.system import Effect, System, resistance
 from modelling.toml import check_file, no_pipe, read_toml, title
 from modelling.topology import connected_parts, joints
 from modelling.units import to_si
@@ -353,44 +354,6 @@ def _floor(name: str, loop: Loop) -> float:
     if name.startswith("loop."):
         return loop.quantities[name.removeprefix("loop.")].lower
     return 0.0
-
-
-class Movable(NamedTuple):
-    """Start (SI) and SI unit of a quantity, and the names that move together: itself and its mirror image."""
-
-    start: float
-    unit: str
-    together: tuple[str, ...]
-
-
-def movable(rig: System, residual: ResidualVehicle, loop: Loop) -> dict[str, Movable]:
-    """Every quantity that may move, by name.
-
-    What the rig shares with the vehicle is the specimen and does not move.
-    """
-    shared = {cut.shaft for cut in residual.interfaces}
-    vehicle_side: dict[str, Quantity] = {}
-    units: dict[str, str] = {}
-    for part in residual.parts:
-        vehicle_side |= part.parameters
-        units |= part.units
-    quantities: dict[str, Movable] = {}
-    mirrors = {name: mirror_image(name, residual.vehicle) for name in vehicle_side}
-    for name, value in vehicle_side.items():
-        full = f"residual_vehicle.{name}"
-        image = mirrors[name]
-        together = (full,) if image == name else (full, f"residual_vehicle.{image}")
-        quantities[full] = Movable(value.value, units[name], together)
-    specimen = set(residual.vehicle.parameters) | {f"shafts.{name}" for name in shared}
-    for name, value in rig.parameters.items():
-        if name in specimen:
-            continue
-        full, image = f"rig.{name}", mirror_image(name, rig)
-        together = (full,) if image == name else (full, f"rig.{image}")
-        quantities[full] = Movable(value.value, rig.units[name], together)
-    for name, spec in loop.quantities.items():
-        quantities[f"loop.{name}"] = Movable(loop.values[name], spec.unit, (f"loop.{name}",))
-    return quantities
 
 
 # --- Reading the operating point of a case, and giving it to the vehicle and to the rig.
