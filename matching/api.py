@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from matching.dry_run import case_words, computing, model_words, was_read
 from matching.progress import OF_A_COUNT, OF_A_MATCH, shown
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 # --- What a file holds: models, cases, recordings, and their drawing.
 
 File = str | PathLike[str]
+Kind = TypeVar("Kind")
 
 
 def load(path: File) -> System:
@@ -243,7 +244,17 @@ def load_result(path: File) -> SavedResult | SavedCurves:
 
 def system_of(model: System | File) -> System:
     """A model, read where a path stands for it; raises as :func:`load` does."""
-    return load(model) if isinstance(model, str | PathLike) else model
+    from modelling.system import System as Drivetrain
+
+    return load(model) if isinstance(model, str | PathLike) else _of_kind(model, Drivetrain, "model", "rm.load")
+
+
+def _of_kind(given: Any, kind: type[Kind], name: str, loader: str) -> Kind:
+    """An argument that was not given as a path, if it is of its kind."""
+    if not isinstance(given, kind):
+        right = f"give a path, or what {loader} returns"
+        raise InputError(name, f"{type(given).__name__} is no {kind.__name__}", right)
+    return given
 
 
 def in_si(value: float | str, unit: str, name: str, *, positive: bool = False) -> float:
@@ -274,7 +285,9 @@ def path_of(path: File | None) -> Path | None:
 
 def case_of(case: Case | File) -> Case:
     """A case, read where a path stands for it; raises as :func:`load_case` does."""
-    return load_case(case) if isinstance(case, str | PathLike) else case
+    from matching.match.case import Case as Read
+
+    return load_case(case) if isinstance(case, str | PathLike) else _of_kind(case, Read, "case", "rm.load_case")
 
 
 def tuned_case_of(case: Case | File) -> Case:
@@ -282,13 +295,15 @@ def tuned_case_of(case: Case | File) -> Case:
     from matching.export import tuned_case
 
     if not isinstance(case, str | PathLike):
-        return case
+        return case_of(case)
     tuned = tuned_case(Path(case)).tuned
     was_read(case, lambda: case_words(tuned))
     return tuned
 
 
 def _check_seed(seed: int) -> None:
+    if not isinstance(seed, int) or isinstance(seed, bool):
+        raise InputError("seed", f"{seed!r} is no whole number", "give 0 or more")
     if seed < 0:
         raise InputError("seed", f"{seed} is negative", "give 0 or more")
 
@@ -1298,6 +1313,7 @@ def match(
     from matching.worker_pool import beside
 
     case = case_of(case)
+    _check_seed(seed)
     computing()
     with beside(workers or cores()) as aside, shown("match", progress, OF_A_MATCH) as tell:
         return run(case, seed, starts, tell, beds=beds, aside=aside, settings=settings)

@@ -24,6 +24,7 @@ from matching.match.loop import compared_sensors, linear_bed, without_limits
 from matching.match.loop_modes import neutral_motions
 from matching.match.operating_range import RANGE, at_speed, body_speed, grid, law_over_speed
 from matching.match.requirements import requirements
+from modelling.bed.profile import DrivenTorques
 from modelling.controller.law import FAULTS, ExportedController
 from modelling.errors import InputError
 from modelling.fidelity.over_range import parts_of, worst_part
@@ -54,6 +55,8 @@ class DrivingSettings:
         rad/s: an end at which the vehicle's sensors of speed move no more than this is at rest.
     judged_at_rest : float
         s at the end of a drive.
+    followed : float
+        m/s: a driver further from his profile is told; ±2 km/h is the tolerance of the WLTP's drivers.
     """
 
     drawn: int = 20
@@ -64,6 +67,7 @@ class DrivingSettings:
     hold: float = 3.0
     at_rest: float = 0.2
     judged_at_rest: float = 1.0
+    followed: float = 2 / 3.6
 
 
 DRIVING = DrivingSettings()
@@ -326,6 +330,20 @@ def _missed(drive: DriveResult, settings: DrivingSettings, torque_limit: float) 
             f"{drive.title}: at rest the command keeps moving by {errors.quiet:.2g} N·m rms, "
             f"{settings.quiet * torque_limit:.3g} N·m ({100 * settings.quiet:g} % of the torque limit) is allowed"
         )
+    return said
+
+
+def not_followed(case: Case, settings: DrivingSettings = DRIVING) -> list[str]:
+    """Sentences on drivers who cannot follow their profile: what is played is another drive then."""
+    said = []
+    for drive in case.operating_range.drives if case.operating_range is not None else ():
+        torques = drive.torques
+        if isinstance(torques, DrivenTorques) and torques.behind[0] > settings.followed:
+            behind, at = torques.behind
+            said.append(
+                f"{drive.title}: the driver is up to {3.6 * behind:.3g} km/h off his profile, at {at:.3g} s; with more "
+                f"than {torques.driver.largest:g} N·m (largest) or a gentler profile he follows it"
+            )
     return said
 
 
