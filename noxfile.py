@@ -4,7 +4,7 @@ import nox
 
 PYTHONS = ("3.11", "3.12", "3.13")  # as in pyproject.toml; a Python that the machine lacks is skipped
 TESTS = ("tests/modelling", "tests/recordings", "tests/files")
-NEEDS = ("pytest", "pytest-timeout", "hypothesis", "h5py", "npTDMS", "pandas", "pyarrow")
+NEEDS = ("pytest", "pytest-timeout", "hypothesis", "h5py", "jsonschema", "npTDMS", "pandas", "pyarrow")
 
 
 @nox.session(python=PYTHONS)
