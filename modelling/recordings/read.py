@@ -497,7 +497,7 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     check_header(table, source)
     _check_inputs(table, system, source)
     si_units = _units(system)
-    units = {column.name: column.unit for column in table.columns if column.name in si_units}
+    units = {each.name: each.unit for each in table.columns if each.name in si_units}
     scales = {name: factor(unit, si_units[name], f"{source}: column {name!r}") for name, unit in units.items()}
     scales |= _references(table, system, source)
     base = _time_base(table, source)
