@@ -28,14 +28,33 @@ HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
     "controller": "matching.match.exported",
     "run": "modelling.running.run",
     "SimulationError": "modelling.simulation.stepping",
+    # what functions take and give
+    "System": "modelling.system",
+    "Case": "matching.match.case",
+    "Recording": "modelling.recordings.recording",
+    "Modes": "modelling.modal.result",
+    "Campbell": "modelling.modal.orders",
+    "OrderResponse": "modelling.modal.forced",
+    "CriticalSettings": "modelling.modal.forced",
+    "Response": "modelling.linear.state_space",
+    "StateSpace": "modelling.linear.state_space",
+    "Simulation": "modelling.simulation.stepping",
+    "MatchResult": "matching.match.result",
+    "Map": "matching.match.map",
+    "Tolerance": "matching.match.tolerance",
+    "Diagnosis": "matching.diagnosis.result",
+    "Uncertainty": "matching.uncertainty.result",
+    "XilFidelity": "matching.fidelity",
 }
 __all__ = [
-    "BackOut", "Controller", "DiagnosisSettings", "DriveAway", "InputError", "JudgeSettings", "Plant",
+    "BackOut", "Campbell", "Case", "Controller", "CriticalSettings", "Diagnosis", "DiagnosisSettings", "DriveAway",
+    "InputError", "JudgeSettings", "Map", "MatchResult", "Modes", "OrderResponse", "Plant", "Recording", "Response",
     "SearchSettings",
-    "SimulationError", "Step", "Sweep", "TipIn", "bed", "campbell", "commission", "controller", "diagnose",
-    "excite", "explore", "export", "fidelity", "identify", "learn", "load", "load_case", "load_result", "map",
-    "match", "modes", "new", "order_response", "read_recording", "response", "run", "show", "simulate", "to_ss",
-    "tolerance", "uncertainty", "verify",
+    "Simulation", "SimulationError", "StateSpace", "Step", "Sweep", "System", "TipIn", "Tolerance", "Uncertainty",
+    "XilFidelity", "bed", "campbell", "commission", "controller", "diagnose", "excite", "explore", "export",
+    "fidelity", "identify", "learn", "load", "load_case", "load_result", "map", "match", "modes", "new",
+    "order_response", "read_recording", "response", "run", "show", "simulate", "sweep", "to_ss", "tolerance",
+    "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -61,21 +80,35 @@ if TYPE_CHECKING:
         response,
         show,
         simulate,
+        sweep,
         to_ss,
         tolerance,
         uncertainty,
         verify,
     )
+    from matching.diagnosis.result import Diagnosis
     from matching.diagnosis.settings import DiagnosisSettings
+    from matching.fidelity import XilFidelity
+    from matching.match.case import Case
     from matching.match.exported import controller
     from matching.match.imperfections import bed
+    from matching.match.map import Map
     from matching.match.match import JudgeSettings
+    from matching.match.result import MatchResult
+    from matching.match.tolerance import Tolerance
     from matching.match.variables import SearchSettings
+    from matching.uncertainty.result import Uncertainty
     from modelling.bed.manoeuvres import BackOut, DriveAway, Step, Sweep, TipIn
     from modelling.errors import InputError
+    from modelling.linear.state_space import Response, StateSpace
+    from modelling.modal.forced import CriticalSettings, OrderResponse
+    from modelling.modal.orders import Campbell
+    from modelling.modal.result import Modes
+    from modelling.recordings.recording import Recording
     from modelling.running.plant import Controller, Plant
     from modelling.running.run import run
-    from modelling.simulation.stepping import SimulationError
+    from modelling.simulation.stepping import Simulation, SimulationError
+    from modelling.system import System
 
 PACKAGES = ("modelling", "matching")
 REPLACED = (

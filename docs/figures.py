@@ -35,6 +35,7 @@ def generators() -> dict[str, Callable[[], Any]]:
     made = {
         "drivetrain.png": lambda: rm.show(REFERENCE / "case.toml"),
         "overview.png": lambda: rm.match(REFERENCE / "observer.toml").plot(),
+        "shuffle.svg": lambda: moving_modes(rm.match(REFERENCE / "observer.toml")),
         "map.png": lambda: rm.map(REFERENCE / "observer.toml", *MAP_AXES).plot(),
         "channels.png": channels_picture,
         "on_the_bed.png": lambda: picture(measure(ROOT / "out" / "reference_circle")),
@@ -47,6 +48,61 @@ def generators() -> dict[str, Callable[[], Any]]:
     figures |= {f"docs/gallery/diagnosis_{k}.png": lambda k=k, of=of: diagnosed(of, k) for k, of in shown.items()}
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
     return figures | {f"notebooks/{path.name}": lambda path=path: run_notebook(path) for path in notebooks}
+
+
+SECONDS = 2.4  # of a period of the vehicle's mode in the moving picture; other modes by the ratio of frequencies
+ROW, LABEL, CELL, RADIUS, SWING = 118, 190, 96, 28, 60  # px of the moving picture; degrees of the largest amplitude
+
+
+def moving_modes(result: Any) -> bytes:
+    """The shuffle in the vehicle, on the rig and on the matched rig, slowed alike: SVG with SMIL, no script.
+
+    Amplitudes are reduced to the motor (over those of the rigid motion); of two sides the left one is drawn.
+    """
+    from matching.report.common import MATCHED, RIG, VEHICLE
+
+    target = max(result.targets, key=lambda one: one.vehicle)
+    rows = [
+        ("vehicle", VEHICLE, result.vehicle_modes, target.vehicle),
+        ("rig without control", RIG, result.rig_modes, target.rig),
+        ("matched rig", MATCHED, result.matched_modes, target.matched),
+    ]
+    drawn = []
+    for place, (title, colour, modes, hertz) in enumerate(rows):
+        mode = min(modes, key=lambda one: abs(one.frequency - hertz))
+        rigid = next(one for one in modes if one.frequency == 0)
+        reduced = {
+            name.removeprefix("inertias."): (amplitude / rigid.shape[name]).real
+            for name, amplitude in mode.shape.items() if not name.endswith("_right")
+        }  # fmt: skip
+        largest = max(reduced.values(), key=abs)
+        top, seconds = place * ROW, SECONDS * target.vehicle / hertz
+        drawn.append(
+            f'<text x="14" y="{top + 50}" font-size="16" fill="{colour}" font-weight="bold">{title}</text>'
+            f'<text x="14" y="{top + 74}" font-size="15" fill="#333">{hertz:.2f} Hz</text>'
+        )
+        sign = 1 if reduced["motor"] > 0 else -1
+        for column, (name, amplitude) in enumerate(reduced.items()):
+            angle = round(sign * SWING * amplitude / abs(largest), 1)
+            words = name.removesuffix("_left").replace("_", " ")
+            drawn.append(
+                f'<g transform="translate({LABEL + CELL * column + CELL // 2},{top + 46})">'
+                f'<circle r="{RADIUS}" fill="{colour}" fill-opacity="0.15" stroke="{colour}" stroke-width="1.5"/>'
+                f'<line y2="-{RADIUS}" stroke="#bbb" stroke-dasharray="2 2"/>'
+                f'<line y2="-{RADIUS}" stroke="#000" stroke-width="3"><animateTransform attributeName="transform" '
+                f'type="rotate" dur="{seconds:.3f}s" repeatCount="indefinite" calcMode="spline" '
+                f'values="{angle};{-angle};{angle}" keyTimes="0;0.5;1" '
+                'keySplines="0.364 0 0.636 1;0.364 0 0.636 1"/></line>'
+                f'<text y="{RADIUS + 16}" font-size="12" fill="#333" text-anchor="middle">{words}</text></g>'
+            )
+    width, height = LABEL + 6 * CELL + 10, len(rows) * ROW + 8
+    words = "The shuffle mode, slowed: vehicle, rig without control, matched rig"
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
+        f'role="img" aria-label="{words}" font-family="sans-serif">'
+        '<rect width="100%" height="100%" rx="8" fill="#fff"/>'
+        f"{''.join(drawn)}</svg>\n"
+    ).encode()
 
 
 def diagnosed(recording: str, picture: str) -> Any:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from matching.dry_run import case_words, computing, model_words, was_read
 from matching.progress import OF_A_COUNT, OF_A_MATCH, shown
@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     from matching.uncertainty.result import Uncertainty
     from modelling.bed.manoeuvres import Manoeuvre
     from modelling.linear.state_space import Response, StateSpace
-    from modelling.modal.orders import Campbell, OrderResponse
+    from modelling.modal.forced import CriticalSettings, OrderResponse
+    from modelling.modal.orders import Campbell
     from modelling.modal.result import Modes
     from modelling.recordings.read import Channel
     from modelling.recordings.recording import Recording
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 # --- What a file holds: models, cases, recordings, and their drawing.
 
 File = str | PathLike[str]
+Kind = TypeVar("Kind")
 
 
 def load(path: File) -> System:
@@ -243,7 +245,17 @@ def load_result(path: File) -> SavedResult | SavedCurves:
 
 def system_of(model: System | File) -> System:
     """A model, read where a path stands for it; raises as :func:`load` does."""
-    return load(model) if isinstance(model, str | PathLike) else model
+    from modelling.system import System as Drivetrain
+
+    return load(model) if isinstance(model, str | PathLike) else _of_kind(model, Drivetrain, "model", "rm.load")
+
+
+def _of_kind(given: Any, kind: type[Kind], name: str, loader: str) -> Kind:
+    """An argument that was not given as a path, if it is of its kind."""
+    if not isinstance(given, kind):
+        right = f"give a path, or what {loader} returns"
+        raise InputError(name, f"{type(given).__name__} is no {kind.__name__}", right)
+    return given
 
 
 def in_si(value: float | str, unit: str, name: str, *, positive: bool = False) -> float:
@@ -274,7 +286,9 @@ def path_of(path: File | None) -> Path | None:
 
 def case_of(case: Case | File) -> Case:
     """A case, read where a path stands for it; raises as :func:`load_case` does."""
-    return load_case(case) if isinstance(case, str | PathLike) else case
+    from matching.match.case import Case as Read
+
+    return load_case(case) if isinstance(case, str | PathLike) else _of_kind(case, Read, "case", "rm.load_case")
 
 
 def tuned_case_of(case: Case | File) -> Case:
@@ -282,13 +296,15 @@ def tuned_case_of(case: Case | File) -> Case:
     from matching.export import tuned_case
 
     if not isinstance(case, str | PathLike):
-        return case
+        return case_of(case)
     tuned = tuned_case(Path(case)).tuned
     was_read(case, lambda: case_words(tuned))
     return tuned
 
 
 def _check_seed(seed: int) -> None:
+    if not isinstance(seed, int) or isinstance(seed, bool):
+        raise InputError("seed", f"{seed!r} is no whole number", "give 0 or more")
     if seed < 0:
         raise InputError("seed", f"{seed} is negative", "give 0 or more")
 
@@ -300,9 +316,30 @@ def same_file(one: Recording | File, other: Recording | File) -> bool:
     return one is other
 
 
+def _each(recordings: Any) -> list[Any]:
+    """Recordings in a list, where one alone may stand for it."""
+    from modelling.recordings.frames import is_frame
+    from modelling.recordings.recording import Recording as Read
+
+    if isinstance(recordings, str | PathLike | Read) or is_frame(recordings):
+        return [recordings]
+    return list(recordings or ())
+
+
 def recording_of(recording: Recording | File, system: System, channels: File | None = None) -> Recording:
-    """A recording, read where a path stands for it; raises as :func:`read_recording` does."""
-    return read_recording(recording, system, channels) if isinstance(recording, str | PathLike) else recording
+    """A recording, read where a path or a pandas DataFrame stands for it; raises as :func:`read_recording` does."""
+    from modelling.recordings.frames import is_frame
+    from modelling.recordings.read import recording_of_frame
+    from modelling.recordings.recording import Recording as Read
+
+    if isinstance(recording, str | PathLike):
+        return read_recording(recording, system, channels)
+    if is_frame(recording):
+        return recording_of_frame(recording, system, channels_of(channels))
+    if not isinstance(recording, Read):
+        right = "give a path, a pandas DataFrame, or what rm.read_recording returns"
+        raise InputError("recording", f"{type(recording).__name__} is no recording", right)
+    return recording
 
 
 # --- What a drivetrain does: modes, frequency responses, motions.
@@ -376,7 +413,7 @@ def response(model: System | File, frequencies: Sequence[float | str] | np.ndarr
 def campbell(
     model: System | File, speed: str | np.ndarray, *, of: str | None = None, orders: str | Iterable[float] = "0.5,1,2,4"
 ) -> Campbell:
-    """Campbell diagram: modes over speed, and where orders of a turning part meet them.
+    """Campbell diagram: damped modes over speed, and where orders of a turning part meet them.
 
     Modes of a model that is not linear (tyre slip, say) are those of steady motion at each speed, followed by their
     shapes. The command writes campbell.json, a figure and report.html.
@@ -395,26 +432,31 @@ def campbell(
     Returns
     -------
     Campbell
-        ``crossings`` with order, mode, speed (rad/s) and frequency (Hz); ``speeds`` and ``frequencies``.
+        ``crossings`` with order, mode, speed (rad/s), and the frequencies (Hz) at which the mode rings and would ring
+        undamped; ``speeds`` and ``frequencies``.
 
     Examples
     --------
     >>> found = rm.campbell("examples/engine/engine.toml", "600:6000 1/min", orders=[2, 4])
     >>> print(f"{found.crossings[0].speed:.1f} rad/s")
-    88.5 rad/s
+    86.4 rad/s
     """
     from modelling.modal.orders import campbell as find
+    from modelling.modal.orders import check_orders, checked_speeds
 
     system = system_of(model)
-    speeds, of = _speeds(speed), of or _first_driven(system)
+    of = of or _first_driven(system)
     given = [in_si(one, "1", "orders") for one in (orders.split(",") if isinstance(orders, str) else orders)]
+    speeds = checked_speeds(system, of, _speeds(speed))
+    check_orders(given)
     computing()
     return find(system, speeds, of, given)
 
 
 def order_response(
-    model: System | File, speed: str | np.ndarray, torques: Mapping[str, float | str], *, of: str | None = None,
-    phases: Mapping[str, float | str] | None = None,
+    model: System | File, speed: str | np.ndarray, torques: Mapping[str, Any], *, of: str | None = None,
+    phases: Mapping[str, float | str] | None = None, load: float | str | None = None,
+    settings: CriticalSettings | None = None,
 ) -> OrderResponse:  # fmt: skip
     """Forced response to orders: torque of every shaft and angle of every inertia over speed; critical speeds.
 
@@ -427,42 +469,80 @@ def order_response(
         A model file.
     speed : str or ndarray
         As in campbell.
-    torques : mapping of str to float or str
-        Amplitude (N·m) by input and order, e.g. --torques "engine_torque:2=100".
+    torques : mapping of str to float, str or function
+        Amplitude (N·m) by input and order, e.g. --torques "engine_torque:2=100"; or a table over speed, and over load
+        where it has one, e.g. "engine_torque:2=order_2.csv" with the columns speed, torque, phase and load. An input
+        that imposes a speed or an angle takes rad/s or rad. In Python also a function of speeds in rad/s.
     of : str, optional
         As in campbell.
     phases : mapping of str to float or str
         Phase (rad, or "30 deg") by input and order; 0 unless stated.
+    load : float or str, optional
+        At which tables over load are read, e.g. "80 %".
+    settings : CriticalSettings, optional
+        Numbers by which a speed is called critical.
 
     Returns
     -------
     OrderResponse
-        ``critical`` with shaft, speed (rad/s), torque (N·m) and order; ``torques`` and ``angles`` by order.
+        ``critical`` with shaft, speed (rad/s), torque (N·m), order and mode; ``largest`` of every shaft with its
+        peak-to-peak and fatigue torque; ``torques`` and ``angles`` by order.
 
     Examples
     --------
     >>> found = rm.order_response("examples/engine/engine.toml", "600:6000 1/min", {"engine_torque:2": 150})
-    >>> found.critical[0].shaft
-    'damper'
+    >>> worst = max(found.largest, key=lambda one: one.torque)
+    >>> print(f"{worst.shaft}: {worst.torque:.0f} N·m")
+    crank: 118 N·m
     """
-    import numpy as np
+    from modelling.modal.forced import check_acting
+    from modelling.modal.forced import order_response as find
+    from modelling.modal.orders import checked_speeds
 
-    from modelling.modal.orders import order_response as find
-
-    system, phases, acting = system_of(model), phases or {}, {}
+    system, phases = system_of(model), phases or {}
+    speeds = checked_speeds(system, of or _first_driven(system), _speeds(speed))
     for name in phases:
         if name not in torques:
             raise unknown(name, list(torques), "phases")
-    for name, amplitude in torques.items():
+    named: dict[tuple[str, float], Any] = {}
+    for name in torques:
         source, colon, order = name.rpartition(":")
         if not colon:
             raise InputError("torques", f"{name!r} has no order", "write INPUT:ORDER=TORQUE, e.g. engine_torque:2=100")
-        phase = in_si(phases.get(name, 0.0), "rad", f"phases {name}")
-        size = in_si(amplitude, "N*m", f"torques {name}")
-        acting[source, in_si(order, "1", f"torques {name}")] = complex(size * np.exp(1j * phase))
-    speeds, of = _speeds(speed), of or _first_driven(system)
+        named[source, in_si(order, "1", f"torques {name}")] = name
+    check_acting(system, named)
+    acting = {
+        (source, order): _amplitude(torques[name], name, system.input_units[source], phases.get(name, 0.0), load)
+        for (source, order), name in named.items()
+    }
+    if load is not None and not any(isinstance(one, str) and _is_table(one) for one in torques.values()):
+        raise InputError(
+            "load", "no table over load is named", 'name one, e.g. --torques "engine_torque:2=order_2.csv"'
+        )
+    for each in acting.values():
+        if callable(each):
+            each(speeds)  # what a table does not cover is told before anything is computed
     computing()
-    return find(system, speeds, of, acting)
+    return find(system, speeds, of or _first_driven(system), acting, settings)
+
+
+def _is_table(stated: str) -> bool:
+    return Path(stated).suffix.lower() in (".csv", ".txt", ".parquet", ".mat")
+
+
+def _amplitude(stated: Any, name: str, unit: str, phase: float | str, load: float | str | None) -> Any:
+    """Of an order, complex, or a function of speeds (rad/s) that gives it."""
+    import numpy as np
+
+    from modelling.recordings.torque_table import torque_table
+
+    turned = np.exp(1j * in_si(phase, "rad", f"phases {name}"))
+    if isinstance(stated, str) and _is_table(stated):
+        table = torque_table(Path(stated), unit, None if load is None else in_si(load, "1", "load"))
+        return lambda speeds: turned * table(speeds)
+    if callable(stated):
+        return lambda speeds: turned * np.asarray(stated(speeds), complex)
+    return complex(in_si(stated, unit, f"torques {name}") * turned)
 
 
 def _first_driven(system: System) -> str:
@@ -477,18 +557,22 @@ def _speeds(stated: str | np.ndarray) -> np.ndarray:
 
     from modelling.modal.orders import POINTS
 
+    if isinstance(stated, np.ndarray):
+        return stated.astype(float)
+    right = 'write LOWEST:HIGHEST with a unit, e.g. "600:6000 1/min" or "60:600 rad/s"'
     if not isinstance(stated, str):
-        return np.asarray(stated, float)
+        raise InputError("speed", f"{stated!r} has no unit", f"{right}; or give an array in rad/s")
     parts = [part.strip().partition(" ") for part in stated.split(":")]
     units = [unit for _, _, unit in parts if unit]
     numbers = [number for number, _, _ in parts]
     if len(parts) not in (2, 3):
-        raise InputError("speed", f"{stated!r} is no range", 'write LOWEST:HIGHEST, e.g. "600:6000 1/min"')
+        raise InputError("speed", f"{stated!r} is no range", right)
+    if not units:
+        raise InputError("speed", f"{stated!r} has no unit", right)
     points = numbers[2] if len(parts) == 3 else str(POINTS)
     if not points.isdecimal() or int(points) < 2:
         raise InputError("speed", f"{points!r} is no number of speeds", "give 2 or more")
-    unit = units[0] if units else "rad/s"
-    low, high = (in_si(f"{number} {own or unit}", "rad/s", "speed") for number, _, own in parts[:2])
+    low, high = (in_si(f"{number} {own or units[0]}", "rad/s", "speed") for number, _, own in parts[:2])
     if not 0 < low < high:
         raise InputError("speed", f"{stated!r} does not rise from above 0", "give the lowest speed first")
     return np.linspace(low, high, int(points))
@@ -567,9 +651,9 @@ def simulate(
     ----------
     model : System or path
         Model file (TOML).
-    recording : Recording, path, or mapping of input to manoeuvre
-        Recording (CSV, MDF, .mat or Parquet). In Python also torques of inputs as manoeuvres, such as
-        ``{"motor_torque": rm.TipIn(amplitude=100)}``; other inputs are 0 and it starts at rest.
+    recording : Recording, path, DataFrame, or mapping of input to manoeuvre
+        Recording (CSV, MDF, .mat or Parquet). In Python also a pandas DataFrame, or torques of inputs as manoeuvres,
+        such as ``{"motor_torque": rm.TipIn(amplitude=100)}``; other inputs are 0 and it starts at rest.
     channels : path, optional
         File that says what the channels are called in the recording (TOML).
     start : {"recorded", "rest", "steady"}, states by name or all states
@@ -673,12 +757,9 @@ def diagnose(
     from matching.diagnosis.data import segments_between_gaps
     from matching.diagnosis.diagnose import diagnose as run
     from modelling.recordings.plausible import check_motion
-    from modelling.recordings.recording import Recording
 
     system = system_of(model)
-    fitted, judging = (
-        [what] if isinstance(what, str | PathLike | Recording) else list(what or ()) for what in (recordings, holdout)
-    )
+    fitted, judging = ([*_each(what)] for what in (recordings, holdout))
     for each in judging:
         if any(same_file(each, other) for other in fitted):
             raise InputError(f"holdout {each}", "is fitted as well", "name a recording that the fit does not see")
@@ -1236,17 +1317,18 @@ def match(
     from matching.worker_pool import beside
 
     case = case_of(case)
+    _check_seed(seed)
     computing()
     with beside(workers or cores()) as aside, shown("match", progress, OF_A_MATCH) as tell:
         return run(case, seed, starts, tell, beds=beds, aside=aside, settings=settings, judging=judging or JUDGING)
 
 
 def map(  # noqa: A001
-    case: Case | File, x: str | Axis, y: str | Axis, executor: Executor | None = None, *,
+    case: Case | File, x: str | Axis, y: str | Axis | None = None, executor: Executor | None = None, *,
     seed: int = 0, starts: int = 2,
     workers: int | None = None, record: File | None = None, progress: Callable[[str], None] | None = None,
 ) -> Map:  # fmt: skip
-    """The response error that a match reaches over two quantities.
+    """The response error that a match reaches over one or two quantities.
 
     A quantity is named as in [move] of the case, or is one of the loop, e.g. loop.dead_time; it may carry its range and
     the number of values, or all values: loop.dead_time=0.001:0.008:6 or "loop.dead_time=1 ms,2 ms,5 ms". Mirror images
@@ -1260,7 +1342,8 @@ def map(  # noqa: A001
     case : Case or path
         Case file (TOML).
     x, y : str or Axis
-        QUANTITY[=LOW:HIGH[:N]] or QUANTITY=VALUE,VALUE,…; units as in the case file, SI where none is written.
+        QUANTITY[=LOW:HIGH[:N]] or QUANTITY=VALUE,VALUE,…; units as in the case file, SI where none is written. Without
+        y one quantity is swept.
     executor : Executor, optional
         Where the points are solved.
     seed : int
@@ -1287,13 +1370,33 @@ def map(  # noqa: A001
     from matching.match.map import axis, map_case
 
     case = case_of(case)
-    x, y = (axis(case, end, f"--{name}") if isinstance(end, str) else end for name, end in (("x", x), ("y", y)))
+    x = axis(case, x, "--x") if isinstance(x, str) else x
+    y = axis(case, y, "--y") if isinstance(y, str) else y
     computing()
     with shown("map", progress, OF_A_COUNT) as tell:
         return map_case(
             case, x, y, executor, seed=seed, starts=starts, workers=workers, record=path_of(record),
             progress=lambda done, total: tell(f"{done} of {total} points"),
         )  # fmt: skip
+
+
+def sweep(case: Case | File, x: str | Axis, executor: Executor | None = None, **options: Any) -> Map:
+    """The response error that a match reaches over one quantity: :func:`map` without its second axis.
+
+    Parameters
+    ----------
+    case, x, executor, options : see :func:`map`
+
+    Returns
+    -------
+    Map
+        With one row of points.
+
+    Examples
+    --------
+    >>> rm.sweep("examples/road_to_rig/case.toml", "loop.dead_time=1ms:8ms:6").plot()  # doctest: +SKIP
+    """
+    return map(case, x, None, executor, **options)
 
 
 def tolerance(

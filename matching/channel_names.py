@@ -14,7 +14,7 @@ import numpy as np
 from modelling.errors import InputError, listed
 from modelling.escape import toml_string
 from modelling.recordings.readers import read_table
-from modelling.recordings.table import TIME_NAMES, Column, time_hint
+from modelling.recordings.table import TIME_NAMES, Column, time_hint, unit_in_name
 from modelling.system import System
 from modelling.units import SENSOR_UNITS, factor
 
@@ -82,7 +82,9 @@ def suggestions(system: System, columns: Mapping[str, str]) -> dict[str, Suggest
     used: set[str] = set()
     for similarity, wanted, column in pairs:
         if similarity >= LEAST_SIMILARITY and wanted.name not in by_channel and column not in used:
-            by_channel[wanted.name] = Suggestion(column, columns[column] or wanted.si, similarity)
+            by_name = unit_in_name(column)
+            unit = columns[column] or (by_name if _fits(wanted, by_name) else "") or wanted.si
+            by_channel[wanted.name] = Suggestion(column, unit, similarity)
             used.add(column)
     return {w.name: by_channel.get(w.name, Suggestion("", w.si, 0.0)) for w in wanted_channels(system)}
 

@@ -651,6 +651,7 @@ EXAMPLES = {
         "match examples/road_to_rig/observer.toml --beds 2000 --out out/observer",
     ),
     "map": (
+        "map examples/road_to_rig/case.toml --x loop.dead_time=1ms:8ms:4 --starts 1 --out out/sweep",
         "map examples/road_to_rig/case.toml --x loop.dead_time=1ms:8ms:4 --y "
         "rig.shafts.flange_left.stiffness=1e5:4e5:3 --out out/map",
         'map examples/road_to_rig/case.toml --x "loop.dead_time=1 ms,2 ms,5 ms" --y loop.inverter_lag '
@@ -730,7 +731,7 @@ COMMANDS: dict[str, Command] = {
     "response": Command(UNDERSTAND, api.order_response, required=("speed", "torques")),
     "simulate": Command(UNDERSTAND, api.simulate, run_simulate, summary=simulate_summary),
     "match": Command(MATCH, api.match),
-    "map": Command(MATCH, api.map, required=("x", "y"), hidden=("record",), further=study_arguments),
+    "map": Command(MATCH, api.map, required=("x",), hidden=("record",), further=study_arguments),
     "tolerance": Command(MATCH, api.tolerance, hidden=("record",), further=study_arguments),
     "diagnose": Command(LACKS, api.diagnose),
     "uncertainty": Command(TRUST, api.uncertainty, file="uncertainty.json", **IF_ASKED),

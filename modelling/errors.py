@@ -97,4 +97,4 @@ def listed(names: list[str], most: int = 12) -> str:
 
 # --- The version of rigmatch, in this one place.
 
-VERSION = "0.2.0.dev0"
+VERSION = "0.2.0"

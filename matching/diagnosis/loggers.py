@@ -20,7 +20,15 @@ from matching.diagnosis.simulation import simulate_readings, steps_and_stick_spe
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import STICK_SPEED
 from modelling.errors import InputError, listed, unknown
-from modelling.recordings.read import Channel, ChannelFile, names_in_file, read_recording, read_signals
+from modelling.recordings.read import (
+    Channel,
+    ChannelFile,
+    absent_inputs,
+    absent_note,
+    names_in_file,
+    read_recording,
+    read_signals,
+)
 from modelling.recordings.readers import read_table
 from modelling.recordings.recording import Recording
 from modelling.system import System, clock_error
@@ -44,14 +52,28 @@ def read_loggers(paths: str, system: System, channels: Mapping[str, Channel] | N
         files, or in more than one.
     """
     if SEVERAL not in paths or Path(paths).exists():
-        return read_recording(paths, system, channels)
+        return read_recording(paths, system, channels, absent_is_zero=True)
     names = [*(part.name for part in system.inputs), *(part.name for part in system.sensors)]
     names += system.input_references
     files = [Path(path) for path in paths.split(SEVERAL)]
     stated = _by_file(files, channels) if channels else [None] * len(files)
     same_clock = isinstance(channels, ChannelFile) and channels.same_clock
     parts = [read_signals(path, names, own) for path, own in zip(files, stated, strict=True)]
-    return joined(system, parts, same_clock)
+    return joined(system, _with_absent(system, parts, bool(channels)), same_clock)
+
+
+def _with_absent(system: System, parts: Sequence[Recording], mapped: bool) -> list[Recording]:
+    """The same; a torque that no logger holds is zero in those that hold the other inputs, with a note."""
+    columns = {name for part in parts for name in part.channels}
+    absent = absent_inputs(columns, (), system, mapped)
+    others = {part.name for part in system.inputs} - set(absent)
+    return [
+        replace(
+            part, channels=part.channels | {name: np.zeros(len(part.time)) for name in absent},
+            notes=(*part.notes, *map(absent_note, absent)),
+        ) if others <= set(part.channels) else part
+        for part in parts
+    ]  # fmt: skip
 
 
 def _by_file(files: Sequence[Path], channels: Mapping[str, Channel]) -> list[ChannelFile]:

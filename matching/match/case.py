@@ -12,12 +12,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 from matching.match.box import Box
+from matching.match.movable import movable
 from modelling import display
 from modelling.bed.bed import Loop
 from modelling.bed.manoeuvres import Manoeuvre
 from modelling.bed.vehicle import ResidualVehicle, TorqueCurve
 from modelling.errors import InputError, unknown
 from modelling.system import System
+from modelling.units import to_si
 
 # --- Case
 
@@ -180,6 +182,26 @@ class Case:
     def emulated_vehicle(self) -> System:
         """The vehicle that the controller emulates: with the user's residual vehicle where the case has one."""
         return self.vehicle if self.simple_vehicle is None else self.simple_vehicle
+
+    def with_values(self, values: Mapping[str, float | str]) -> Case:
+        """The case with other values by the names of ``[move]`` and their mirror images, SI or texts with a unit.
+
+        ``case.with_values({"loop.dead_time": "5 ms"})``. Beds are drawn about the changed values; what may move still
+        may.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown or a value impossible.
+        """
+        known = movable(self.rig, self.residual_vehicle, self.loop)
+        changed: dict[str, float] = {}
+        for name, value in values.items():
+            if name not in known:
+                raise unknown(name, list(known), "")
+            number = to_si(value, known[name].unit, name) if isinstance(value, str) else float(value)
+            changed |= dict.fromkeys(known[name].together, number)
+        return apply(self, changed)
 
     def __repr__(self) -> str:
         name = self.title or self.path

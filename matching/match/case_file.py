@@ -6,13 +6,14 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tomli_w
 
 from matching.match.box import read_uncertainty, uncertainty_table
 from matching.match.case import ERROR_SCALES, LIMITS_OF_ALL, Case, Compared, Move, Target, own_limit, table_of, text_of
+from matching.match.movable import movable
 from matching.match.operating_range import (
     in_steady_motion,
     range_tables,
@@ -29,9 +30,9 @@ from modelling.bed.vehicle import ResidualVehicle, cut, own_part, with_residual_
 from modelling.errors import InputError, unknown
 from modelling.linear.steady_motion import torques_of
 from modelling.model_file import dumps, load, quantity
-from modelling.system import Effect, Quantity, System, mirror_image, resistance
+from modelling.system import Effect, System, resistance
 from modelling.toml import check_file, no_pipe, read_toml, title
-from modelling.topology import connected_parts, joints
+from modelling.topology import connected_parts, joints, side
 from modelling.units import to_si
 
 # --- Case file
@@ -355,44 +356,6 @@ def _floor(name: str, loop: Loop) -> float:
     return 0.0
 
 
-class Movable(NamedTuple):
-    """Start (SI) and SI unit of a quantity, and the names that move together: itself and its mirror image."""
-
-    start: float
-    unit: str
-    together: tuple[str, ...]
-
-
-def movable(rig: System, residual: ResidualVehicle, loop: Loop) -> dict[str, Movable]:
-    """Every quantity that may move, by name.
-
-    What the rig shares with the vehicle is the specimen and does not move.
-    """
-    shared = {cut.shaft for cut in residual.interfaces}
-    vehicle_side: dict[str, Quantity] = {}
-    units: dict[str, str] = {}
-    for part in residual.parts:
-        vehicle_side |= part.parameters
-        units |= part.units
-    quantities: dict[str, Movable] = {}
-    mirrors = {name: mirror_image(name, residual.vehicle) for name in vehicle_side}
-    for name, value in vehicle_side.items():
-        full = f"residual_vehicle.{name}"
-        image = mirrors[name]
-        together = (full,) if image == name else (full, f"residual_vehicle.{image}")
-        quantities[full] = Movable(value.value, units[name], together)
-    specimen = set(residual.vehicle.parameters) | {f"shafts.{name}" for name in shared}
-    for name, value in rig.parameters.items():
-        if name in specimen:
-            continue
-        full, image = f"rig.{name}", mirror_image(name, rig)
-        together = (full,) if image == name else (full, f"rig.{image}")
-        quantities[full] = Movable(value.value, rig.units[name], together)
-    for name, spec in loop.quantities.items():
-        quantities[f"loop.{name}"] = Movable(loop.values[name], spec.unit, (f"loop.{name}",))
-    return quantities
-
-
 # --- Reading the operating point of a case, and giving it to the vehicle and to the rig.
 
 KEYS = ("vehicle_speed", "rolling_radius", "road_load")
@@ -533,7 +496,7 @@ def _with_road_load(vehicle: System, bodies: list[str], load: Any, radius: float
 
 # Response errors that are still called matched, unless the case says otherwise.
 TOLERANCES = {"tolerance": ERROR_SCALES.measured, "unmeasured_tolerance": ERROR_SCALES.unmeasured}
-UNLIKE = 10.0  # ratio of a shared quantity's values from which it can hardly be the same hardware
+UNLIKE = 0.01  # relative difference of a shared quantity's values from which a note asks whether it is the same part
 TOP = {
     "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",
     "operating_point", "operating_range", "drives", "uncertainty", "residual_vehicle",
@@ -558,6 +521,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
     _check_not_swapped(data, vehicle, rig, where)
     rig, late = _without_late_dynamometers(data, rig)
+    unlike = _unlike(vehicle, rig, where)
     try:
         vehicle, rig, notes = without_exact_delays(vehicle, rig)
     except InputError as fault:
@@ -595,7 +559,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         torque_curve=curve,
         operating_range=covered,
         simple_vehicle=simple,
-        notes=(*_unlike(vehicle, rig), *notes, *of_dynamometers),
+        notes=(*unlike, *_elsewhere(rig, loop), *_in_turns(data), *notes, *of_dynamometers),
         **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
     )
 
@@ -650,16 +614,46 @@ def _with_late_dynamometers(loop: Loop, late: Mapping[str, float]) -> tuple[Loop
     return replace(loop, dynamometers=tuple(made)), notes
 
 
-def _unlike(vehicle: System, rig: System) -> list[str]:
-    """A note on every shared quantity that differs so much that it can hardly be the same hardware."""
+def _unlike(vehicle: System, rig: System, where: str) -> list[str]:
+    """A note on every shared quantity that differs; the same part has the same value.
+
+    Raises
+    ------
+    InputError
+        If a ratio has another sign: one of both turns the wrong way.
+    """
     notes = []
     for name in vehicle.parameters.keys() & rig.parameters.keys():
         there, here = vehicle.parameters[name].value, rig.parameters[name].value
-        if there > 0 and here > 0 and max(there / here, here / there) >= UNLIKE:
+        if name.endswith(".ratio") and there * here < 0:
+            wrong = f"{name} is {there:g} in the vehicle and {here:g} in the rig: the same part turns the other way"
+            raise InputError(f"{where}: rig", wrong, "give both the same sign, or the rig's part another name")
+        if abs(there - here) > UNLIKE * max(abs(there), abs(here)):
             notes.append(
                 f"{name} is {there:g} in the vehicle and {here:g} {rig.units[name]} in the rig: the same part?"
             )
     return sorted(notes)
+
+
+def _elsewhere(rig: System, loop: Loop) -> list[str]:
+    """A note on every dynamometer whose speed sensor sits on an inertia that no rigid joint ties to its own."""
+    on, of = {part.name: part.on for part in rig.inputs}, {part.name: part.of for part in rig.sensors}
+    rigid = joints(rig, "gears")
+    return [
+        f"dynamometer {one.name}: its torque acts on {on[one.torque_input]}, but {one.speed_sensor} measures "
+        f"{of[one.speed_sensor]}: the right sensor?"
+        for one in loop.dynamometers
+        if of[one.speed_sensor] not in side(on[one.torque_input], rigid)
+    ]
+
+
+def _in_turns(data: Mapping[str, Any]) -> list[str]:
+    """A note on a speed limit that is written without a unit: rad/s, which a bed's data sheet does not use."""
+    limits = data.get("limits")
+    stated = limits.get("dynamometer_speed") if isinstance(limits, dict) else None
+    if not isinstance(stated, int | float) or isinstance(stated, bool):
+        return []
+    return [f"limits.dynamometer_speed = {stated:g} is in rad/s: {30 / np.pi * stated:.0f} 1/min"]
 
 
 def _named_model(data: Mapping[str, Any], key: str, path: Path) -> System:
@@ -748,10 +742,16 @@ def _manoeuvre(
         if name not in known:
             raise unknown(name, known, f"{where}: manoeuvre")
     folder, held = Path(where).parent, torques_of(residual.vehicle)
-    return {
+    read = {
         name: read_manoeuvre(entry, name, f"{where}: manoeuvre.{name}", folder, held.get(name, 0.0))
         for name, entry in tables.items()
     }
+    if not any(one.amplitude for one in read.values()):
+        name = next(iter(read))
+        raise InputError(
+            f"{where}: manoeuvre.{name}.amplitude", "is 0: nothing moves", "give the torque of a tip-in, say"
+        )
+    return read
 
 
 def _targets(data: Mapping[str, Any], where: str) -> tuple[Target, ...]:

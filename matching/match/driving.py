@@ -59,6 +59,8 @@ class DrivingSettings:
         s for which a drawn drive keeps each of its speeds: what rings of the change before it dies out.
     gentlest : float
         Of the steepest change of speed of the case's own profiles: the least that a drawn drive has.
+    followed : float
+        m/s: a driver further from his profile is told; ±2 km/h is the tolerance of the WLTP's drivers.
     """
 
     drawn: int = 20
@@ -71,6 +73,7 @@ class DrivingSettings:
     judged_at_rest: float = 1.0
     steadily: float = 1.5
     gentlest: float = 0.6
+    followed: float = 2 / 3.6
 
 
 DRIVING = DrivingSettings()
@@ -333,6 +336,20 @@ def _missed(drive: DriveResult, settings: DrivingSettings, torque_limit: float) 
             f"{drive.title}: at rest the command keeps moving by {errors.quiet:.2g} N·m rms, "
             f"{settings.quiet * torque_limit:.3g} N·m ({100 * settings.quiet:g} % of the torque limit) is allowed"
         )
+    return said
+
+
+def not_followed(case: Case, settings: DrivingSettings = DRIVING) -> list[str]:
+    """Sentences on drivers who cannot follow their profile: what is played is another drive then."""
+    said = []
+    for drive in case.operating_range.drives if case.operating_range is not None else ():
+        torques = drive.torques
+        if isinstance(torques, DrivenTorques) and torques.behind[0] > settings.followed:
+            behind, at = torques.behind
+            said.append(
+                f"{drive.title}: the driver is up to {3.6 * behind:.3g} km/h off his profile, at {at:.3g} s; with more "
+                f"than {torques.driver.largest:g} N·m (largest) or a gentler profile he follows it"
+            )
     return said
 
 

@@ -1,4 +1,4 @@
-"""The achievable error over two quantities: the delay budget and the adapter's size at a glance."""
+"""The achievable error over one or two quantities: the delay budget and the adapter's size at a glance."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ import numpy as np
 
 from matching.match.beds import quantile
 from matching.match.case import ERROR_SCALES, Case, apply
-from matching.match.case_file import Movable, case_files, movable
+from matching.match.case_file import case_files
 from matching.match.match import attempt, judged, match
+from matching.match.movable import Movable, movable
 from matching.match.requirements import OPENED_SHAFTS
 from matching.match.result import MatchResult
 from matching.match.variables import SearchSettings
@@ -144,10 +145,12 @@ def _number(text: str) -> float | str:
 
 @dataclass(frozen=True)
 class Point:
-    """A match with both quantities held.
+    """A match with the quantities of the axes held.
 
     Attributes
     ----------
+    x, y : float
+        Their values; ``y`` is None in a sweep of one quantity.
     status : str
         ``matched`` or ``limited``; ``impossible`` where no match could be tried, with the reason in ``limits`` and no
         errors.
@@ -168,7 +171,7 @@ class Point:
     """
 
     x: float
-    y: float
+    y: float | None
     status: str
     error: float | None
     unmeasured: float | None
@@ -223,16 +226,21 @@ def held_at(case: Case, name: str, value: float) -> Case:
 OF_A_POINT = SearchSettings(drawn=8, pool=32, joint_rounds=1, restarts=0, scenarios=0, blind=0, fresh=40, emulated=0.0)
 
 
-def match_at(case: Case, x: tuple[str, float], y: tuple[str, float], seed: int, starts: int) -> Point:
+Held = tuple[str, float]
+
+
+def _held(case: Case, x: Held, y: Held | None) -> Case:
+    return held_at(case, *x) if y is None else held_at(held_at(case, *x), *y)
+
+
+def match_at(case: Case, x: Held, y: Held | None, seed: int, starts: int) -> Point:
     """One point, from starts of its own."""
     try:
         settings = replace(SearchSettings(), emulated=0.0) if case.loop.tunes_observer else OF_A_POINT
-        result = match(
-            held_at(held_at(case, *x), *y), seed=seed, starts=starts, ordering=False, settings=settings
-        )  # fmt: skip
+        result = match(_held(case, x, y), seed=seed, starts=starts, ordering=False, settings=settings)
     except NoDesign as fault:
-        return Point(x[1], y[1], "impossible", None, None, None, False, None, (str(fault),))
-    return _point(x[1], y[1], result)
+        return Point(x[1], y and y[1], "impossible", None, None, None, False, None, (str(fault),))
+    return _point(x[1], y and y[1], result)
 
 
 AGREEMENT = 5e-3  # relative: starts that end so close count as one optimum
@@ -250,7 +258,7 @@ class Near:
         return self.below is None or objective < self.below - AGREEMENT * abs(self.below)
 
 
-def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Near) -> Point | None:
+def improved_at(case: Case, x: Held, y: Held | None, near: Near) -> Point | None:
     """The same point from its neighbours' solutions; None where that leads to nothing better.
 
     An observer's search always starts from the same weights, so a neighbour's leads to nothing else.
@@ -259,15 +267,15 @@ def improved_at(case: Case, x: tuple[str, float], y: tuple[str, float], near: Ne
         return None
     settings = replace(OF_A_POINT, rounds=1, joint_rounds=1)
     try:
-        found = attempt(held_at(held_at(case, *x), *y), ordering=False, begins=near.solutions, settings=settings)
+        found = attempt(_held(case, x, y), ordering=False, begins=near.solutions, settings=settings)
         if not near.beaten_by(found.solution.cost):
             return None
-        return _point(x[1], y[1], judged(found, ordering=False))
+        return _point(x[1], y and y[1], judged(found, ordering=False))
     except NoDesign:
         return None
 
 
-def _point(x: float, y: float, result: MatchResult) -> Point:
+def _point(x: float, y: float | None, result: MatchResult) -> Point:
     error, verification, objective = result.response_error, result.verification, _finite(result.objective)
     return Point(
         x=x,
@@ -394,12 +402,12 @@ def _task(point: Point, near: list[Point]) -> PointTask:
 
 @dataclass(frozen=True)
 class Map(Displayed):
-    """Points (y, x) row by row over two axes."""
+    """Points (y, x) row by row over two axes; of a sweep, whose ``y`` is None, one row."""
 
     title: str
     band: tuple[float, float]
     x: Axis
-    y: Axis
+    y: Axis | None
     points: tuple[tuple[Point, ...], ...]
 
     def errors(self, which: str = "error") -> np.ndarray:
@@ -409,26 +417,31 @@ class Map(Displayed):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``map.json``."""
-        axes = {"x": self.x.to_dict(), "y": self.y.to_dict()}
+        axes = {"x": self.x.to_dict(), "y": None if self.y is None else self.y.to_dict()}
         points = [point.to_dict() for row in self.points for point in row]
         return {"title": self.title, "band": list(self.band), **axes, "points": points}
 
     def to_xarray(self) -> Any:
-        """Error and modulus margin over both quantities (xarray Dataset)."""
+        """Error and modulus margin over the quantities (xarray Dataset)."""
         margins = [[point.modulus_margin for point in row] for row in self.points]
         margin = [[np.nan if value is None else value for value in row] for row in margins]
-        names = [self.y.name, self.x.name]
+        axes = [axis for axis in (self.y, self.x) if axis is not None]
+        names, shape = [axis.name for axis in axes], [len(axis.values) for axis in axes]
         return labelled(
-            {"error": (names, self.errors(), "1"), "modulus_margin": (names, np.array(margin), "1")},
-            {axis.name: (list(axis.values), axis.unit) for axis in (self.y, self.x)},
+            {
+                "error": (names, self.errors().reshape(shape), "1"),
+                "modulus_margin": (names, np.array(margin).reshape(shape), "1"),
+            },
+            {axis.name: (list(axis.values), axis.unit) for axis in axes},
         )
 
 
 def map_case(
-    case: Case, x: Axis | str, y: Axis | str, executor: Executor | None = None, *, seed: int = 0, starts: int = 2,
+    case: Case, x: Axis | str, y: Axis | str | None, executor: Executor | None = None, *,
+    seed: int = 0, starts: int = 2,
     workers: int | None = None, record: Path | None = None, progress: Callable[[int, int], None] | None = None,
 ) -> Map:  # fmt: skip
-    """Match a case at every pair of values of two quantities, first each point by itself, then from its neighbours.
+    """Match a case at every value of a quantity or pair of two: first each point by itself, then from its neighbours.
 
     See :mod:`matching.match.map`. The map depends neither on the executor nor on the order in which
     points end.
@@ -436,7 +449,7 @@ def map_case(
     Parameters
     ----------
     x, y : Axis or str
-        As :func:`axis` reads them.
+        As :func:`axis` reads them; ``y`` may be None.
     executor : concurrent.futures.Executor, optional
         Where the matches run; processes of this machine if none is given.
     seed, starts : int
@@ -448,12 +461,14 @@ def map_case(
     progress : callable, optional
         Called with (matches done, all matches so far known of).
     """
-    x, y = (axis(case, end) if isinstance(end, str) else end for end in (x, y))
+    x = axis(case, x) if isinstance(x, str) else x
+    y = axis(case, y) if isinstance(y, str) else y
     together = quantities(case)[x.name].together
-    if y.name in together:
+    if y is not None and y.name in together:
         raise InputError(y.name, "is on both axes", "name two quantities")
     files = (f"{key}: {text}" for key, text in case_files(case).items())
-    content = "\n".join([VERSION, *files, f"{x.name} {y.name} {seed} {starts}"])
+    names = x.name, None if y is None else y.name
+    content = "\n".join([VERSION, *files, f"{names[0]} {names[1]} {seed} {starts}"])
     before = 0  # matches of the passes before
 
     def advance(done: int, total: int) -> None:
@@ -465,19 +480,19 @@ def map_case(
         def solved(chunks: list[PointTask]) -> list[Any]:
             nonlocal before
             rows = run(
-                _point_at, _prepare, (case, (x.name, y.name), seed, starts), chunks, pool,
+                _point_at, _prepare, (case, names, seed, starts), chunks, pool,
                 content=content, record=record, progress=advance,
             )  # fmt: skip
             before += len(chunks)
             return [None if row is None else Point.of(row) for row in rows]
 
-        first = solved([{"x": a, "y": b} for b in y.values for a in x.values])
+        first = solved([{"x": a, "y": b} for b in ([None] if y is None else y.values) for a in x.values])
         width = len(x.values)
         points = improved([first[i : i + width] for i in range(0, len(first), width)], solved)
     return Map(case.title, case.band, x, y, tuple(tuple(row) for row in points))
 
 
-Prepared = tuple[Case, tuple[str, str], int, int]
+Prepared = tuple[Case, tuple[str, str | None], int, int]
 
 
 def _prepare(prepared: Prepared) -> Prepared:
@@ -487,7 +502,8 @@ def _prepare(prepared: Prepared) -> Prepared:
 def _point_at(prepared: Prepared, task: PointTask) -> dict[str, Any] | None:
     """A point as plain values: from starts of its own, or from its neighbours' solutions where there are such."""
     case, names, seed, starts = prepared
-    x, y = zip(names, (task["x"], task["y"]), strict=True)
+    x = names[0], task["x"]
+    y = None if names[1] is None else (names[1], task["y"])
     if "near" not in task:
         return vars(match_at(case, x, y, seed, starts))
     point = improved_at(case, x, y, Near(tuple(task["near"]), task["below"]))

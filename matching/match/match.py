@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
 from matching.match.case import Case, Move, apply, scaled
-from matching.match.driving import DRIVING, DrivingSettings, driving
+from matching.match.driving import DRIVING, DrivingSettings, driving, not_followed
 from matching.match.findings import Finding, stated
 from matching.match.free_play import FREE_PLAY, FreePlay, lashes
 from matching.match.in_time import simulate_deviations
@@ -239,6 +239,7 @@ def judged(
         remarks=(
             *differing_components(case),
             *case.notes,
+            *(not_followed(case) if over_range is not None else ()),
             *standstill(case),
             *long_sample(case),
             *short,

@@ -20,7 +20,7 @@ import scipy
 
 from matching.match.beds import loop_frequencies, margins_of
 from matching.match.case import Case, apply
-from matching.match.case_file import case_files, movable
+from matching.match.case_file import case_files
 from matching.match.damping import damping_ratios, is_stable_loop, rates, stable_loops, without_resting
 from matching.match.kept import FollowedModes, allowed_of, candidates_of, errors_of_mode, kept, target_modes_of
 from matching.match.loop import (
@@ -37,6 +37,7 @@ from matching.match.loop import (
     side_by_side,
 )
 from matching.match.loop_modes import ClosedLoop, LoopMode, neutral_motions
+from matching.match.movable import movable
 from matching.match.requirements import requirements
 from matching.match.responses import ComparedBed, log_squares, nodes_of
 from matching.studies import run

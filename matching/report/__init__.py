@@ -25,7 +25,7 @@ VIEWS = {
     "modelling.equations.lagrange.Equations": "matching.report.modes",
     "modelling.linear.state_space.Response": "matching.report.motions",
     "modelling.modal.orders.Campbell": "matching.report.orders",
-    "modelling.modal.orders.OrderResponse": "matching.report.orders",
+    "modelling.modal.forced.OrderResponse": "matching.report.orders",
     "modelling.modal.result.Modes": "matching.report.modes",
     "modelling.system.System": "matching.report.drivetrain",
     "modelling.simulation.stepping.Simulation": "matching.report.motions",

@@ -236,21 +236,26 @@ TWIG = 1.75  # inches, length of an input's line in the Ishikawa diagram
 
 def contributions(result: MeasurandResult) -> Figure:
     """Bars of |c|·u(x) of each input, largest on top, with the combined standard uncertainty as line."""
-    rows = [row for row in result.rows if row.contribution > 0][:LARGEST_INPUTS]
+    by_draws = result.method == "monte_carlo"
+    rows = [row for row in result.rows if (row.share if by_draws else row.contribution) > 0][:LARGEST_INPUTS]
     unit = result.measurand.unit
-    sizes = [unit.difference_from_si(row.contribution) for row in rows]
+    sizes = [100 * row.share if by_draws else unit.difference_from_si(row.contribution) for row in rows]
     with common.styled():
         fig = common.figure(6.4, 1.2 + 0.3 * max(len(rows), 2))
         axes = fig.add_subplot()
         axes.grid(visible=False, axis="y")
         bars = axes.barh([row.name for row in rows], sizes, color=common.VEHICLE)
         axes.bar_label(bars, [f"{100 * row.share:.3g} %" for row in rows], padding=3, fontsize=8)
-        combined = unit.difference_from_si(result.propagation.first_order)
-        axes.axvline(combined, color=common.LIMIT, linestyle="--", label=f"combined, {combined:.3g}{_unit(result)}")
         axes.invert_yaxis()
         axes.margins(x=0.12)
-        axes.set_xlabel(f"contribution |c|·u(x) to u({result.measurand.name}){_axis_unit(result)}; labels: share of u²")
-        fig.legend(loc="outside lower right")
+        name = result.measurand.name
+        if by_draws:
+            axes.set_xlabel(f"by how much u²({name}) would fall if this input were known exactly, in %")
+        else:
+            combined = unit.difference_from_si(result.propagation.first_order)
+            axes.axvline(combined, color=common.LIMIT, linestyle="--", label=f"combined, {combined:.3g}{_unit(result)}")
+            axes.set_xlabel(f"contribution |c|·u(x) to u({name}){_axis_unit(result)}; labels: share of u²")
+            fig.legend(loc="outside lower right")
         axes.set_title(result.statement, fontsize=9)
     return fig
 
@@ -327,7 +332,11 @@ def _axis_unit(result: MeasurandResult) -> str:
 
 NO_CAUSE = InputQuantity.cause  # of an input for which none is stated
 FIRST_INPUTS = 3  # inputs of a measurand on the first screen
-BARS = "Contribution of each input to the standard uncertainty; dashed: all together."
+LEAST_GAIN = 1e-3  # of u²: to improve what holds less is no advice
+BARS = (
+    "Contribution of each input to the standard uncertainty; dashed: all together. Of a result by Monte Carlo: by how "
+    "much the variance would fall if the input were known exactly."
+)
 BONES = "Causes of the uncertainty; line widths and numbers follow the share of u²."
 COLUMNS = (
     "name", "value", "standard_uncertainty", "unit", "distribution", "cause", "sensitivity", "contribution", "share",
@@ -346,7 +355,11 @@ def uncertainty_report(content: Mapping[str, Any], folder: str = "", made: Any =
         if j > i
     ]
     folds = [
-        Fold(f"Budget of {each['name']}", [Table([_row(row) for row in each["budget"]]), _checks(each)], told=True)
+        Fold(
+            f"Budget of {each['name']}",
+            [Table([_row(row, each["method"]) for row in each["budget"]]), _checks(each)],
+            told=True,
+        )
         for each in measurands
     ]
     return Report(
@@ -381,11 +394,15 @@ def _inputs_to_improve(measurand: Mapping[str, Any]) -> list[Step]:
     return [
         Step(
             row["name"],
-            f"{100 * row['share']:.3g} % of u² of {measurand['name']}"
+            (
+                f"{100 * row['share']:.3g} % of u² of {measurand['name']}"
+                if measurand["method"] == "first_order"
+                else f"known exactly, it would lower u² of {measurand['name']} by {100 * row['share']:.3g} %"
+            )
             + (f"; {row['cause']}" if row["cause"] != NO_CAUSE else ""),
         )
         for row in measurand["budget"][:FIRST_INPUTS]
-        if row["share"] > 0
+        if row["share"] > LEAST_GAIN
     ]
 
 
@@ -399,13 +416,14 @@ def _to_watch(content: Mapping[str, Any]) -> list[Step]:
     return steps
 
 
-def _row(row: Mapping[str, Any]) -> dict[str, str]:
+def _row(row: Mapping[str, Any], method: str) -> dict[str, str]:
+    share = "share of u²" if method == "first_order" else "u² falls, if known"
     freedom = row["degrees_of_freedom"]
     return {
         "input": row["name"], "value": f"{row['value']:.8g} {printed_unit(row['unit'])}".rstrip(),
         "u(x)": number(row["standard_uncertainty"], 4), "distribution": row["distribution"],
         "ν": "∞" if freedom is None else number(freedom, 3), "|c|·u": number(row["contribution"], 4),
-        "share of u²": f"{100 * row['share']:.2f} %", "cause": row["cause"],
+        share: f"{100 * row['share']:.2f} %", "cause": row["cause"],
     }  # fmt: skip
 
 

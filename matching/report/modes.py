@@ -164,13 +164,14 @@ def equations_html(equations: Equations) -> str:
 def mode_table(modes: Sequence[dict[str, Any]], components: int = 3) -> list[dict[str, str]]:
     """Rows of the mode table from the entries of ``modes.json``, with the components that hold most of the energy.
 
-    The head of the frequencies says whether they are those of damped modes, which alone have damping ratios.
+    Damped modes have two frequencies: the one at which they ring, and the natural one.
     """
     damped = any(mode["damping_ratio"] is not None for mode in modes)
     return [
         {
             "mode": str(mode["number"]),
-            "damped [Hz]" if damped else "undamped [Hz]": f"{mode['frequency']:.4g}",
+            **({"rings at [Hz]": _rings(mode)} if damped else {}),
+            "natural frequency [Hz]" if damped else "undamped [Hz]": f"{mode['frequency']:.4g}",
             **({"damping ratio": f"{mode['damping_ratio']:.4f}"} if damped else {}),
             "symmetry": mode["symmetry"],
             "kinetic energy": _largest(mode["kinetic"], components),
@@ -178,6 +179,12 @@ def mode_table(modes: Sequence[dict[str, Any]], components: int = 3) -> list[dic
         }
         for mode in modes
     ]
+
+
+def _rings(mode: dict[str, Any]) -> str:
+    """Frequency at which a damped mode rings; nothing for one that does not."""
+    ratio = mode["damping_ratio"]
+    return ABSENT if abs(ratio) >= 1 or not mode["frequency"] else f"{mode['frequency'] * math.sqrt(1 - ratio**2):.4g}"
 
 
 def _largest(shares: dict[str, float], count: int) -> str:

@@ -82,6 +82,8 @@ def map_figure(result: Map) -> Figure:
     Where measured and unmeasured torques have different errors, each has a panel; where drawn beds judge the matches,
     the share of those that are stable has one as well.
     """
+    if result.y is None:
+        return sweep_figure(result)
     shown = panels(result)
     columns, rows = shown_factor(result.x) * edges(result.x), shown_factor(result.y) * edges(result.y)
     with styled():
@@ -111,6 +113,49 @@ def map_figure(result: Map) -> Figure:
     return fig
 
 
+SWEPT = {"error": "measured torques", "unmeasured": "unmeasured torques", "bound": "lower bound, measured torques"}
+
+
+def sweep_figure(result: Map) -> Figure:
+    """Response errors over one quantity; hollow marks are limited, a dashed line is the case as it is."""
+    places = shown_factor(result.x) * np.array(result.x.values)
+    limited = np.array([point.status != "matched" for point in result.points[0]])
+    measured = result.errors()[0]
+    with styled():
+        fig = figure(6.4, 4.2)
+        axes = fig.subplots()
+        for number_, (which, words) in enumerate(SWEPT.items()):
+            values = result.errors(which)[0]
+            same = which != "error" and np.allclose(values, measured, rtol=EQUAL_RELATIVE, equal_nan=True)
+            if same or not np.isfinite(values).any():
+                continue
+            look = common.curve(number_)
+            axes.plot(places, values, label=words, **look)
+            if which != "bound":
+                colour = look["color"]
+                axes.plot(places[~limited], values[~limited], "o", color=colour, label="_")
+                axes.plot(places[limited], values[limited], "o", color=colour, markerfacecolor="white", label="_")
+        if limited.any():
+            axes.plot([], [], "o", color=common.INK, markerfacecolor="white", label="limited")
+        if result.x.values[0] <= result.x.here <= result.x.values[-1]:
+            here = shown_factor(result.x) * result.x.here
+            axes.axvline(here, color=common.LIMIT, linestyle="--", label="the case as it is")
+        if result.x.by_ratio:
+            axes.set_xscale("log")
+            axes.xaxis.set_major_locator(FixedLocator(places[:: -(-len(places) // MOST_TICKS)].tolist()))
+            axes.xaxis.set_minor_locator(NullLocator())
+            axes.xaxis.set_major_formatter(lambda value, _: number(value, 3))
+        axes.set_ylim(bottom=0)
+        shown_unit = "ms" if result.x.unit == "s" else unit(result.x.unit)
+        name = component(result.x.name)
+        axes.set_xlabel(f"{name} in {shown_unit}" if shown_unit else name)
+        axes.set_ylabel(f"response error, {number(result.band[0])}–{number(result.band[1])} Hz")
+        fig.legend(loc="outside lower center", ncols=2)
+        if result.title:
+            axes.set_title(escape.figure(result.title), fontsize=11)
+    return fig
+
+
 def panels(result: Map) -> list[tuple[str, np.ndarray, str]]:
     """Title, values (y, x) and what they are of every panel."""
     measured, unmeasured = result.errors(), result.errors("unmeasured")
@@ -132,6 +177,7 @@ def _write(axes: Any, result: Map, values: np.ndarray) -> None:
     if max(values.shape) > MOST_WRITTEN:
         return
     digits = enough_digits(values.ravel().tolist(), 2, 4)
+    assert result.y is not None
     of_x, of_y = shown_factor(result.x), shown_factor(result.y)
     for y, row in zip(result.y.values, values, strict=True):
         for x, value in zip(result.x.values, row, strict=True):
@@ -150,7 +196,7 @@ def _mark(axes: Any, result: Map, columns: np.ndarray, rows: np.ndarray) -> None
                 size = columns[j + 1] - columns[j], rows[i + 1] - rows[i]
                 axes.add_patch(Rectangle((columns[j], rows[i]), *size, zorder=2, hatch="//", linewidth=0,
                                          facecolor="none", edgecolor=common.INK, label="limited"))  # fmt: skip
-    if case_lies_on(result):
+    if result.y is not None and case_lies_on(result):
         ring: Any = {"markersize": 15, "markerfacecolor": "none", "linestyle": "none", "clip_on": False}
         for colour, width, label in (("white", 5, "_"), (common.RIG, 2.4, "the case as it is")):
             here = shown_factor(result.x) * result.x.here, shown_factor(result.y) * result.y.here
@@ -160,7 +206,8 @@ def _mark(axes: Any, result: Map, columns: np.ndarray, rows: np.ndarray) -> None
 
 def case_lies_on(result: Map) -> bool:
     """Whether the case's values of both quantities lie within the map."""
-    return all(axis.values[0] <= axis.here <= axis.values[-1] for axis in (result.x, result.y))
+    axes = [axis for axis in (result.x, result.y) if axis is not None]
+    return all(axis.values[0] <= axis.here <= axis.values[-1] for axis in axes)
 
 
 def edges(axis: Axis) -> np.ndarray:
@@ -179,6 +226,7 @@ def shown_factor(axis: Axis) -> float:
 
 
 def _label(axes: Any, result: Map) -> None:
+    assert result.y is not None
     for drawn_axis, axis, scale in ((axes.xaxis, result.x, axes.set_xscale), (axes.yaxis, result.y, axes.set_yscale)):
         if axis.by_ratio:
             scale("log")
@@ -195,13 +243,14 @@ def _label(axes: Any, result: Map) -> None:
 # --- The report of a map: the best point, how far a match reaches, what limits it elsewhere; every point to download.
 
 MAP_CAPTION = "Response error that a match reaches at every pair of values; hatched where a limit stands in the way."
+SWEEP_CAPTION = "Response error that a match reaches at every value; hollow marks: a limit stands in the way."
 CAPTION_OF_RING = " The ring is the case as it is."
 NO_MATCH = "no point is matched: widen the limits, the bounds under [move] or the range of the map"
 
 
 def map_report(content: Mapping[str, Any], folder: str = "", made: Any = None, result: Any = None) -> Report:
     """What a map says."""
-    points = content["points"]
+    points, kind = content["points"], "Map" if content["y"] else "Sweep"
     known = [point for point in points if point["error"] is not None]
     matched = [point for point in known if point["status"] == "matched"]
     answer = "No point has a response error: no match could be tried."
@@ -214,13 +263,13 @@ def map_report(content: Mapping[str, Any], folder: str = "", made: Any = None, r
         )
     improved = [point for point in known if point["objective"] != point["objective_from_own_starts"]]
     return Report(
-        title=f"Map: {content['title']}" if content["title"] else "Map of the response error",
+        title=f"{kind}: {content['title']}" if content["title"] else f"{kind} of the response error",
         status=f"{len(matched)} of {len(points)} matched",
         answer=answer,
         good=bool(matched),
         lists={
             "Where it is best": _where_best(content, matched),
-            "How far a match reaches": [_reach(content[key], key, matched) for key in "xy"],
+            "How far a match reaches": [_reach(content[key], key, matched) for key in _axes(content)],
             "What stands in the way": _in_the_way(points),
         },
         folds=[Fold("Response errors at all points", [Table(_rows(content))], told=True)],
@@ -232,12 +281,14 @@ def point_data(result: Map) -> str:
     """Every point with its tuned values (CSV, SI)."""
     points = [point for row in result.points for point in row]
     names = list(dict.fromkeys(name for point in points for name in point.values))
-    head = [f"{axis.name} [{axis.unit}]" for axis in (result.x, result.y)] + [
+    axes = [axis for axis in (result.x, result.y) if axis is not None]
+    head = [f"{axis.name} [{axis.unit}]" for axis in axes] + [
         "status", "error", "error, unmeasured torques", "bound", "modulus margin", "share of stable beds", "limited by",
     ]  # fmt: skip
     rows = [
-        [point.x, point.y, point.status, point.error, point.unmeasured, point.bound, point.modulus_margin,
-         point.stable_beds, " ".join(point.limited_by), *(point.values.get(name) for name in names)]
+        [*(point.x, point.y)[: len(axes)], point.status, point.error, point.unmeasured, point.bound,
+         point.modulus_margin, point.stable_beds, " ".join(point.limited_by),
+         *(point.values.get(name) for name in names)]
         for point in points
     ]  # fmt: skip
     return csv_table([*head, *names], rows)
@@ -255,7 +306,7 @@ def _where_best(content: Mapping[str, Any], matched: list[Any]) -> list[Step]:
         return [Step("Widen what is allowed", NO_MATCH)]
     best = min(matched, key=_judged_error)
     alike = [point for point in matched if _judged_error(point) <= (1 + NO_DIFFERENCE) * _judged_error(best)]
-    here = [point for point in alike if all(point[key] == content[key]["value_in_case"] for key in "xy")]
+    here = [point for point in alike if all(point[key] == content[key]["value_in_case"] for key in _axes(content))]
     reason = f"error over drawn beds {number(_judged_error(best), 3)}, margin {number(best['modulus_margin'], 3)}"
     steps = [Step(f"Least at {_place(content, best)}", reason)]
     if here:
@@ -288,9 +339,7 @@ def _reach(axis: Mapping[str, Any], key: str, matched: list[Any]) -> Step:
         return Step(f"{component(axis['name'])}: nowhere")
     ends = " to ".join(dict.fromkeys(practical(value, axis["unit"]) for value in (values[0], values[-1])))
     whole = values[0] == axis["values"][0] and values[-1] == axis["values"][-1]
-    return Step(
-        f"{component(axis['name'])}: {ends}", "the whole range of the map" if whole else "with some value of the other"
-    )
+    return Step(f"{component(axis['name'])}: {ends}", "the whole range" if whole else "not at all values")
 
 
 def _in_the_way(points: list[Any]) -> list[Step]:
@@ -301,16 +350,31 @@ def _in_the_way(points: list[Any]) -> list[Step]:
 
 
 def _place(content: Mapping[str, Any], point: Mapping[str, Any]) -> str:
-    axes = ((content[key], point[key]) for key in "xy")
+    axes = ((content[key], point[key]) for key in _axes(content))
     return ", ".join(
         f"{component(axis['name'])} {(practical if axis['unit'] == 's' else amount)(value, axis['unit'])}"
         for axis, value in axes
     )
 
 
+def _axes(content: Mapping[str, Any]) -> str:
+    """Keys of the axes; a sweep has one."""
+    return "xy" if content["y"] else "x"
+
+
 def _rows(content: Mapping[str, Any]) -> list[dict[str, str]]:
-    """A row for each value of y."""
+    """A row for each value of y; of a sweep for each value of its quantity."""
     x, y = content["x"], content["y"]
+    if y is None:
+        return [
+            {
+                component(x["name"]): practical(point["x"], x["unit"]), "": point["status"],
+                "measured torques": number(point["error"], 3), "unmeasured torques": number(point["unmeasured"], 3),
+                "lower bound": number(point["bound"], 3), "modulus margin": number(point["modulus_margin"], 3),
+                "what stands in the way": "" if point["status"] == "matched" else limiting_words(point),
+            }
+            for point in content["points"]
+        ]  # fmt: skip
     head = f"{y['name']} \\ {x['name']}"
     errors = iter(content["points"])
     return [
@@ -323,6 +387,8 @@ def _rows(content: Mapping[str, Any]) -> list[dict[str, str]]:
 def map_pictures(result: Map) -> dict[str, Picture]:
     """The map."""
     caption = MAP_CAPTION + (CAPTION_OF_RING if case_lies_on(result) else "")
+    if result.y is None:
+        caption = SWEEP_CAPTION
     return {"map": Picture(lambda: map_figure(result), caption, point_data(result))}
 
 

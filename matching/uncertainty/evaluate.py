@@ -12,6 +12,7 @@ from matching.uncertainty.propagate import (
     Propagation,
     coverage_factor,
     drawn_correlation,
+    drawn_shares,
     monte_carlo,
     numerical_tolerance,
     output_correlation,
@@ -92,7 +93,9 @@ def evaluate_measurand(
         k,
         budget.coverage,
         k * first.first_order,
-        _rows(budget, first),
+        _rows(
+            budget, first, None if check is None or check.verdict == "good" else drawn_shares(budget, measurand, seed)
+        ),
         drawn,
         check,
         second,
@@ -123,10 +126,13 @@ def compare(
     return PropagationValidation(distances, tolerance, verdict)
 
 
-def _rows(budget: Budget, first: Propagation) -> tuple[Row, ...]:
+def _rows(budget: Budget, first: Propagation, by_draws: np.ndarray | None) -> tuple[Row, ...]:
+    """Rows of the budget; ``by_draws`` are the shares (inputs,) where the first order does not hold."""
     parts = first.sensitivities * budget.standard_uncertainties
     shares = parts * (budget.correlation @ parts) + 0.0  # no negative zeros
     total = shares.sum() or 1.0
+    if by_draws is not None and np.isfinite(by_draws).all():
+        shares, total = by_draws, 1.0
     rows = [
         Row(
             quantity.name,

@@ -43,7 +43,11 @@ class PropagationValidation:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the budget table, in SI; ``share`` is the input's part of the variance (negative by correlation)."""
+    """A row of the budget table, in SI.
+
+    ``share`` is the input's part of the variance by first order (negative by correlation); of a result by Monte Carlo
+    it is what the variance would lose if this input were known exactly.
+    """
 
     name: str
     value: float

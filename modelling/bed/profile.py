@@ -170,8 +170,17 @@ class DrivenTorques(Mapping[str, Manoeuvre]):
     def __len__(self) -> int:
         return len(self._names)
 
-    @cached_property
+    @property
+    def behind(self) -> tuple[float, float]:
+        """Largest difference of the vehicle's speed from the profile, m/s, and its time, s."""
+        return self._drive[1]
+
+    @property
     def _driven(self) -> dict[str, RecordedTorque]:
+        return self._drive[0]
+
+    @cached_property
+    def _drive(self) -> tuple[dict[str, RecordedTorque], tuple[float, float]]:
         step, profile, driver = self.loop["sample_time"], self.profile, self.driver
         time = np.arange(round(float(profile.time[-1]) / step) + 1) * step
         wanted = np.interp(time, profile.time, profile.speed) / self.radius
@@ -182,11 +191,14 @@ class DrivenTorques(Mapping[str, Manoeuvre]):
                         held=(driver.input, *driver.brakes))  # fmt: skip
         trim = plant.idle()[:, 0]
         at_wheel = _Following(driver, wanted, self._shares(), trim[0], step, plant.sensors)
-        found = run(plant, at_wheel, torques, samples=len(time), keep=())
+        found = run(plant, at_wheel, torques, samples=len(time), keep=plant.sensors)
         if found.lost.any():
             raise SimulationError("drives", "the vehicle's motion grows out of bounds", "check it")
         torques |= {name: found[name][:, 0] - at for name, at in zip(plant.commands, trim, strict=True)}
-        return {name: RecordedTorque.of(time, torque) for name, torque in torques.items()}
+        apart = self.radius * np.abs(found.readings[:, :, 0].mean(axis=1) - wanted)
+        worst = int(apart.argmax())
+        driven = {name: RecordedTorque.of(time, torque) for name, torque in torques.items()}
+        return driven, (float(apart[worst]), float(time[worst]))
 
     def _shares(self) -> np.ndarray:
         """Torque of each brake over the driver's (brakes,)."""

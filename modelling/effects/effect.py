@@ -611,6 +611,8 @@ class Kind:
         The inertia moves as recorded: an input on it is a motion, see :meth:`imposed_input`.
     sought : bool
         A diagnosis looks for it.
+    slips : bool
+        The two sides of its shaft may turn apart for ever: an inertia behind it need not follow.
     brakes : bool
         Its input is the torque of a brake: 0 or more, and against the motion.
     arrays : tuple of str
@@ -643,6 +645,7 @@ class Kind:
     rate_bound: ClassVar[str] = ""
     looks_ahead: ClassVar[bool] = False
     imposes_motion: ClassVar[bool] = False
+    slips: ClassVar[bool] = False
     sought: ClassVar[bool] = True
     brakes: ClassVar[bool] = False
     arrays: ClassVar[tuple[str, ...]] = ()
@@ -666,6 +669,10 @@ class Kind:
 
     def imposed_input(self, path: InputPath, measures: str, motion: Motion, assembly: EquationBuilder) -> None:
         """Impose the ``speed`` or ``angle`` that an input holds on the motion of the inertia it sits on."""
+        raise NotImplementedError
+
+    def imposed_response(self, measures: str, s: np.ndarray) -> np.ndarray:
+        """What the imposed motion is of what the input holds, at complex frequencies s, 1/s; 1 where it is exact."""
         raise NotImplementedError
 
     def sensor(self, path: SensorPath, p: Symbols, assembly: EquationBuilder) -> None:

@@ -313,6 +313,7 @@ class Hysteresis(Kind):
     """
 
     kind = "hysteresis"
+    slips = True
     words = "has hysteresis of {torque} over an angle of {angle}"
     in_recording = (
         "torque over twist is a loop that does not close up at low frequency; small oscillations see a "
@@ -647,6 +648,7 @@ class Slip(Kind):
     """A damper of ``coefficient`` (N·m·s/rad) in series: the spring relaxes (tyre slip, relaxation length)."""
 
     kind = "slip"
+    slips = True
     words = "slips by a damper of {coefficient} in series"
     in_recording = (
         "under a constant torque the two ends turn at different speeds; oscillations through the shaft are damped."
@@ -744,6 +746,7 @@ class TyreSlip(Kind):
     """
 
     kind = "tyre_slip"
+    slips = True
     words = "slips on the road with {slip_stiffness} over slip, up to {peak}"
     in_recording = "the ends differ in speed in proportion to speed and torque; the torque has a largest value."
     tables = ("shafts",)

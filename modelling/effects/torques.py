@@ -386,6 +386,10 @@ class ImposedMotion(Kind):
             acceleration = BANDWIDTH**2 * (path.value - motion.angle) - 2 * BANDWIDTH * motion.speed
         assembly.impose(path.place, motion, acceleration)
 
+    def imposed_response(self, measures: str, s: np.ndarray) -> np.ndarray:
+        order = 2 if measures == "angle" else 1
+        return np.asarray(np.exp(DELAYS[measures] * s) / (1 + s / BANDWIDTH) ** order)
+
 
 # --- A torque that repeats over the angle of an axis which does not turn round and round (screw, rack, robot joint).
 

@@ -76,7 +76,8 @@ def eliminate(system: System, assembly: EquationBuilder) -> dict[str, Motion]:
     InputError
         If gears and differentials lock the system or say the same thing twice, or couple too many inertias.
     """
-    elimination = _Elimination(assembly.abbreviate)
+    imposed = [effect.at.split(".")[1] for effect in system.effects if effect.law.imposes_motion]
+    elimination = _Elimination(assembly.abbreviate, imposed)
     for place, row in _constraints(system, assembly):
         elimination.add(place, row)
     eliminated = elimination.by_inertia
@@ -123,17 +124,20 @@ def _constraints(system: System, assembly: EquationBuilder) -> list[tuple[str, R
 
 
 class _Elimination:
-    """Inertias eliminated so far, each by the row of those that it is expressed in."""
+    """Inertias eliminated so far, each by a row of others; those that are ``imposed`` as late as can be."""
 
-    def __init__(self, abbreviate: Callable[[sm.Expr], sm.Expr]):
+    def __init__(self, abbreviate: Callable[[sm.Expr], sm.Expr], imposed: Sequence[str] = ()):
         self.by_inertia: dict[str, Row] = {}
+        self._imposed = imposed
         self._abbreviate = abbreviate
         self._meaning: dict[sm.Expr, sm.Expr] = {}
 
     def add(self, place: str, row: Row) -> None:
         """Eliminate one inertia by a constraint."""
         row = self._combined(row)
-        pivot = next((name for name, c in row.items() if abs(c.value) > VANISHES), None)
+        kept = {name for each in self._imposed for name in self.resolved(each)} if self._imposed else set()
+        pivots = [name for name, c in row.items() if abs(c.value) > VANISHES]
+        pivot = next((name for name in pivots if name not in kept), next(iter(pivots), None))
         if pivot is None:
             raise InputError(
                 place, "says again what other gears and differentials already say, or locks them", "remove it"

@@ -205,15 +205,73 @@ def response(
     )
     rows = [_index_of(name, model.sensors) for name in sensors]
     columns = [_index_of(name, model.inputs) for name in inputs]
-    s = 2j * np.pi * f
-    transfer = _transfer(linear, s, rows, columns)
-    delay = linear.sensor_delays[rows][:, None] + linear.input_delays[columns]
     units = {part.name: part.unit for part in model.system.sensors} | model.system.input_units
-    return Response(f, sensors, inputs, transfer * np.exp(-s[:, None, None] * delay), units)
+    return Response(f, sensors, inputs, transfer_of(linear, rows, columns).at(2j * np.pi * f), units)
 
 
-def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]) -> np.ndarray:
-    """C·(sI − A)⁻¹·B + D (f, y, u), the free angles integrated on their own: exact down to the rigid-body poles."""
+@dataclass(frozen=True)
+class Transfer:
+    """Transfer functions [C·(sI − A)⁻¹·B + D + of_angles·(sI − A)⁻¹·B/s]·exp(−s·delay); see :func:`transfer_of`.
+
+    Attributes
+    ----------
+    A, B, C, D : ndarray (l, l), (l, u), (y, l), (y, u)
+        Without the angles that nothing depends on.
+    of_angles : ndarray (y, l)
+        What a sensor reads of such an angle, whose rate is a state: exact down to the rigid-body poles.
+    delay : ndarray (y, u)
+        s.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    of_angles: np.ndarray
+    delay: np.ndarray
+
+    def at(self, s: np.ndarray) -> np.ndarray:
+        """Values (f, y, u) at complex s (f,), 1/s.
+
+        Raises
+        ------
+        InputError
+            If one is a pole (0 Hz of a free drivetrain).
+        """
+        integrates = np.abs(self.of_angles).any()
+        if integrates and np.any(s == 0):
+            raise InputError(
+                "frequencies", "at 0 Hz the angle of a free drivetrain has no response", "start above 0 Hz"
+            )
+        out = np.empty((len(s), *self.D.shape), complex)
+        size = self.A.shape[0]
+        step = max(1, _CHUNK // max(size * size, 1))
+        for start in range(0, len(s), step):
+            part = s[start : start + step, None, None]
+            try:
+                states = np.linalg.solve(
+                    part * np.eye(size) - self.A, np.broadcast_to(self.B, (len(part), *self.B.shape))
+                )
+            except np.linalg.LinAlgError:
+                raise InputError(
+                    "frequencies", "one is a pole of the undamped system", "leave it out, 0 Hz at first"
+                ) from None
+            out[start : start + step] = self.C @ states + self.D
+            if integrates:
+                out[start : start + step] += self.of_angles @ states / part
+        if not np.isfinite(out).all():
+            raise InputError("frequencies", "the response is not finite at one of them", "leave it out, 0 Hz at first")
+        return out * np.exp(-s[:, None, None] * self.delay)
+
+    def by_poles(self, s: complex, acting: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poles (l,) and what each adds to the readings (y, l) at s under inputs (u,): partial fractions."""
+        poles, vectors = np.linalg.eig(self.A)
+        held = np.linalg.lstsq(vectors, self.B @ acting, rcond=None)[0]
+        return poles, (self.C @ vectors) * (held / (s - poles))
+
+
+def transfer_of(linear: Linear, rows: Sequence[int], columns: Sequence[int]) -> Transfer:
+    """Transfer functions of a linear model from inputs to sensors, both by their numbers."""
     n = linear.model.n
     rest = deflated(linear, elements(linear.model, linear.p[None], linear.x0))
     A, lift, free = rest.A, rest.lift, rest.free_angles
@@ -221,27 +279,8 @@ def _transfer(linear: Linear, s: np.ndarray, rows: list[int], columns: list[int]
     C, D = linear.C[rows], linear.D[np.ix_(rows, columns)]
     angles = C[:, :n] @ free  # free angles that a sensor sees are integrals of speeds
     angles[np.abs(angles) < 1e-12 * np.linalg.norm(C[:, :n], axis=1)[:, None]] = 0.0
-    of_states, of_angles = C @ lift, angles @ free.T @ lift[n : 2 * n]
-    integrates = np.abs(of_angles).any()
-    if integrates and np.any(s == 0):
-        raise InputError("frequencies", "at 0 Hz the angle of a free drivetrain has no response", "start above 0 Hz")
-    out = np.empty((len(s), len(rows), len(columns)), complex)
-    size = A.shape[0]
-    step = max(1, _CHUNK // max(size * size, 1))
-    for start in range(0, len(s), step):
-        part = s[start : start + step, None, None]
-        try:
-            states = np.linalg.solve(part * np.eye(size) - A, np.broadcast_to(B, (len(part), *B.shape)))
-        except np.linalg.LinAlgError:
-            raise InputError(
-                "frequencies", "one is a pole of the undamped system", "leave it out, 0 Hz at first"
-            ) from None
-        out[start : start + step] = of_states @ states + D
-        if integrates:
-            out[start : start + step] += of_angles @ states / part
-    if not np.isfinite(out).all():
-        raise InputError("frequencies", "the response is not finite at one of them", "leave it out, 0 Hz at first")
-    return out
+    delay = linear.sensor_delays[rows][:, None] + linear.input_delays[columns]
+    return Transfer(A, B, C @ lift, D, angles @ free.T @ lift[n : 2 * n], delay)
 
 
 def _index_of(name: str, names: Sequence[str]) -> int:

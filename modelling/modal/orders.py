@@ -1,22 +1,21 @@
-"""Orders of a turning drivetrain: where they meet modes (Campbell diagram), and what they excite (forced response)."""
+"""Orders of a turning drivetrain: where they meet modes (Campbell diagram)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
-from modelling.display import Displayed, labelled
+from modelling.display import Displayed
 from modelling.errors import InputError, unknown
-from modelling.linear.linearise import Linear, linearise
-from modelling.linear.state_space import response
 from modelling.linear.steady_motion import is_linear
-from modelling.modal.modes import damped_modes, modes
+from modelling.modal.modes import damped_modes
 from modelling.modal.pairing import mac, pairs
 from modelling.modal.result import Modes
-from modelling.system import Effect, OperatingPoint, Sensor, System
+from modelling.system import OperatingPoint, System
 
 POINTS = 400  # speeds of a diagram unless stated: a peak of 1 % damping is met within a tenth of its width
 SPEEDS_OF_MODES = 40  # speeds at which the modes of a nonlinear model are calculated
@@ -24,12 +23,26 @@ TWO_PI = 2 * np.pi
 
 
 class Crossing(NamedTuple):
-    """Where an order meets a mode: at this speed (rad/s) of the inertia; the mode by number at the lowest speed."""
+    """Where an order meets a mode.
+
+    Attributes
+    ----------
+    order : float
+    mode : int
+        Its number, by frequency at the lowest speed; a rigid-body mode counts, an overdamped motion does not.
+    speed : float
+        Of the inertia, rad/s.
+    frequency, natural_frequency : float
+        Hz; at the first one the mode rings (Im λ/2π), the other is abs(λ)/2π.
+    damping_ratio : float
+    """
 
     order: float
     mode: int
     speed: float
     frequency: float
+    natural_frequency: float
+    damping_ratio: float
 
 
 @dataclass(frozen=True)
@@ -42,8 +55,9 @@ class Campbell(Displayed):
         The inertia that orders count the turns of.
     speeds : ndarray (s,)
         Of that inertia, rad/s.
-    frequencies, damping_ratios : ndarray (s, m)
-        Hz; a column a mode, followed over speed by its shape. Damping ratios of a linear model are 0: not calculated.
+    frequencies, natural_frequencies, damping_ratios : ndarray (s, m)
+        A column a mode, followed over speed by its shape; Hz, at which it rings (Im λ/2π), and abs(λ)/2π. NaN where a
+        mode is overdamped or not there.
     orders : tuple of float
     crossings : tuple of Crossing
         By speed.
@@ -52,6 +66,7 @@ class Campbell(Displayed):
     of: str
     speeds: np.ndarray
     frequencies: np.ndarray
+    natural_frequencies: np.ndarray
     damping_ratios: np.ndarray
     orders: tuple[float, ...]
     crossings: tuple[Crossing, ...]
@@ -61,7 +76,7 @@ class Campbell(Displayed):
         return {
             "of": self.of, "crossings": [one._asdict() for one in self.crossings], "orders": list(self.orders),
             "speeds": self.speeds.tolist(), "frequencies": _listed(self.frequencies),
-            "damping_ratios": _listed(self.damping_ratios),
+            "natural_frequencies": _listed(self.natural_frequencies), "damping_ratios": _listed(self.damping_ratios),
         }  # fmt: skip
 
 
@@ -70,82 +85,20 @@ def _listed(values: np.ndarray) -> list[list[float | None]]:
     return [[None if np.isnan(value) else value for value in row] for row in values.tolist()]
 
 
-class Critical(NamedTuple):
-    """A largest value over speed: of a shaft's torque amplitude, N·m, at a speed in rad/s, mostly of one order."""
-
-    shaft: str
-    speed: float
-    torque: float
-    order: float
-
-
-@dataclass(frozen=True)
-class OrderResponse(Displayed):
-    """Steady vibration under torques that repeat with the turns of an inertia.
-
-    Attributes
-    ----------
-    of : str
-        The inertia that orders count the turns of.
-    speeds : ndarray (s,)
-        Of that inertia, rad/s.
-    orders : tuple of float (o,)
-    shafts, inertias : tuple of str (n,), (k,)
-    torques, angles : ndarray (s, o, n), (s, o, k), complex
-        Of every order: torque amplitude of the shafts, N·m, and angle amplitude of the inertias, rad.
-    peak_torques, peak_angles : ndarray (s, n), (s, k)
-        Largest value over a period of all orders together.
-    critical : tuple of Critical
-        Local maxima of the peak torques, the largest of every shaft first.
-    """
-
-    of: str
-    speeds: np.ndarray
-    orders: tuple[float, ...]
-    shafts: tuple[str, ...]
-    inertias: tuple[str, ...]
-    torques: np.ndarray = field(repr=False)
-    angles: np.ndarray = field(repr=False)
-    peak_torques: np.ndarray = field(repr=False)
-    peak_angles: np.ndarray = field(repr=False)
-    critical: tuple[Critical, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """The content of ``response.json``, SI."""
-        return {
-            "of": self.of, "critical": [one._asdict() for one in self.critical], "orders": list(self.orders),
-            "speeds": self.speeds.tolist(),
-            "torques": {name: self.peak_torques[:, i].tolist() for i, name in enumerate(self.shafts)},
-            "angles": {name: self.peak_angles[:, i].tolist() for i, name in enumerate(self.inertias)},
-        }  # fmt: skip
-
-    def to_xarray(self) -> Any:
-        """Amplitudes over speed, order and component (xarray Dataset, complex).
-
-        Raises
-        ------
-        InputError
-            If xarray is not installed.
-        """
-        return labelled(
-            {
-                "torque": (["speed", "order", "shaft"], self.torques, "N*m"),
-                "angle": (["speed", "order", "inertia"], self.angles, "rad"),
-            },
-            {
-                "speed": (self.speeds, "rad/s"), "order": (np.array(self.orders), ""),
-                "shaft": (list(self.shafts), ""), "inertia": (list(self.inertias), ""),
-            },
-        )  # fmt: skip
-
-
 def turning(system: System, of: str, speed: float) -> System:
     """The system in steady motion with this speed (rad/s) of an inertia; other speeds stated before are left out."""
     torques = () if system.operating_point is None else system.operating_point.torques
     return replace(system, operating_point=OperatingPoint(((of, speed),), torques))
 
 
-def _checked(system: System, of: str, speeds: np.ndarray) -> np.ndarray:
+def checked_speeds(system: System, of: str, speeds: np.ndarray) -> np.ndarray:
+    """Speeds (s,) of an inertia as an array.
+
+    Raises
+    ------
+    InputError
+        If the inertia is unknown or the speeds do not rise from above 0.
+    """
     names = [inertia.name for inertia in system.inertias]
     if of not in names:
         raise unknown(of, names, "of")
@@ -157,13 +110,25 @@ def _checked(system: System, of: str, speeds: np.ndarray) -> np.ndarray:
     return speeds
 
 
-def campbell(system: System, speeds: np.ndarray, of: str, orders: Sequence[float]) -> Campbell:
-    """Modes over speed, followed by their shapes, and where orders meet them.
+def check_orders(orders: Sequence[float]) -> None:
+    """Check that there are orders above 0.
 
-    The modes of a linear model do not depend on speed; they are undamped ones. Those of another model are its damped
-    modes in steady motion, at up to 40 of the speeds. From one speed to the next a mode goes to the one whose shape is
-    most like its own: largest sum of modal assurance criteria (Allemang, The modal assurance criterion, Sound and
-    Vibration, 2003).
+    Raises
+    ------
+    InputError
+        If there is none, or one is not above 0.
+    """
+    if not orders or any(not order > 0 for order in orders):
+        raise InputError("orders", f"{list(orders)} are no orders", "give numbers above 0, e.g. 0.5, 1, 2")
+
+
+def campbell(system: System, speeds: np.ndarray, of: str, orders: Sequence[float]) -> Campbell:
+    """Damped modes over speed, followed by their shapes, and where orders meet them.
+
+    The modes of a linear model do not depend on speed. Those of another model are its modes in steady motion, at up to
+    40 of the speeds, and at each crossing. From one speed to the next a mode goes to the one whose shape is most like
+    its own: largest sum of modal assurance criteria (Allemang, The modal assurance criterion, Sound and Vibration,
+    2003).
 
     Parameters
     ----------
@@ -177,46 +142,72 @@ def campbell(system: System, speeds: np.ndarray, of: str, orders: Sequence[float
     InputError
         If an inertia is unknown, a speed or order impossible, or there is no steady motion at a speed.
     """
-    speeds = _checked(system, of, speeds)
-    if not orders or any(not order > 0 for order in orders):
-        raise InputError("orders", f"{list(orders)} are no orders", "give numbers above 0, e.g. 0.5, 1, 2")
-    if is_linear(system):
-        found = modes(system)
-        frequencies = np.tile(found.frequencies, (len(speeds), 1))
-        ratios = np.zeros_like(frequencies)
-    else:
+    speeds = checked_speeds(system, of, speeds)
+    check_orders(orders)
+    steady = is_linear(system)
+    if not steady:
         every = -(-len(speeds) // SPEEDS_OF_MODES)
         speeds = np.append(speeds[:-1:every], speeds[-1])
-        frequencies, ratios = _followed(system, speeds, of)
+    poles = _followed(system, speeds[:1] if steady else speeds, of)
+    poles = np.tile(poles, (len(speeds), 1)) if steady else poles
     crossings = []
     for order in orders:
-        line = order * speeds / TWO_PI
-        for mode in range(frequencies.shape[1]):
-            apart = frequencies[:, mode] - line
-            there = np.isfinite(apart[:-1]) & np.isfinite(apart[1:])  # a mode that is not there meets nothing
-            for i in np.flatnonzero(there & (np.diff(np.signbit(apart)))):
-                share = apart[i] / (apart[i] - apart[i + 1])
-                speed = float(speeds[i] + share * (speeds[i + 1] - speeds[i]))
-                crossings.append(Crossing(float(order), mode + 1, speed, order * speed / TWO_PI))
+        apart = poles.imag - order * speeds[:, None]
+        there = np.isfinite(apart[:-1]) & np.isfinite(apart[1:])  # a mode that is not there meets nothing
+        for i, mode in np.argwhere(there & np.diff(np.signbit(apart), axis=0)):
+            at = _meeting(system, of, order, speeds[i : i + 2], poles[i : i + 2, mode], steady)
+            if at is not None:
+                speed, pole = at
+                crossings.append(Crossing(float(order), int(mode) + 1, speed, *_of_pole(pole)))
     crossings.sort(key=lambda one: one.speed)
-    return Campbell(of, speeds, frequencies, ratios, tuple(map(float, orders)), tuple(crossings))
+    return Campbell(of, speeds, *_of_pole(poles), tuple(map(float, orders)), tuple(crossings))
 
 
-def _followed(system: System, speeds: np.ndarray, of: str) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies and damping ratios (s, m) of damped modes; NaN where a mode is not there or does not swing."""
+def _of_pole(pole: Any) -> tuple[Any, Any, Any]:
+    """Frequency at which it rings and natural frequency in Hz, damping ratio; of a rigid-body mode 0."""
+    size = np.abs(pole)
+    ratio = np.where(np.isnan(size), np.nan, -np.real(pole) / np.where(size > 0, size, 1.0)) + 0.0
+    found = np.imag(pole) / TWO_PI, size / TWO_PI, ratio
+    return found if np.ndim(pole) else tuple(float(each) for each in found)  # type: ignore[return-value]
+
+
+def _meeting(
+    system: System, of: str, order: float, ends: np.ndarray, poles: np.ndarray, steady: bool
+) -> tuple[float, complex] | None:
+    """Speed (rad/s) between two at which an order meets a mode, and its pole there; None if it is overdamped there."""
+    if steady:
+        return float(poles[0].imag / order), complex(poles[0])
+
+    def pole(speed: float) -> complex:
+        share = (speed - ends[0]) / (ends[1] - ends[0])
+        known = damped_modes(turning(system, of, speed)).eigenvalues
+        return complex(known[np.argmin(np.abs(known - (1 - share) * poles[0] - share * poles[1]))])
+
+    def apart(speed: float) -> float:
+        return pole(speed).imag - order * speed
+
+    low, high = (float(end) for end in ends)
+    if not apart(low) * apart(high) < 0:
+        return None
+    speed = float(brentq(apart, low, high, rtol=1e-10))
+    met = pole(speed)
+    return (speed, met) if abs(met.imag - order * speed) < 1e-6 * order * speed else None
+
+
+def _followed(system: System, speeds: np.ndarray, of: str) -> np.ndarray:
+    """Poles (s, m) of damped modes, rigid ones at 0; NaN where a mode is not there or does not swing."""
     found = [damped_modes(turning(system, of, float(speed))) for speed in speeds]
     most = max(len(one) for one in found)
-    frequencies, ratios = np.full((len(speeds), most), np.nan), np.full((len(speeds), most), np.nan)
+    poles = np.full((len(speeds), most), np.nan + 1j * np.nan)
     place, J = np.arange(len(found[0])), {f"inertias.{one.name}": one.J.value for one in system.inertias}
     weight = np.diag([J.get(name, 0.0) for name in found[0].masses])
     for i, now in enumerate(found):
         if i:
             place = _places(found[i - 1], now, place, most, weight)
         swings = np.abs(now.damping_ratios) < 1  # an overdamped motion has no frequency that an order could meet
-        frequencies[i, place] = np.where(swings, now.frequencies, np.nan)
-        ratios[i, place] = np.where(swings, now.damping_ratios, np.nan)
-    ever = np.isfinite(frequencies).any(axis=0)
-    return frequencies[:, ever], ratios[:, ever]
+        known = np.where(now.frequencies > 0, now.eigenvalues, 0.0)
+        poles[i, place] = np.where(swings, known, np.nan + 1j * np.nan)
+    return poles[:, np.isfinite(poles).any(axis=0)]
 
 
 def _places(before: Modes, now: Modes, place: np.ndarray, most: int, weight: np.ndarray) -> np.ndarray:
@@ -226,83 +217,3 @@ def _places(before: Modes, now: Modes, place: np.ndarray, most: int, weight: np.
         places[column] = place[row]
     free = iter(sorted(set(range(most)) - set(places.tolist())))
     return np.array([next(free) if one < 0 else one for one in places])
-
-
-def order_response(
-    system: System, speeds: np.ndarray, of: str, torques: Mapping[tuple[str, float], complex]
-) -> OrderResponse:
-    """Steady vibration under torques of given orders, linear about the steady motion at every speed.
-
-    Parameters
-    ----------
-    speeds : array (s,)
-        Of the inertia ``of``, rad/s, rising from above 0.
-    torques : mapping of (str, float) to complex
-        By input and order: amplitude in N·m, with its phase as an angle of the order's own cycle.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, a speed or order impossible, there is no steady motion at a speed, or a motion is
-        undamped at its resonance.
-    """
-    speeds = _checked(system, of, speeds)
-    inputs = [part.name for part in system.inputs]
-    for name, order in torques:
-        if name not in inputs:
-            raise unknown(name, inputs, "torques")
-        if not order > 0:
-            raise InputError("torques", f"{order:g} is no order", "give a number above 0")
-    if not torques:
-        raise InputError("torques", "there is none", "give one by input and order")
-    shafts, inertias = tuple(part.name for part in system.shafts), tuple(part.name for part in system.inertias)
-    read = [Sensor(f"torque_of_shaft_{number}", "torque", name) for number, name in enumerate(shafts)]
-    read += [Sensor(f"angle_of_inertia_{number}", "angle", name) for number, name in enumerate(inertias)]
-    seen = replace(system, sensors=tuple(read), effects=tuple(each for each in system.effects if not _on_sensor(each)))
-    orders = tuple(sorted({order for _, order in torques}))
-    amplitudes = np.array([[torques.get((name, order), 0.0) for name in inputs] for order in orders])
-    if is_linear(seen):
-        frequencies = (speeds[:, None] * np.array(orders) / TWO_PI).ravel()
-        H = response(linearise(seen), frequencies).values.reshape(len(speeds), len(orders), len(read), -1)
-        answers = np.einsum("soyu,ou->soy", H, amplitudes)
-    else:
-        answers = np.empty((len(speeds), len(orders), len(read)), complex)
-        for i, speed in enumerate(speeds):
-            about: Linear = linearise(turning(seen, of, float(speed)))
-            answers[i] = np.einsum("oyu,ou->oy", response(about, speed * np.array(orders) / TWO_PI).values, amplitudes)
-    of_torque, of_angle = answers[:, :, : len(shafts)], answers[:, :, len(shafts) :]
-    peaks = _peaks(of_torque, orders)
-    return OrderResponse(
-        of, speeds, orders, shafts, inertias, of_torque, of_angle, peaks, _peaks(of_angle, orders),
-        _critical(speeds, shafts, orders, np.abs(of_torque), peaks),
-    )  # fmt: skip
-
-
-def _on_sensor(effect: Effect) -> bool:
-    return any(place.startswith("sensors.") for place in effect.places)
-
-
-CYCLE = 64  # points a cycle of the highest order, at which the sum of orders is looked at: 0.1 % of its peak
-
-
-def _peaks(amplitudes: np.ndarray, orders: Sequence[float]) -> np.ndarray:
-    """Largest absolute value (s, n) over a period of Σ amplitudes (s, o, n)·exp(i·order·angle)."""
-    if len(orders) == 1:
-        return np.asarray(np.abs(amplitudes[:, 0]))
-    turns = 2 if all(abs(2 * order - round(2 * order)) < 1e-9 for order in orders) else 10  # no common period: long
-    angle = np.linspace(0, TWO_PI * turns, int(np.ceil(CYCLE * turns * max(orders))), endpoint=False)
-    moving = np.exp(1j * np.outer(angle, orders))
-    return np.array([np.abs((moving @ one).real).max(axis=0) for one in amplitudes])
-
-
-def _critical(
-    speeds: np.ndarray, shafts: Sequence[str], orders: Sequence[float], sizes: np.ndarray, peaks: np.ndarray
-) -> tuple[Critical, ...]:
-    """Local maxima of the peaks (s, n) within the speeds, the largest of every shaft first."""
-    found = []
-    for j, shaft in enumerate(shafts):
-        one = peaks[:, j]
-        inner = np.flatnonzero((one[1:-1] > one[:-2]) & (one[1:-1] >= one[2:])) + 1
-        for i in sorted(inner, key=lambda i: -one[i]):
-            found.append(Critical(shaft, float(speeds[i]), float(one[i]), orders[int(sizes[i, :, j].argmax())]))
-    return tuple(found)

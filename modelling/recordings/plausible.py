@@ -11,7 +11,7 @@ import numpy as np
 from modelling import units
 from modelling.errors import InputError
 from modelling.system import System
-from modelling.topology import joints, speed_ratios
+from modelling.topology import joints, side, speed_ratios
 
 # --- A drivetrain as one rigid body: its inertia, and torque and speed of a recording, all at the shaft of one sensor.
 
@@ -93,7 +93,7 @@ def check_seconds(
                 reason = f"read so, the inertias follow their torques some {1 / seconds:g} times too slowly"
                 raise InputError(where, f"{has}, and {reason}", _remedy(_unit_of(seconds * scale, unit), stated))
         for unit, seconds in LONGER_UNITS.items():
-            if 1 / NEARLY < factor * seconds < NEARLY:
+            if 1 / NEARLY < factor * seconds < NEARLY and factor < _least_held(channels, system) / NEARLY:
                 return [
                     f"time {has}; read so, the inertias follow their torques some {seconds:g} times too fast: "
                     f"is it in {unit}, or is an inertia of the model wrong?"
@@ -102,6 +102,21 @@ def check_seconds(
         right = "write its unit: 'time [s]', 'time [ms]' or 'time [us]'"
         raise InputError(where, f"{has}, and steps of {step:g} s are long for a drivetrain", right)
     return []
+
+
+def _least_held(channels: Mapping[str, np.ndarray], system: System) -> float:
+    """Least share of the whole inertia that turns with a recorded one: a wheel that spins leaves the car behind."""
+    apart = {place for effect in system.effects if effect.law.slips for place in effect.places}
+    shares = [1.0]
+    for sensor in system.sensors:
+        if sensor.measures in ("speed", "angle") and sensor.name in channels:
+            ratios = speed_ratios(sensor.of, joints(system))
+            held = side(sensor.of, joints(system, without=apart))
+            sizes = {
+                part.name: part.J.value * ratios[part.name] ** 2 for part in system.inertias if part.name in ratios
+            }
+            shares.append(sum(size for name, size in sizes.items() if name in held) / sum(sizes.values()))
+    return min(shares)
 
 
 def _seconds(unit: str) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -22,6 +23,7 @@ from modelling.recordings.corrections import (
     unwrapped,
     without_overrange,
 )
+from modelling.recordings.frames import table_of_frame
 from modelling.recordings.plausible import check_columns, check_seconds, standstill_notes
 from modelling.recordings.readers import read_table
 from modelling.recordings.recording import (
@@ -34,7 +36,7 @@ from modelling.recordings.recording import (
     own_interval,
     rows_a_value,
 )
-from modelling.recordings.table import Column, Table, time_hint
+from modelling.recordings.table import TIME_NAMES, Column, Table, name_and_unit, time_hint, unit_in_name
 from modelling.system import System
 from modelling.toml import read_toml
 from modelling.topology import joints, speed_ratios
@@ -162,8 +164,9 @@ def _same_unit(first: str, second: str) -> bool:
 
 
 def names_in_file(names: Iterable[str], channels: Mapping[str, Channel] | None) -> set[str]:
-    """What channels of the model, and time, are called in the file."""
-    return {channels[name].name if channels and name in channels else name for name in [*names, "time"]}
+    """What channels of the model, and time, are called in the file, also without the unit that a name may end in."""
+    called = {channels[name].name if channels and name in channels else name for name in [*names, "time"]}
+    return called | {name_and_unit(name)[0] for name in called}
 
 
 def read_columns(path: str | Path, used: set[str], channels: Mapping[str, Channel] | None) -> Table:
@@ -172,12 +175,23 @@ def read_columns(path: str | Path, used: set[str], channels: Mapping[str, Channe
     stated = channels if isinstance(channels, ChannelFile) else ChannelFile()
     table = read_table(path, used, groups, stated.header)
     if stated.sampling_rate is None:
-        return table
+        if "time" in table or "time" in stated or (called := time_column((*table.names, *table.others), used)) is None:
+            return table
+        if called in table.others:
+            table = read_table(path, {*used, called}, groups, stated.header)
+        columns = (replace(column, name="time") if column.name == called else column for column in table.columns)
+        return replace(table, columns=tuple(columns))
     if "time" in table or not table.rows:
         wrong = "has a column 'time'" if "time" in table else "has none of the channels that are asked for"
         raise InputError(str(path), wrong, "drop sampling_rate in the channel file" if "time" in table else "")
     time = Column("time", "s", np.arange(table.rows) / stated.sampling_rate)
     return replace(table, columns=(time, *table.columns))
+
+
+def time_column(columns: Iterable[str], used: Collection[str]) -> str | None:
+    """The one column that is called like a time, in any case, and is no channel of the model; None without it."""
+    found = [name for name in columns if name.strip().lower() in TIME_NAMES and name not in used]
+    return found[0] if len(found) == 1 else None
 
 
 def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table:
@@ -194,7 +208,8 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
         table, others = replace(table, columns=tuple(c for c in table.columns if c.name != "time")), ("time", *others)
     columns = dict(enumerate(table.columns))
     for name, channel in channels.items():
-        index = next((i for i, column in enumerate(table.columns) if column.name == channel.name), None)
+        called = channel.name if channel.name in table else name_and_unit(channel.name)[0]
+        index = next((i for i, column in enumerate(table.columns) if column.name == called), None)
         if index is None:
             if channel.name in others:  # of which no numbers could be read
                 others = tuple(name if each == channel.name else each for each in others)
@@ -203,13 +218,18 @@ def renamed(table: Table, channels: Mapping[str, Channel], source: str) -> Table
                 continue
             fault = unknown(channel.name, [*table.names, *others], channel.where or f"channels.{name}")
             raise InputError(fault.where, f"{channel.name!r} does not exist in {source}", fault.right)
-        if name in table and name != channel.name:
+        if name in table and name != called:
             wrong = f"has a column {name!r} beside {channel.name!r}, which is to be {name!r}"
             raise InputError(source, wrong, "drop one")
         stated = table.columns[index].unit
-        unit = channel.unit if channel.unit is not None else stated
+        unit, by_name = channel.unit if channel.unit is not None else stated, unit_in_name(called)
         if stated and not _same_unit(stated, unit):
             notes.append(f"{channel.name} is in {stated} by the file, taken in {unit or 'SI'} by the channel file")
+        if not stated and by_name and not unit:
+            unit = by_name
+            notes.append(f"{channel.name} is taken in {by_name}, as its name says")
+        elif not stated and by_name and not _same_unit(by_name, unit):
+            notes.append(f"{channel.name} is in {by_name} by its name, taken in {unit} by the channel file")
         values = table.columns[index].values
         if channel.period is not None:
             values = unwrapped(values, channel.period)
@@ -375,10 +395,13 @@ def gap_notes(time: np.ndarray) -> list[str]:
 # --- Read
 
 
-def read_recording(path: str | Path, system: System, channels: Mapping[str, Channel] | None = None) -> Recording:
+def read_recording(
+    path: str | Path, system: System, channels: Mapping[str, Channel] | None = None, *, absent_is_zero: bool = False
+) -> Recording:
     """Read the channels of a system from a file.
 
-    Every input of the system must be there. Sensors that are missing are unused, as are columns that the system does
+    Every input of the system must be there; ``absent_is_zero`` takes a torque that no channel holds as zero, with a
+    note (:func:`absent_inputs`). Sensors that are missing are unused, as are columns that the system does
     not have. Gaps are treated as :mod:`modelling.recordings.recording` says.
 
     Parameters
@@ -399,7 +422,66 @@ def read_recording(path: str | Path, system: System, channels: Mapping[str, Chan
     source = str(path)
     names = [*_units(system), *system.input_references]
     table = read_columns(path, names_in_file(names, channels), channels)
-    return recording_from_table(renamed(table, channels, source) if channels else table, system, source)
+    return _as_called(table, system, channels, source, absent_is_zero)
+
+
+def recording_of_frame(frame: Any, system: System, channels: Mapping[str, Channel] | None = None) -> Recording:
+    """Read the channels of a system from a pandas DataFrame, with the units that its columns name.
+
+    Time is a column, or the index: durations, dates, or seconds.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_recording`.
+    """
+    source, used = "the DataFrame", names_in_file([*_units(system), *system.input_references], channels)
+    table = table_of_frame(frame)
+    if "time" not in table and "time" not in (channels or {}):
+        called = time_column(table.names, used)
+        columns = (replace(column, name="time") if column.name == called else column for column in table.columns)
+        table = replace(table, columns=tuple(columns))
+    return _as_called(table, system, channels, source, absent_is_zero=True)
+
+
+def _as_called(
+    table: Table, system: System, channels: Mapping[str, Channel] | None, source: str, absent_is_zero: bool
+) -> Recording:
+    """The channels of a system from a table with the file's names."""
+    table = renamed(table, channels, source) if channels else table
+    notes: list[str] = []
+    if absent_is_zero and table.rows and table.names != ["time"]:
+        for name in absent_inputs(table.names, table.others, system, bool(channels)):
+            notes.append(absent_note(name))
+            table = replace(table, columns=(*table.columns, Column(name, "", np.zeros(table.rows))))
+    return recording_from_table(replace(table, notes=(*table.notes, *notes)), system, source)
+
+
+MAY_BE_IT = 0.75  # similarity of two names (difflib), from which a column may be an input that was written otherwise
+_LIKE_A_TORQUE = re.compile(r"torque|moment|trq|n\W?m\b|^t?m[_ ]|^t?m$|(^|[_ ])t?q([_ ]|$)", re.IGNORECASE)
+
+
+def absent_inputs(columns: Collection[str], others: Collection[str], system: System, mapped: bool) -> list[str]:
+    """Torques of a system that were not recorded, by all that is known of the columns.
+
+    Not those that an unused column may hold: by its similar name, or, where no channel file says which column is which
+    (``mapped``), because it is called like a torque. None where no input was recorded, and no imposed motion.
+    """
+    known, inputs = {*_units(system), *system.input_references, "time"}, [part.name for part in system.inputs]
+    unused = [name for name in (*columns, *others) if name not in known]
+    missing = [name for name in inputs if name not in columns and name not in others]
+    if len(missing) == len(inputs) or (not mapped and any(_LIKE_A_TORQUE.search(name) for name in unused)):
+        return []
+    return [
+        name
+        for name in missing
+        if system.input_quantities[name] == "torque" and not get_close_matches(name, unused, 1, MAY_BE_IT)
+    ]
+
+
+def absent_note(name: str) -> str:
+    """What is said of a torque that was not recorded."""
+    return f"no channel holds {name}: it is taken as zero"
 
 
 def recording_from_table(table: Table, system: System, source: str) -> Recording:
@@ -415,7 +497,7 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     check_header(table, source)
     _check_inputs(table, system, source)
     si_units = _units(system)
-    units = {column.name: column.unit for column in table.columns if column.name in si_units}
+    units = {each.name: each.unit for each in table.columns if each.name in si_units}
     scales = {name: factor(unit, si_units[name], f"{source}: column {name!r}") for name, unit in units.items()}
     scales |= _references(table, system, source)
     base = _time_base(table, source)
@@ -548,8 +630,9 @@ def _check_inputs(table: Table, system: System, source: str) -> None:
             unused = [name for name in columns if name not in known]
             hint = unknown(part.name, unused or list(columns), source).right
             raise InputError(
-                source, f"input {part.name!r} was not recorded", f"{hint}; a channel file (--channels) maps names"
-            )
+                source, f"input {part.name!r} was not recorded",
+                f"{hint}; a channel file (--channels) maps names, and says by leaving a torque out that it was zero",
+            )  # fmt: skip
 
 
 def _check_any_value(name: str, values: np.ndarray, source: str) -> None:

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from modelling.errors import InputError, listed
+from modelling.recordings.hierarchical import read_hdf5, read_tdms
 from modelling.recordings.matlab import read_matlab
 from modelling.recordings.table import Column, Table, name_and_unit
 from modelling.recordings.text import is_text, number_in, read_csv
@@ -376,6 +377,9 @@ READERS: dict[str, Callable[..., Table]] = {
     ".tsv": read_csv,
     ".lvm": read_csv,
     ".mat": read_matlab,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".tdms": read_tdms,
     ".parquet": read_parquet,
     ".mf4": read_mdf,
     ".mdf": read_mdf,
@@ -383,7 +387,7 @@ READERS: dict[str, Callable[..., Table]] = {
 }
 MAGIC: dict[bytes, Callable[..., Table]] = {
     b"MDF     ": read_mdf, b"UnFinMF ": read_mdf, b"PAR1": read_parquet, b"MATLAB 5.0": read_matlab,
-    b"MATLAB 7.3": read_matlab,
+    b"MATLAB 7.3": read_matlab, b"\x89HDF\r\n\x1a\n": read_hdf5, b"TDSm": read_tdms,
 }  # fmt: skip
 
 

@@ -8,8 +8,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from modelling.units import SpellingError, parse
+
 TIME_NAMES = {"t", "time", "zeit", "times", "timestamp", "timestamps", "time_s", "t_s"}
 _NAME_AND_UNIT = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*", re.DOTALL)
+_NAME_AND_BRACKETS = re.compile(r"(.*\S)\s*\(([^()]*)\)", re.DOTALL)
+_LAST_WORD = re.compile(r"(?:.*[\s_.\-/]|)([A-Za-z]+)", re.DOTALL)
+UNITS_AT_THE_END = {  # what names of channels end in where loggers keep no units: n_rpm, M_EM_Nm, phi_deg
+    "rpm": "1/min", "nm": "N*m", "knm": "kN*m", "deg": "deg", "rad": "rad", "rads": "rad/s", "radps": "rad/s",
+    "degps": "deg/s", "lbft": "lbf*ft", "ftlb": "lbf*ft",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -59,9 +67,33 @@ class Table:
 
 
 def name_and_unit(header: str) -> tuple[str, str]:
-    """Name and unit of a header ``name [unit]``; the unit is empty where none stands there."""
+    """Name and unit of a header ``name [unit]`` or ``name (unit)``; the unit is empty where none stands there.
+
+    What stands in round brackets and is no unit belongs to the name: ``speed (filtered)``.
+    """
     match = _NAME_AND_UNIT.fullmatch(header)
-    return (match[1], (match[2] or "").strip()) if match else ("", "")
+    if match is None:
+        return "", ""
+    name, unit = match[1], (match[2] or "").strip()
+    if not unit and (bracketed := _NAME_AND_BRACKETS.fullmatch(name)) and _is_unit(bracketed[2]):
+        return bracketed[1], bracketed[2].strip()
+    return name, unit
+
+
+def _is_unit(text: str) -> bool:
+    if not re.search("[A-Za-z°%]", text):
+        return False
+    try:
+        parse(text)
+    except SpellingError:
+        return False
+    return True
+
+
+def unit_in_name(name: str) -> str:
+    """The unit that a channel's name ends in, as ``n_rpm``; empty where it ends in none."""
+    last = _LAST_WORD.fullmatch(name.strip())
+    return UNITS_AT_THE_END.get(last[1].lower(), "") if last else ""
 
 
 def time_hint(names: Collection[str]) -> str:

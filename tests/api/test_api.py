@@ -161,7 +161,7 @@ def test_every_command_has_its_function_and_every_function_is_offered():
     assert set(COMMANDS) - {"new"} <= set(rm.__all__)
     assert dir(rm) == sorted([*rm.__all__, "__version__"])
     assert all(callable(getattr(rm, name)) and getattr(rm, name).__doc__ for name in rm.__all__)
-    with pytest.raises(AttributeError, match="it has BackOut, Controller, DiagnosisSettings"):
+    with pytest.raises(AttributeError, match="it has BackOut, Campbell, Case, Controller"):
         getattr(rm, "matches")  # noqa: B009
 
 

@@ -28,7 +28,7 @@ from tests.match.drawn import draw
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEAD_TIMES_MS = (1.0, 3.0, 5.0, 8.0, 12.0)
-FRESH = 2000  # beds that judge the rows which docs/validation.md shows
+FRESH = 2000  # beds that judge the rows which tests/evidence.md shows
 COMPARED = 400  # beds that judge a comparison; none of them was seen by search or order
 OTHER_SEED = 1000  # of these beds
 PARTS = ("loop.", "residual_vehicle.", "rig.")

@@ -31,7 +31,7 @@ CALLS = {
     "simulate": (["model.toml", "drive.csv"], "a recording: 80 samples over 0.79 s, inputs torque, sensors speed"),
     "diagnose": (["model.toml", "drive.csv", "--holdout", "other.csv"], "a recording: 80 samples"),
     "campbell": (["model.toml", "--speed", "600:6000 1/min", "--orders", "2,4"], "a model: 2 inertias"),
-    "response": (["model.toml", "--speed", "6:60", "--torques", "torque:2=9"], "a model: 2 inertias"),
+    "response": (["model.toml", "--speed", "6:60 rad/s", "--torques", "torque:2=9"], "a model: 2 inertias"),
     "match": ([str(REFERENCE / "case.toml")], "a case: 2 dynamometers, 2 target modes"),
     "tolerance": (
         [str(REFERENCE / "case.toml"), "--tolerance", "loop.dead_time=0.1"],

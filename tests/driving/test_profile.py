@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from matching.match.case_file import load_case
+from matching.match.driving import not_followed
 from modelling.bed import profile
 from modelling.errors import InputError
 
@@ -55,3 +56,14 @@ def test_a_road_that_climbs_without_a_torque_on_the_body_is_said_when_it_is_read
     (tmp_path / "vehicle.toml").write_text(made.replace('on = "body_left"', 'on = "motor"'))
     with pytest.raises(InputError):
         load_case(place)
+
+
+def test_a_driver_who_cannot_follow_is_told(tmp_path):
+    """From 0 to 120 km/h in two seconds takes more than his 400 N·m; a gentle profile is followed within 2 km/h."""
+    hard = load_case(with_profile(tmp_path / "hard", ["0,0,0", "2,120,0", "4,120,0"]))
+    (said,) = not_followed(hard)
+    assert "off his profile" in said
+    apart, at = hard.operating_range.drives[-1].torques.behind
+    assert apart > 10
+    assert 1 < at <= 4
+    assert not_followed(load_case(with_profile(tmp_path / "gentle", ["0,0,0", "8,20,0", "12,20,0"]))) == []

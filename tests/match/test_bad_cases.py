@@ -1,11 +1,14 @@
 """Malformed case files each give one line that names file and key; no mutation of an example gives anything worse."""
 
+import re
 import tomllib
 from pathlib import Path
 
 import pytest
 import tomli_w
 
+import rigmatch as rm
+from matching.cli import main
 from matching.match.case_file import load_case
 from matching.match.targets import target_modes
 from modelling.errors import InputError
@@ -149,3 +152,67 @@ def test_a_plan_outside_its_bounds_is_refused_with_both(tmp_path):
     (tmp_path / "case.toml").write_text(text.split("[move]")[0] + flange)
     with pytest.raises(InputError, match=r"the plan of 360000 N\*m/rad lies outside its bounds 20000 … 120000"):
         load_case(tmp_path / "case.toml")
+
+
+def starter(folder, **edits):
+    """The case that `rigmatch new` writes, with edits by file: (before, after)."""
+    rm.new(folder)
+    for file, (before, after) in edits.items():
+        path = folder / f"{file}.toml"
+        text = path.read_text()
+        assert before in text
+        path.write_text(text.replace(before, after))
+    return folder / "case.toml"
+
+
+@pytest.mark.parametrize(
+    ("edits", "said"),
+    [
+        ({"rig": ("ratio = 9.7", "ratio = -9.7")}, "the same part turns the other way"),
+        ({"case": ("amplitude = 100 ", "amplitude = 0 ")}, "nothing moves"),
+    ],
+)
+def test_a_mistake_of_a_newcomer_is_refused(tmp_path, edits, said):
+    with pytest.raises(InputError, match=said):
+        load_case(starter(tmp_path, **edits))
+
+
+@pytest.mark.parametrize(
+    ("edits", "said"),
+    [
+        ({"rig": ("stiffness = 15000", "stiffness = 12000")}, "12000 N*m/rad in the rig: the same part?"),
+        (
+            {"case": ('speed_sensor = "rotor_speed"', 'speed_sensor = "motor_speed"')},
+            "measures motor: the right sensor?",
+        ),
+        ({"case": ('dynamometer_speed = "1200 1/min"', "dynamometer_speed = 1200")}, "is in rad/s: 11459 1/min"),
+    ],
+)
+def test_a_mistake_of_a_newcomer_is_told(tmp_path, capsys, edits, said):
+    """By `--check` and, since the notes are the case's, by the match."""
+    path = starter(tmp_path, **edits)
+    assert any(said in note for note in load_case(path).notes)
+    assert main(["match", str(path), "--check"]) == 0
+    assert said in capsys.readouterr().out
+
+
+def test_the_starter_and_the_examples_have_no_such_note(tmp_path):
+    cases = [starter(tmp_path), *EXAMPLES.glob("*/case.toml")]
+    assert len(cases) > 6
+    for path in cases:
+        assert not [note for note in load_case(path).notes if note.endswith("?") or "rad/s:" in note]
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: rm.match(rm.load(EXAMPLES / "road_to_rig" / "rig.toml")), "case: System is no Case; give a path"),
+        (lambda: rm.modes(3), "model: int is no System; give a path, or what rm.load returns"),
+        (lambda: rm.match(EXAMPLES / "road_to_rig" / "case.toml", seed="a"), "seed: 'a' is no whole number"),
+        (lambda: rm.map(3, "loop.dead_time"), "case: int is no Case"),
+        (lambda: rm.campbell(None, "600:6000 1/min"), "model: NoneType is no System"),
+    ],
+)
+def test_a_wrong_argument_in_python_is_one_line(call, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        call()

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import scipy
 import sympy as sm
 import sympy.physics.mechanics as me
 
 from modelling.equations.casadi_code import compiled
 from modelling.equations.lagrange import derive
 from modelling.errors import InputError
+from modelling.modal.modes import damped_modes
 from modelling.model_file import from_dict, load
 
 
@@ -248,3 +250,41 @@ def test_operations_grow_with_the_chain_not_its_square():
 
     few, many = operations(15), operations(60)
     assert all(large < 4.6 * small for small, large in zip(few, many))
+
+
+@pytest.mark.parametrize("held", ["sun", "front_ring", "output", "rear_carrier"])
+def test_any_member_of_coupled_planetary_gears_may_be_held(held):
+    """Damped modes against the null space of the constraints: a Simpson set; a brake on its carrier is first gear."""
+    rng = np.random.default_rng([651, len(held)])
+    names = ["engine", "sun", "front_ring", "output", "rear_carrier", "car"]
+    J = 10 ** rng.uniform(-2, 0.5, 6)
+    ratios, k, c = rng.uniform(1.5, 4, 2), 10 ** rng.uniform(2.5, 3.5, 2), rng.uniform(1, 5, 2)
+    data = {
+        "inertias": {name: {"J": value} for name, value in zip(names, J.tolist(), strict=True)},
+        "planetary_gears": {
+            "front": {"sun": "sun", "carrier": "output", "ring": "front_ring", "ratio": ratios[0]},
+            "rear": {"sun": "sun", "carrier": "rear_carrier", "ring": "output", "ratio": ratios[1]},
+        },
+        "shafts": {
+            "converter": {"between": ["engine", "front_ring"], "stiffness": k[0], "damping": c[0]},
+            "side": {"between": ["output", "car"], "stiffness": k[1], "damping": c[1]},
+        },
+        "inputs": {"torque": {"on": "engine"}},
+        "effects": [{"kind": "imposed_motion", "at": f"inertias.{held}"}],
+    }
+    e = dict(zip(names, np.eye(6), strict=True))
+    rows = [
+        (1 + ratios[0]) * e["output"] - e["sun"] - ratios[0] * e["front_ring"],
+        (1 + ratios[1]) * e["rear_carrier"] - e["sun"] - ratios[1] * e["output"],
+        e[held],
+    ]
+    free = scipy.linalg.null_space(np.array(rows))
+    twists = np.array([e["engine"] - e["front_ring"], e["output"] - e["car"]]) @ free
+    M, K, C = free.T @ np.diag(J) @ free, twists.T @ np.diag(k) @ twists, twists.T @ np.diag(c) @ twists
+    n = len(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    own = np.linalg.eigvals(A)
+    own = own[np.abs(own) > 1e-5 * np.abs(own).max()]
+    found = damped_modes(from_dict(data)).eigenvalues
+    for value in own[own.imag >= 0]:
+        assert np.abs(found - value).min() < 1e-6 * abs(value)

@@ -82,7 +82,40 @@ def write_mf4(path, channels, late=0.0):
         file.save(path, overwrite=True)
 
 
-WRITERS = {".csv": write_csv, ".mat": write_mat, "73.mat": write_mat73, ".parquet": write_parquet, ".mf4": write_mf4}
+def write_hdf5(path, channels):
+    """Each channel a dataset in a group, its unit an attribute; beside them what is no channel."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file["remark"] = "warm"
+        file["calibration"] = np.eye(3)
+        for name, value in {"time": TIME, **channels}.items():
+            file[f"run/{name}"] = value
+            file[f"run/{name}"].attrs["unit"] = UNITS.get(name, "s")
+
+
+def write_h5_table(path, channels):
+    """One table, as pandas and PyTables write it: fields of a compound type, units behind the names."""
+    h5py = pytest.importorskip("h5py")
+    names = ["time", *(f"{name} [{UNITS[name]}]" for name in channels)]
+    with h5py.File(path, "w") as file:
+        file["run"] = np.rec.fromarrays([TIME, *channels.values()], names=names)
+
+
+def write_tdms(path, channels):
+    """As LabVIEW writes waveforms: a group, units as properties, the time as an increment."""
+    nptdms = pytest.importorskip("nptdms")
+    written = [
+        nptdms.ChannelObject("run", name, values, {"unit_string": UNITS[name], "wf_increment": 0.002})
+        for name, values in channels.items()
+    ]
+    with nptdms.TdmsWriter(path) as file:
+        file.write_segment(written)
+
+
+WRITERS = {
+    ".csv": write_csv, ".mat": write_mat, "73.mat": write_mat73, ".parquet": write_parquet, ".mf4": write_mf4,
+    ".h5": write_hdf5, ".hdf5": write_h5_table, ".tdms": write_tdms,
+}  # fmt: skip
 
 
 def recorded(folder, suffix, channels, **how):
@@ -155,7 +188,7 @@ def test_a_text_in_place_of_a_channel_is_told(tmp_path):
         read_recording(tmp_path / "run.mf4", SYSTEM)
 
 
-@pytest.mark.parametrize("suffix", [".mat", "73.mat", ".mf4"])
+@pytest.mark.parametrize("suffix", [".mat", "73.mat", ".mf4", ".h5", ".tdms"])
 def test_other_names_in_files_without_a_header_row(suffix, tmp_path, channels):
     write = WRITERS[suffix]
     write(tmp_path / f"run{suffix}", channels)
@@ -169,10 +202,8 @@ def test_other_names_in_files_without_a_header_row(suffix, tmp_path, channels):
 
 def test_a_mat_file_whose_time_is_called_otherwise(tmp_path, channels):
     savemat(tmp_path / "run.mat", {"t": TIME, **channels, "units": UNITS, "other": np.arange(3)})
-    with pytest.raises(InputError, match="has no column 'time'"):
-        read_recording(tmp_path / "run.mat", SYSTEM)
-    got = read_recording(tmp_path / "run.mat", SYSTEM, {"time": Channel("t")})
-    np.testing.assert_allclose(got.time, TIME, atol=1e-12)
+    for channels in (None, {"time": Channel("t")}):
+        np.testing.assert_allclose(read_recording(tmp_path / "run.mat", SYSTEM, channels).time, TIME, atol=1e-12)
 
 
 def test_without_h5py_one_line_says_what_to_do(tmp_path, channels, monkeypatch):
@@ -180,3 +211,28 @@ def test_without_h5py_one_line_says_what_to_do(tmp_path, channels, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(InputError, match="save it with -v7"):
         read_recording(tmp_path / "run.mat", SYSTEM)
+
+
+def test_groups_of_a_tdms_file_with_their_own_rates(tmp_path):
+    """The channels that are used decide; one that stands in two groups is called by its group."""
+    nptdms = pytest.importorskip("nptdms")
+    torque = np.sin(TIME)
+    with nptdms.TdmsWriter(tmp_path / "run.tdms") as file:
+        file.write_segment([
+            nptdms.ChannelObject("fast", "vibration", np.zeros(50), {"wf_increment": 1e-4}),
+            nptdms.ChannelObject("fast", "temp", np.zeros(50), {"wf_increment": 1e-4}),
+            nptdms.ChannelObject("bed", "Zeit", TIME, {"unit_string": "s"}),
+            nptdms.ChannelObject("bed", "motor_torque (kNm)", torque),
+            nptdms.ChannelObject("bed", "temp", np.zeros(len(TIME))),
+        ])  # fmt: skip
+    got = read_recording(tmp_path / "run.tdms", SYSTEM)
+    np.testing.assert_allclose(got.time, TIME, atol=1e-12)
+    np.testing.assert_allclose(got["motor_torque"], 1000 * torque)
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".tdms"])
+def test_what_is_no_such_file_is_one_line(tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    path.write_bytes(b"TDSm" + bytes(range(200)) if suffix == ".tdms" else b"\x89HDF\r\n\x1a\n" + bytes(range(200)))
+    with pytest.raises(InputError, match=r"is no (HDF5|TDMS) file|crashed|has no channel"):
+        read_recording(path, SYSTEM)

@@ -10,6 +10,7 @@ import rigmatch as rm
 from matching.cli import main
 from modelling.errors import InputError
 from modelling.model_file import dumps, from_dict, to_dict
+from modelling.recordings.plausible import check_seconds
 from modelling.recordings.read import read_recording
 
 STEP = 2e-3
@@ -128,3 +129,24 @@ def test_a_sensor_at_rest_has_no_share_of_a_range(tmp_path, capsys, rest):
     found = rm.diagnose(from_dict(data), path)
     assert found.verdict == "adequate"
     assert any("link_torque keeps one value and states no uncertainty" in note for note in found.notes)
+
+
+def test_a_spinning_wheel_is_no_wrong_time(tmp_path):
+    """A car whose tyre slides runs up its motor and wheel alone; without the tyre's slip the same says a wrong time."""
+    data = {
+        "inertias": {"motor": {"J": 0.06}, "wheel": {"J": 1.4}, "car": {"J": 135.0}},
+        "shafts": {
+            "side": {"between": ["motor", "wheel"], "ratio": 9.0, "stiffness": 9000.0, "damping": 12.0},
+            "tyre": {"between": ["wheel", "car"], "stiffness": 4e4, "damping": 120.0},
+        },
+        "inputs": {"motor_torque": {"on": "motor"}},
+        "sensors": {"motor_speed": {"measures": "speed", "of": "motor"}},
+        "effects": [{"kind": "tyre_slip", "at": "shafts.tyre", "slip_stiffness": 9000, "peak": 1300, "shape": 1.6}],
+    }
+    time = np.linspace(0, 3, 1501)
+    torque = 220 + 30 * np.sin(5 * time)
+    slides = 9 * (9 * torque - 900) / (0.06 * 81 + 1.4)  # rad/s² of the motor, own balance, 900 N·m at the tyre
+    speed = np.concatenate([[0], np.cumsum((slides[1:] + slides[:-1]) / 2 * np.diff(time))])
+    channels = {"motor_torque": torque, "motor_speed": speed}
+    assert check_seconds(time, channels, from_dict(data), "run.csv", "s") == []
+    assert "too fast" in check_seconds(time, channels, from_dict(data | {"effects": []}), "run.csv", "s")[0]

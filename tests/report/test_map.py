@@ -248,3 +248,41 @@ def test_any_executor_will_do_and_dead_time_costs(small):
         assert point.first is None or point.objective <= point.first
         assert bool(point.limited_by) == (point.status == "limited")
     assert points[0].error < points[1].error
+
+
+@pytest.mark.long
+def test_a_sweep_is_a_row_of_a_map(small, tmp_path, capsys):
+    """Each point is the match with that quantity held; file, figure and report have one axis."""
+    low, high = small.loop["dead_time"], 3 * small.loop["dead_time"]
+    values = Axis("loop.dead_time", "s", (low, high), low)
+    found = map_case(small, values, None, ThreadPoolExecutor(1), starts=1)
+    assert len(found.points) == 1
+    assert found.errors().shape == (1, 2)
+    alone = match_at(small, ("loop.dead_time", high), None, 0, 1)
+    assert found.points[0][1].objective <= alone.objective * (1 + 1e-9)
+    assert [point.y for point in found.points[0]] == [None, None]
+    found.save(tmp_path)
+    content = json.loads((tmp_path / "map.json").read_text())
+    assert content["y"] is None
+    assert {path.name for path in tmp_path.iterdir()} == {"map.json", "map.png", "map.svg", "report.html"}
+    text = str(found)
+    assert "Sweep" in text
+    assert "dead time" in text
+    assert found.to_xarray()["error"].dims == ("loop.dead_time",)
+
+
+def test_a_case_with_other_values(case):
+    changed = case.with_values({"loop.dead_time": "5 ms", STIFFNESS: 2e5})
+    assert changed.loop["dead_time"] == pytest.approx(5e-3)
+    left = STIFFNESS.removeprefix("rig.")
+    assert changed.rig[left].value == changed.rig[left.replace("left", "right")].value == 2e5
+    assert case.loop["dead_time"] == 3e-3
+    assert changed.moves == case.moves
+    with pytest.raises(InputError, match=r"did you mean 'loop\.dead_time'"):
+        case.with_values({"loop.dead_tim": 1})
+    with pytest.raises(InputError, match="does not fit"):
+        case.with_values({"loop.dead_time": "5 kg"})
+
+
+def test_a_map_needs_no_second_quantity(capsys):
+    assert main(["map", str(CASE), "--x", "loop.dead_time=1ms:2ms:2", "--check"]) == 0

@@ -56,8 +56,8 @@ def test_command_writes_modes_and_figures(tmp_path, capsys):
 def test_damped_command_and_table(tmp_path, capsys):
     assert main(["modes", str(CASE / "rig.toml"), "--out", str(tmp_path), "--damped"]) == 0
     line = capsys.readouterr().out.splitlines()[2].split()
-    assert line[:2] == ["2", "16.7"]
-    assert 0.01 < float(line[2]) < 0.02
+    assert line[:3] == ["2", "16.7", "16.7"]  # rings at, natural
+    assert 0.01 < float(line[3]) < 0.02
     check_schema("modes", json.loads((tmp_path / "modes.json").read_text()))
     rows = mode_table(modes(load(CASE / "rig.toml")).to_dict()["modes"])
     assert rows[1]["kinetic energy"] == "rotor left 48 %, rotor right 48 %"

@@ -374,3 +374,31 @@ def test_correlations_that_no_copula_of_these_shapes_has_are_refused(r, possible
     else:
         with pytest.raises(InputError, match="cannot have these correlations together"):
             sampler(budget)
+
+
+def test_shares_are_those_of_the_draws_where_the_first_order_does_not_hold():
+    """A root of squares at b = c = 0: the first order gives a all of u², but a does nothing; against own draws."""
+    budget, _ = single(
+        "sqrt(a**2 + b**2 + c**2)", a={"value": 1, "uncertainty": 0.01}, b={"value": 0, "uncertainty": 10},
+        c={"value": 0, "uncertainty": 6},
+    )  # fmt: skip
+    (result,) = evaluate(budget, seed=4).measurands
+    assert result.method == "monte_carlo"
+    rng = np.random.default_rng(12)
+    a, b, c = 1 + 0.01 * rng.normal(size=10**6), 10 * rng.normal(size=10**6), 6 * rng.normal(size=10**6)
+    own = {
+        name: 1 - np.var(np.sqrt(x**2 + y**2 + z**2)) / np.var(np.sqrt(a**2 + b**2 + c**2))
+        for name, x, y, z in (("a", 1.0, b, c), ("b", a, 0.0, c), ("c", a, b, 0.0))
+    }
+    shares = {row.name: row.share for row in result.rows}
+    assert shares["a"] == 0
+    for name, share in own.items():
+        assert shares[name] == pytest.approx(share, abs=0.01)
+    assert [row.name for row in result.rows][-1] == "a"
+
+
+def test_a_result_by_the_law_of_propagation_keeps_its_shares():
+    budget, _ = single("a + 2*b", a={"value": 1, "uncertainty": 0.3}, b={"value": 2, "uncertainty": 0.2})
+    (result,) = evaluate(budget, seed=4, digits=1).measurands
+    assert result.method == "first_order"
+    assert {row.name: row.share for row in result.rows} == pytest.approx({"a": 0.36, "b": 0.64})
