@@ -720,6 +720,7 @@ WHY_NOT = {
     "explains_little": "it explains little of what is left",
     "second_recording": "a second recording is met worse with it",
     "table": "a table of the torque takes its place",
+    "map": "the input of a machine times a curve over its speed or angle explains more: look at its torque map",
 }
 
 
