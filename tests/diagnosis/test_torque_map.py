@@ -16,7 +16,7 @@ NOISE = {"motor_speed": 0.03, "load_speed": 0.02, "link_torque": 0.06}
 
 def drawn(seed: int, dip: float, quadratic: float, unknown: float) -> tuple[dict, Recording]:
     """A motor that pulls and pushes over a range of speeds; ``dip`` of its torque is missing about a middle speed,
-    its drag grows with ``quadratic`` times the square of the speed, and an ``unknown`` torque (N·m, 7 Hz) acts on it."""
+    its drag grows with ``quadratic`` times the square of the speed, an ``unknown`` torque (N·m, 7 Hz) acts on it."""
     rng = np.random.default_rng(seed)
     motor, load, drag = rng.uniform(0.05, 0.15), rng.uniform(0.6, 1.4), rng.uniform(0.15, 0.25)
     k, c = rng.uniform(250, 450), rng.uniform(0.3, 0.8)
