@@ -442,6 +442,8 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
             on: np.sum([inputs[:, j] for j, part in enumerate(system.inputs) if part.on == on], axis=0)
             for on in {part.on for part in system.inputs if part.name not in system.imposed_by}
         },
+        reads={sensor.name: sensor.measures for sensor in system.sensors},
+        sensor_of={sensor.name: sensor.of for sensor in system.sensors},
     )  # fmt: skip
 
 
@@ -527,4 +529,5 @@ def recorded_range(system: System, data: FitData, motion: FittedMotion) -> Recor
         sum(
             float(np.abs(motion.input[part.name]).max()) for part in system.inputs if part.name not in system.imposed_by
         ),
+        {sensor.name: sensor.of for sensor in system.sensors},
     )

@@ -155,6 +155,8 @@ class FitOptions:
         χ² of another fit: one that stays far above it and hardly gains any more is given up; 0 without one.
     noise_cost : float
         χ² of another fit that is at the noise: one that would stay above it at twice its pace is given up; 0 without.
+    enough_cost : float
+        χ² that is as good as the minimum for what follows: the fit ends below it; 0 without.
     held : sequence of int
         Variables that stay where they are; their columns of the Jacobian are 0.
     timed : bool
@@ -168,6 +170,7 @@ class FitOptions:
     exact: bool = True
     rival_cost: float = 0.0
     noise_cost: float = 0.0
+    enough_cost: float = 0.0
     held: Sequence[int] = ()
     timed: bool = True
     worth: float = 0.0
@@ -221,7 +224,8 @@ class _Descent:
     def run(self) -> Fit:
         """Iterate to the end."""
         for iteration in range(self.options.iterations):
-            if (self.options.timed and time_is_over()) or not self._iterate(iteration):
+            ended = self.cost < self.options.enough_cost or (self.options.timed and time_is_over())
+            if ended or not self._iterate(iteration):
                 return Fit(self.problem, self.v, self.residual, self.jacobian, self.cost)
         return Fit(self.problem, self.v, self.residual, self.jacobian, self.cost, unfinished=True)
 

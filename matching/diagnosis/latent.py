@@ -9,7 +9,7 @@ of the model, which lie elsewhere, or are small beside the friction.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -25,6 +25,7 @@ ORDERS = (1, 2, 3, 4)  # of the angle of a machine, over which its input may cha
 MEMORIES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # s, over which a force may remember what drives it
 BLOCKS = 8  # of the data, each predicted by a force that was fitted to the others
 RIDGE = 1e-6  # of the mean diagonal of the normal equations
+OVER_SPEED, OVER_ANGLE = "its input and speed", "its input and angle"
 MOST_VALUES = 30_000_000  # of the signatures of a family; 240 MB
 
 
@@ -44,7 +45,7 @@ class FreeForce:
     decrease: float
 
 
-def free_force(final: Hypothesis, screening: Screening, at: str) -> FreeForce:
+def free_force(final: Hypothesis, screening: Screening, at: str, only: Sequence[str] = ()) -> FreeForce:
     """The free force at a place beside a hypothesis, to first order, after fitted quantities and start states took what
     they can.
 
@@ -52,11 +53,13 @@ def free_force(final: Hypothesis, screening: Screening, at: str) -> FreeForce:
     ----------
     screening : Screening
         Of the hypothesis.
+    only : sequence of str, optional
+        What it may depend on; anything if not given.
     """
     best = FreeForce("", 0.0)
     edges = np.linspace(0, len(screening.mask), BLOCKS + 1).astype(int) * screening.mask.shape[1]
     for family, columns in _families(screening.motion, screening.system, members(at)[0]):
-        if not columns or len(columns) * len(screening.residual) > MOST_VALUES:
+        if (only and family not in only) or not columns or len(columns) * len(screening.residual) > MOST_VALUES:
             continue
         place = ".".join(at.split(".")[:2]) if "+" not in at else ""
         places = [place] if place else members(at)
@@ -65,6 +68,12 @@ def free_force(final: Hypothesis, screening: Screening, at: str) -> FreeForce:
         if np.isfinite(rows).all():
             best = max(best, FreeForce(family, _predicted(rows, screening.residual, edges)), key=lambda f: f.decrease)
     return best
+
+
+def map_force(rest: Hypothesis, screening: Screening, at: str) -> FreeForce:
+    """What the input of the machine at a place, times a curve over its speed or waves over its angle, predicts of a
+    hypothesis's residual: its map, or a ripple that grows with the load."""
+    return free_force(rest, screening, at, (OVER_SPEED, OVER_ANGLE))
 
 
 def _predicted(rows: np.ndarray, residual: np.ndarray, edges: np.ndarray) -> float:
@@ -116,10 +125,10 @@ def _products(motion: FittedMotion, name: str, machine: str) -> Iterator[tuple[s
     """What no force over one signal is: an input times a curve over the speed of its machine (the map of a motor), and
     times waves over its angle (a ripple that grows with the load, a crank)."""
     signal, angle = motion.input[name], motion.angle[machine]
-    yield "its input and speed", [signal * hat for hat in _curve(motion.speed[machine])]
+    yield OVER_SPEED, [signal * hat for hat in _curve(motion.speed[machine])]
     waves = [wave(order * angle) for order in ORDERS for wave in (np.cos, np.sin)]
     if np.ptp(angle) > 2 * np.pi:
-        yield "its input and angle", [signal * wave for wave in waves]
+        yield OVER_ANGLE, [signal * wave for wave in waves]
 
 
 def _curve(values: np.ndarray, knots: int = KNOTS) -> list[np.ndarray]:

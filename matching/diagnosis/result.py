@@ -92,7 +92,7 @@ class NamedCause:
         recording. Else it only says where something is.
     why_not : str
         Why the extended model does not have it: ``by_chance``, ``within_uncertainty``, ``explains_little``,
-        ``second_recording`` or ``table``; else empty.
+        ``second_recording``, ``map`` or ``table``; else empty.
     evidence : str
         One sentence that can be checked in the figures.
     alternatives : list of Alternative

@@ -381,10 +381,14 @@ class Screening:
             fit, without_effects(self.system), dict(motion.value), _typical_torque(fit, motion)
         )
         lacking = {part.name: self.balance.inertias[:, i] for i, part in enumerate(self.system.inertias)}
-        gradient = self.response.correlation(self._gradient_by_readings() / self.noise)
+        by_reading = self._gradient_by_readings() / self.noise
+        gradient = self.response.correlation(by_reading)
         of_model = motion.angle
         motion = simulated_motion(fit, self.balance)
-        self.motion = replace(motion, torque_gradient=gradient, torque_lacking=lacking, model_angle=of_model)
+        self.motion = replace(
+            motion, torque_gradient=gradient, torque_lacking=lacking, model_angle=of_model,
+            reading_gradient={s.name: by_reading[:, j] for j, s in enumerate(self.system.sensors)},
+        )  # fmt: skip
         self._quantities = [name for name in fit.problem.model.parameters if name.count(".") == 2]
         self._by_quantity: dict[str, np.ndarray] = {}
 

@@ -55,6 +55,11 @@ class DiagnosisSettings:
     kind_rest : float
         What a free force at the place of a cause still predicts of unseen data, over what the cause itself explains,
         from which nothing is said for its kind. Trial.
+    map_leaves : float
+        Of the misfit that is left with a cause: what the input of a machine, times a curve over its speed or waves over
+        its angle, leaves in the place of the cause, below which that only stands for the map of the machine and stays
+        out. 0.22 for a dip in a map that quadratic drag stood for, 0.83 for the dry friction of a robot axis.
+        Trial.
     kind_at_bound : float
         Most that is said for a kind of which a value ended at the bound of its range: it was not found.
     named : float
@@ -138,6 +143,7 @@ class DiagnosisSettings:
     least_share: float = 0.15
     explains: float = 0.5
     kind_rest: float = 0.3
+    map_leaves: float = 0.5
     kind_at_bound: float = 0.4
     named: float = 0.5
     beyond: float = 2.0

@@ -11,8 +11,8 @@ import numpy as np
 from matching.diagnosis.causes import Cause
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.hypotheses import Hypothesis, at_noise, is_simpler
-from matching.diagnosis.latent import free_force
-from matching.diagnosis.moves import Selection
+from matching.diagnosis.latent import free_force, map_force
+from matching.diagnosis.moves import Selection, weighted
 from matching.diagnosis.result import (
     Alternative,
     Candidate,
@@ -24,6 +24,7 @@ from matching.diagnosis.result import (
     not_told_apart,
 )
 from matching.diagnosis.screening import Screening
+from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.simulation import simulate_readings
 from matching.diagnosis.statistics import AT_BOUND, Estimate, estimates, residual_inflation
 from matching.diagnosis.unseen import UnseenData, UnseenError
@@ -335,7 +336,8 @@ def named_causes(
         alternatives = [Alternative(at_kind, at, kind) for at_kind, at in same]
         alternatives += [Alternative(r.kind, r.at, r.share) for r in rivals]
         enough = judgement.explained >= settings.explains or judgement.second < 1 - settings.helps
-        harms = judgement.second > 1 + settings.harms
+        harms, helps = judgement.second > 1 + settings.harms, judgement.second < 1 - settings.helps
+        of_map = not all_explained and not helps and _stands_for_map(final, judgement, settings)
         causes.append(
             NamedCause(
                 cause.kind, cause.at, parameters, kind,
@@ -345,8 +347,8 @@ def named_causes(
                 judgement.without.chi_square / final.chi_square,
                 there if differs else 0.0,
                 _left(system, unseen, judgement.without, final), (over, share),
-                1 - there < settings.chance and differs and enough and not harms,
-                _not_in_model(there, differs, enough, harms, settings.chance),
+                1 - there < settings.chance and differs and enough and not harms and not of_map,
+                _not_in_model(there, differs, enough, harms, settings.chance) or ("map" if of_map else ""),
             )
         )  # fmt: skip
     return causes
@@ -361,6 +363,28 @@ def _not_in_model(there: float, differs: bool, enough: bool, harms: bool, chance
     if 1 - there >= chance:
         return "by_chance"
     return "" if enough else "explains_little"
+
+
+def _stands_for_map(final: Hypothesis, judgement: JudgedCause, settings: DiagnosisSettings) -> bool:
+    """Whether a cause imitates the map of a machine: in its place the input of that, times a curve over its speed or
+    angle, predicts clearly more of the misfit.
+
+    What a law leaves may follow the input beside a right law; only in its place the two compete.
+    """
+    system = final.fit.problem.system
+    machines = [f"inputs.{part.name}" for part in system.inputs if part.name not in system.imposed_by]
+    if judgement.cause.at.startswith("sensors.") or not machines:
+        return False
+    rest, other = (weighted(each, by_noise=True) for each in (judgement.without, final))
+    screening = (judgement.known.of(rest.fit) if judgement.known else None) or Screening(rest.fit)
+    count = final.fit.problem.data.readings_count
+    basis = np.linalg.qr(other.fit.jacobian / np.maximum(np.linalg.norm(other.fit.jacobian, axis=0), 1e-300))[0]
+    left = other.fit.residual - basis @ (
+        basis.T @ other.fit.residual
+    )  # where it was weighted, its minimum is elsewhere
+    by_map = max(map_force(rest, screening, machine).decrease for machine in machines)
+    without = float(screening.residual @ screening.residual) - count
+    return without - by_map < settings.map_leaves * (float(left @ left) - count)
 
 
 def _left(system: System, unseen: UnseenData, without: Hypothesis, final: Hypothesis) -> dict[str, tuple[float, float]]:

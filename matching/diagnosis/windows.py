@@ -131,8 +131,9 @@ def _again(fit: Fit) -> Fit:
     One step for all windows is as short as the worst of them asks for. Windows that are far off therefore wait while
     the others are fitted: these tell the parameters, from which those find their flank.
     """
+    good = GOOD * fit.problem.data.readings_count
     for _ in range(ROUNDS):
-        if fit.cost < GOOD * fit.problem.data.readings_count or time_is_over():
+        if fit.cost < good or time_is_over():
             break
         begun = replace(fit, v=_joined(fit))
         shares = _squares(fit.problem, begun.v) / np.array([s.measured.sum() for s in fit.problem.data.segments])
@@ -145,7 +146,7 @@ def _again(fit: Fit) -> Fit:
                 starts[i] = start
             begun = replace(begun, v=begun.problem.pack(told.values, starts))
             begun = replace(begun, v=_joined(begun))
-        again = solve(fit.problem, begun.v, None, FitOptions(AGAIN_ITERATIONS))
+        again = solve(fit.problem, begun.v, None, FitOptions(AGAIN_ITERATIONS, enough_cost=good))
         if again.cost > PROGRESS * fit.cost:
             break
         fit = again
@@ -164,7 +165,8 @@ def fit_longer_windows(fit: Fit) -> Fit:
             return fit
         problem = replace(fit.problem, data=replace(fit.problem.data, segments=tuple(segments)), held_states=starts)
         begun = replace(fit, problem=problem, v=problem.pack(fit.values, starts))
-        longer = _again(solve(problem, _joined(begun), None, SEARCH))
+        enough = replace(SEARCH, enough_cost=GOOD * problem.data.readings_count)
+        longer = _again(solve(problem, _joined(begun), None, enough))
         if longer.cost > LOST_RATIO * fit.cost:
             return fit
         fit = longer
@@ -256,11 +258,16 @@ def _best_flank(fit: Fit, i: int, start: np.ndarray, end: np.ndarray) -> np.ndar
     shifts = flank_shifts(system, window.model)
     if len(shifts) == 1:
         return start
-    begins = [start + share * shift for shift in shifts for share in (1, 2)][1:]
+    begins = [start, *(start + share * shift for shift in shifts[1:] for share in (1, 2))]
     measured = first_state(system, window.model, data.segments[0])
     begins += [other + shift for other in (end, measured) for shift in shifts]
-    fits = [solve(window, window.pack({}, [begin]), None, FitOptions(FLANK_ITERATIONS)) for begin in begins]
-    return min(fits, key=lambda fit: fit.cost).starts[0]
+    best: Fit | None = None
+    for begin in {tuple(begin): begin for begin in begins}.values():  # a window may begin where the one before ends
+        options = FitOptions(FLANK_ITERATIONS, rival_cost=best.cost if best else 0.0)
+        fit = solve(window, window.pack({}, [begin]), None, options)
+        best = fit if best is None or fit.cost < best.cost else best
+    assert best is not None
+    return best.starts[0]
 
 
 def _squares(problem: FitProblem, v: np.ndarray) -> np.ndarray:

@@ -15,7 +15,15 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFo
 
 from matching.diagnosis.audit import AuditedChannel
 from matching.diagnosis.holdout import HoldoutData
-from matching.diagnosis.result import BEST_SO_FAR, UNITS, Diagnosis, DiscrepancyCurve, PlotData, SensorErrors
+from matching.diagnosis.result import (
+    BEST_SO_FAR,
+    UNITS,
+    Diagnosis,
+    DiscrepancyCurve,
+    NamedCause,
+    PlotData,
+    SensorErrors,
+)
 from matching.report.common import (
     BAND,
     EXTENDED,
@@ -24,6 +32,7 @@ from matching.report.common import (
     NOISE,
     RIG,
     VEHICLE,
+    csv_table,
     decimated,
     figure,
     number,
@@ -48,6 +57,7 @@ from matching.report.page import (
 )
 from modelling.effects import EFFECTS
 from modelling.effects.effect import place_in_words, shared_place
+from modelling.effects.turning_sensors import SensorRipple, correction
 from modelling.model_file import dumps
 from modelling.system import Sensor, System
 
@@ -710,6 +720,7 @@ WHY_NOT = {
     "explains_little": "it explains little of what is left",
     "second_recording": "a second recording is met worse with it",
     "table": "a table of the torque takes its place",
+    "map": "the input of a machine times a curve over its speed or angle explains more: look at its torque map",
 }
 
 
@@ -995,6 +1006,15 @@ def _to_do(result: Mapping[str, Any]) -> list[str]:
                 "Record another drive and give it with --holdout: blocks of one drive share its temperature and its "
                 "excitation, so they cannot tell whether the causes hold elsewhere."
             )
+    for cause in certain(result):
+        if cause["kind"] == SensorRipple.kind:
+            name = cause["at"].split(".")[1]
+            steps.append(
+                f"Mount {name} anew or correct it where it is read: its error turns with its shaft, and "
+                f"correction_{name}.csv has it over one turn."
+                if _repeats(cause["parameters"]["order"])
+                else f"Look at {name}: its error turns with a shaft, but not with a whole number of periods a turn."
+            )
     if result["next_recording"]:
         words = result["next_recording"]
         steps.append(f"{words[:1].upper()}{words[1:]}.")
@@ -1128,6 +1148,38 @@ def _delay(signal: Mapping[str, Any]) -> str:
     return f"{number(1e3 * signal['delay'], 3)} ± {number(1e3 * signal['delay_standard_uncertainty'], 2)} ms"
 
 
+# --- The errors of sensors that turn with their shafts, as tables to load where the sensor is read.
+
+WHOLE = 0.02  # of an order, from a whole number: an error of another order does not repeat every turn
+SURE = 3.0  # standard uncertainties of the order, by which it may be further away
+
+
+def corrections(diagnosis: Diagnosis) -> dict[str, str]:
+    """``correction_SENSOR.csv`` of every error of a sensor in the extended model that repeats every turn."""
+    return {
+        f"correction_{cause.at.split('.')[1]}.csv": _correction(cause, diagnosis.extended)
+        for cause in diagnosis.causes
+        if cause.kind == SensorRipple.kind and cause.in_model and _repeats(cause.parameters["order"].to_dict())
+    }
+
+
+def _repeats(order: Mapping[str, Any]) -> bool:
+    """Whether an order, with its uncertainty, may be a whole number."""
+    away = abs(order["value"] - round(order["value"]))
+    return round(order["value"]) > 0 and away < max(WHOLE, SURE * (order.get("standard_uncertainty") or 0.0))
+
+
+def _correction(cause: NamedCause, system: System) -> str:
+    table = correction({key: estimate.value for key, estimate in cause.parameters.items()})
+    sensor = next(sensor for sensor in system.sensors if f"sensors.{sensor.name}" == cause.at)
+    angle, error = (np.degrees(table[:, i]) for i in (0, 1))
+    if sensor.measures == "angle":
+        head = ["true angle in deg", "subtract from the reading in deg"]
+        return csv_table(head, zip(angle, error, strict=True))
+    head = ["angle from where the recording begins in deg", "divide the reading by"]
+    return csv_table(head, zip(angle, 1 + table[:, 2], strict=True))
+
+
 # --- The extended model as a file: its values with their uncertainty, where they come from, and the three answers.
 
 RANGE = 3.0  # standard uncertainties to each side of a fitted quantity: its range from now on
@@ -1173,6 +1225,6 @@ register(
     Diagnosis,
     View(
         "diagnosis.json", report, pictures, content,
-        others=lambda diagnosis: {"extended.toml": extended_file(diagnosis)},
+        others=lambda diagnosis: {"extended.toml": extended_file(diagnosis), **corrections(diagnosis)},
     ),
 )  # fmt: skip

@@ -4,9 +4,18 @@ A new kind is a class derived from :class:`modelling.effects.effect.Kind` in one
 equations, simulation, fit, diagnosis and report read all they need from ``EFFECTS``.
 """
 
-from modelling.effects import drifts, friction_and_compliance, sensors_and_actuators, torques
+from modelling.effects import drifts, friction_and_compliance, sensors_and_actuators, torques, turning_sensors
 from modelling.effects.effect import Kind, Parameter
 
-__all__ = ["EFFECTS", "Kind", "Parameter", "drifts", "friction_and_compliance", "sensors_and_actuators", "torques"]
+__all__ = [
+    "EFFECTS",
+    "Kind",
+    "Parameter",
+    "drifts",
+    "friction_and_compliance",
+    "sensors_and_actuators",
+    "torques",
+    "turning_sensors",
+]
 
 EFFECTS: dict[str, Kind] = {cls.kind: cls() for cls in sorted(Kind.__subclasses__(), key=lambda cls: cls.kind)}

@@ -57,6 +57,10 @@ class FittedMotion:
         By inertia that inputs drive: the sum of their torques.
     model_angle : dict of str to ndarray (t,)
         By inertia: the angle without what the measurement adds; that drifts where no sensor tells of angles.
+    reads, sensor_of : dict of str to str
+        By sensor: the quantity that it measures, and the inertia or shaft of which.
+    reading_gradient : dict of str to ndarray (t,)
+        By sensor: −½∂χ²/∂reading, how much a further reading at that time would lower the misfit.
     """
 
     time: np.ndarray
@@ -79,6 +83,9 @@ class FittedMotion:
     recording: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     load: Mapping[str, np.ndarray] = field(default_factory=dict)
     model_angle: Mapping[str, np.ndarray] = field(default_factory=dict)
+    reads: Mapping[str, str] = field(default_factory=dict)
+    sensor_of: Mapping[str, str] = field(default_factory=dict)
+    reading_gradient: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
@@ -193,6 +200,8 @@ class RecordedRange:
         By inertia: largest minus smallest angle of the segment that covers most, in turns.
     input_torque : float
         Largest torque of all inputs together, N·m.
+    sensor_of : dict of str to str
+        By sensor: the inertia or shaft that it measures.
     """
 
     duration: float
@@ -202,6 +211,7 @@ class RecordedRange:
     turns: Mapping[str, float]
     range_of_turns: Mapping[str, float]
     input_torque: float
+    sensor_of: Mapping[str, str] = field(default_factory=dict)
 
     def lowest_order(self, inertia: str) -> float:
         """Lowest order per turn of a torque that the recording shows to repeat over the angle of an inertia."""
@@ -500,11 +510,16 @@ class InputPath:
 
 @dataclass
 class SensorPath:
-    """What happens to the measured quantity before it is recorded: ``value`` (SI) is read ``delay`` (s) later."""
+    """What happens to the measured quantity before it is recorded: ``value`` (SI) is read ``delay`` (s) later.
+
+    ``measures`` is the quantity, ``motion`` that of the inertia it is measured of, None of a shaft.
+    """
 
     place: str
     value: sm.Expr
     delay: sm.Expr
+    measures: str = ""
+    motion: Motion | None = None
 
 
 # --- What every effect states about itself: its places, parameters, law, and what it asks of a simulation or a fit.

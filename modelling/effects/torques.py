@@ -136,7 +136,7 @@ class TorqueRipple(Kind):
 
     def nearby(self, motion: FittedMotion, at: str, best: dict[str, float]) -> Iterator[Guess]:
         angle = motion.angle[at.split(".")[1]]
-        for order in _orders_near(angle, best["order"], motion.torque_gradient[at.split(".")[1]]):
+        for order in orders_near(angle, best["order"], motion.torque_gradient[at.split(".")[1]]):
             yield _ripple_guess(at, angle, order, (1,))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
@@ -197,7 +197,7 @@ def _orders(motion: FittedMotion, name: str, over: str) -> Iterator[tuple[float,
         yield from outstanding_orders(angle, motion.torque_lacking[name], highest)
 
 
-def _orders_near(angle: np.ndarray, best: float, gradient: np.ndarray) -> list[float]:
+def orders_near(angle: np.ndarray, best: float, gradient: np.ndarray) -> list[float]:
     """Of the orders near the best one, half a line apart, those that promise most by the gradient (t,) of χ²: a
     reversing motion gives the true one many side lobes. Next to the best they are closer: a ripple that holds a slow
     motion back leads a simulation astray where its phase is off."""
@@ -301,7 +301,7 @@ class GearedRipple(Kind):
         first, second = members(at)
         angle = motion.angle[second.split(".")[1]]
         yield _ripple_guess(first, angle, best["order"], tuple(SUFFIXES))
-        for order in _orders_near(angle, best["order"], motion.torque_gradient[first.split(".")[1]]):
+        for order in orders_near(angle, best["order"], motion.torque_gradient[first.split(".")[1]]):
             yield _ripple_guess(first, angle, order, (1,))
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:

@@ -468,7 +468,9 @@ class Assembly:
         for reading in system.sensors:
             place = f"sensors.{reading.name}"
             truth = self._truth(reading.measures, reading.of)
-            sensor = self.sensors[reading.name] = SensorPath(place, truth, sm.Integer(0))
+            sensor = self.sensors[reading.name] = SensorPath(
+                place, truth, sm.Integer(0), reading.measures, self.motions.get(reading.of)
+            )
             for kind, p in by_place.get(place, ()):
                 kind.sensor(sensor, p, self)
 

@@ -148,3 +148,19 @@ def test_the_clock_of_a_long_line_is_found_though_nobody_knows_its_load():
     ((kind, at, values),) = suspected(system, recording)[0]
     assert (kind, at) == ("clock_offset", "sensors.second+sensors.torque")
     assert values["offset"] == pytest.approx(0.465, abs=0.02)
+
+
+def test_channels_that_are_slower_than_the_recording_is_long_tell_no_times() -> None:
+    """A shaft that stands after a step, once the fault of a diagnosis: no line of a spectrum is left."""
+    time = np.arange(400) / 50
+    system = from_dict({
+        "inertias": {"a": {"J": 1.0}, "b": {"J": 2.0}},
+        "shafts": {"s": {"between": ["a", "b"], "stiffness": 100, "damping": 1.0}},
+        "inputs": {"drive": {"on": "a"}},
+        "sensors": {x: {"measures": "speed", "of": x, "uncertainty": 0.5} for x in ("a", "b")},
+    })  # fmt: skip
+    slow = np.sin(np.pi * time / time[-1] / 2)
+    channels = {"a": slow, "b": slow, "drive": np.where(time > 0.5, 0.4, 0.0)}
+    data = prepare_data(system, [Recording(time, channels, (), "made", {})])[0]
+    times = channel_times(system, solve(*base_problem(system, data), None, FitOptions(2)))
+    assert times.pairs == []

@@ -36,6 +36,7 @@ PLACES = EFFECTS | {
     "rate_limit": ("inputs.motor_torque", {"rate": 300.0}),
     "falling_torque_constant": ("inputs.motor_torque", {"torque": 8.0}),
     "hum": ("sensors.motor_speed", {"amplitude": 0.2, "frequency": 50.0, "phase": 0.3}),
+    "sensor_ripple": ("sensors.motor_speed", {"order": 3.0, "amplitude": 0.01, "phase": 0.3}),
     "gear_loss": ("shafts.link", {"efficiency": 0.3}),  # three times that is below 1
     "table": ("shafts.link", {"twist_1": -0.02, "torque_1": -1.0, "twist_2": 0.02, "torque_2": 1.0}),
 }

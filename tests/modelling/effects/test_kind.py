@@ -35,6 +35,7 @@ VALUES = {
     "brake": {"deflection": 0.2}, "hum": {"amplitude": 0.4, "frequency": 50.0, "phase": 0.3},
     "slip": {"coefficient": 9.0}, "stribeck_friction": {"torque": 3.0, "breakaway": 8.0, "speed": 2.0},
     "load_friction": {"coefficient": 0.1},
+    "sensor_ripple": {"order": 2, "amplitude": 0.01, "phase": 0.4, "amplitude_2": 0.004, "phase_2": 1.0},
     "geared_ripple": {"order": 6, "amplitude": 2.0, "phase": 0.4},
     "recording_friction": {"torque": [2.0, 4.0]},
     "table": {"speed": [-3.0, -1.0, 0.0, 2.0], "torque": [5.0, 1.0, 0.0, -3.0]},
