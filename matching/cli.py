@@ -348,7 +348,7 @@ def supervised(command: Callable[[], int]) -> int:
         return command()
     parent = os.getpid()
     can_end_early = mmap.mmap(-1, 1)  # shared with the child
-    # Held back until both processes have their handlers: the command may run, and be signalled, before its parent is ready.
+    # Held back until both processes have their handlers: the command may be signalled before its parent is ready.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
     try:
         child = os.fork()
