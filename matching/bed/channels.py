@@ -535,9 +535,12 @@ class ChannelCheck(Displayed):
             "channels": [one.to_dict() for one in self.channels],
             "off": [one.to_dict() | {"words": off_words(one), "line": case_line(one)} for one in self.off],
             "measured": [one.to_dict() for one in self.measured], "explained": self.explained,
+            "shown": {name: [float(f"{value:.5g}") for value in values[:: max(len(values) // SHOWN, 1)]]
+                      for name, values in self.shown.items()},
         }  # fmt: skip
 
 
+SHOWN = 1500  # samples of a wrong channel that are shown: 6 ms apart
 UNITS = {"J": "kg·m²", "stiffness": "N·m/rad"}
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -63,11 +63,17 @@ class DeviationSettings:
     fastest: float = 2e5  # steps a second that are worth their time
     hardly: float = 1e-3  # of what χ² has beyond noise, or as an absolute number: a smaller fall ends a fit
     at_last: tuple[int, float] = (20, 1e-4)  # iterations, and the relative fall, of the fit that is kept
-    beside: float = 0.5  # natural logarithm of the factor by which the kept fit begins beside its end, too
+    beside: tuple[float, ...] = (
+        -0.8,
+        -0.4,
+        0.0,
+        0.4,
+    )  # natural logarithm beside a far value, from which a fit begins too
     told: float = (
         0.7  # of its tolerance, that the uncertainty of a quantity is smaller: else the recording tells nothing
     )
     coverage: float = 3.0  # standard uncertainties by which a value lies beyond its tolerance
+    near_minima: float = 40.0  # of χ²: ends of fits that are nearly as good, whose distance counts as uncertainty
     alike: float = 20.0  # of χ²: what falls nearly as much may be the cause as well
 
 
@@ -275,9 +281,16 @@ class _Found:
     cost: float
     released: tuple[str, ...]
     errors: _Errors = field(repr=False)
+    apart: Mapping[str, float] = field(default_factory=dict)  # by name: how far nearly as good fits end beside x
 
 
-def _solved(fit: _Fit, begin: np.ndarray, released: tuple[str, ...], last: tuple[int, float] = (0, 0.0)) -> _Found:
+def _solved(
+    fit: _Fit,
+    begin: np.ndarray,
+    released: tuple[str, ...],
+    last: tuple[int, float] = (0, 0.0),
+    apart: Mapping[str, float] | None = None,
+) -> _Found:
     """Least squares by Gauss and Newton, with Levenberg's damping where a step fails."""
     settings, widths = fit.run.settings, fit.widths(released)
     most, hardly = last if last[0] else (settings.iterations, settings.hardly)
@@ -305,7 +318,7 @@ def _solved(fit: _Fit, begin: np.ndarray, released: tuple[str, ...], last: tuple
         damping /= 10
         if gained < max(hardly * (cost - fit.run.of_noise), settings.chance):
             break
-    return _Found(fit, x, cost, released, errors)
+    return _Found(fit, x, cost, released, errors, {} if apart is None else apart)
 
 
 def _first_order(now: _Found, released: tuple[str, ...], x: np.ndarray | None = None) -> float:
@@ -376,23 +389,26 @@ def _next(now: _Found) -> Iterator[tuple[str, _Found]]:
         if now.cost - promised < settings.promised * settings.fall:
             break
         with contextlib.suppress(SimulationError):
-            solved = _solved(fit, x, (*now.released, name))
+            solved = _solved(fit, x, (*now.released, name), apart=now.apart)
             if name not in found or solved.cost < found[name].cost:
                 found[name] = solved
     yield from found.items()
 
 
 def _best_of(found: _Found, name: str) -> _Found:
-    """The fit with its last release, to its end, also from either side: stiff modes have minima beside."""
+    """The fit with its last release, to its end; of a far value also from beside: stiff modes have minima there."""
     settings, n = found.fit.run.settings, [one.name for one in found.fit.free].index(name)
     done = [_solved(found.fit, found.x, found.released, settings.at_last)]
-    if found.fit.free[n].log and abs(found.x[n]) > settings.beside and found.fit.free[n].sensor < 0:
-        for side in (-settings.beside, settings.beside):
-            x = done[0].x.copy()
+    if name.startswith("rig.") and abs(found.x[n]) > abs(settings.beside[0]):
+        for side in settings.beside:
+            x = np.where([one.name in found.released for one in found.fit.free], done[0].x, 0.0)
             x[n] += side
             with contextlib.suppress(SimulationError):
                 done.append(_solved(found.fit, x, found.released, settings.at_last))
-    return min(done, key=lambda one: one.cost)
+    best = min(done, key=lambda one: one.cost)
+    near = [one.x[n] for one in done if one.cost - best.cost < settings.near_minima]
+    apart = float(np.sqrt(np.mean((np.array(near) - best.x[n]) ** 2)))
+    return replace(best, apart={**found.apart, name: apart})
 
 
 def _misfit(now: _Found) -> float:
@@ -408,7 +424,7 @@ def _needed(now: _Found, rivals: dict[str, tuple[str, ...]]) -> tuple[_Found, di
     for name in now.released[:-1]:  # the last one was accepted beside all others
         fewer = tuple(one for one in now.released if one != name)
         with contextlib.suppress(SimulationError):
-            without = _solved(now.fit, now.x, fewer)
+            without = _solved(now.fit, now.x, fewer, apart=now.apart)
             if without.cost - now.cost < now.fit.run.settings.fall:
                 now = without
     return now, {name: others for name, others in rivals.items() if name in now.released}
@@ -425,7 +441,9 @@ def _measured(now: _Found, rivals: Mapping[str, tuple[str, ...]]) -> Deviations:
     gram = (now.errors.gram * ((weights / run.weights) ** 2)[:, None, None]).sum(axis=0)
     covariance = np.linalg.inv(gram + np.diag(fit.widths(now.released) ** -2.0))
     covariance[np.diag_indices_from(covariance)] += [
-        (settings.least_share if one.log or one.sensor >= 0 else settings.least_time) ** 2 for one in fit.free
+        now.apart.get(one.name, 0.0) ** 2
+        + (settings.least_share if one.log or one.sensor >= 0 else settings.least_time) ** 2
+        for one in fit.free
     ]
     spread, misfit, out = np.sqrt(np.diag(covariance)), _misfit(now), []
     for n, one in enumerate(fit.free):

@@ -90,7 +90,7 @@ def check_recording(
     causes = {}
     for name in [*inputs, *torques, *sensors]:
         quantity = kinds.get(name, "torque")
-        units = [(1 / one.factor, f"probably {one.words}") for one in CONVERSIONS
+        units = [(1 / one.factor, f"is probably {one.words.removeprefix('is ')}") for one in CONVERSIONS
                  if quantity in one.quantities and abs(np.log(one.factor)) > settings.fits]  # fmt: skip
         causes[name] = ((-1.0, KINDS["sign"].sensor), *units, *(settings.followed if name in commands else ()))
     fit = _Fit(model, inputs, sensors, lines, causes, settings)
