@@ -36,7 +36,7 @@ class DeviationSettings:
     )
     least_error: float = 0.001  # the same at least, in the stated uncertainties
     least_share: float = 0.001  # standard uncertainty of any factor at least: no model is as exact as its noise says
-    least_time: float = 1e-5  # s, the same of a dead time: a command acts at a sample, not between
+    least_time: float = 2e-5  # s, the same of a dead time: a command acts at a sample, not between
     correlated: float = 0.05  # s over which such an error keeps its sign: three quarters of a period of 15 Hz
     sensor_gain: float = 0.01  # tolerance of a sensor that the case does not name: classes of torque flanges end at 1 %
     input_gain: float = 0.05  # tolerance of a torque that no dynamometer gives: an inverter or an engine by its map
