@@ -2,8 +2,8 @@
 
 ``python -m tests.campaign.checked_beds [--beds 30] [--seed 1] [--out out/checked_beds]`` makes virtual beds of the
 reference rig (their own equations in C), runs the check of the channels on each and holds what it says against the
-truth. Started again, it goes on where it was stopped. Every bed is off by up to 4 % in inertias and stiffnesses, 12 % in
-damping, 2 % in torque gains and 0.4 ms in dead times: within the tolerances of its case (5 %, 30 %, 3 %, 0.5 ms).
+truth. Started again, it goes on where it was stopped. Every bed is off by up to 4 % in inertias and stiffnesses, 12 %
+in damping, 2 % in torque gains and 0.4 ms in dead times: within the tolerances of its case (5 %, 30 %, 3 %, 0.5 ms).
 """
 
 from __future__ import annotations
