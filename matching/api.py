@@ -1031,7 +1031,8 @@ def excite(
 
 def identify(
     case: Case | File, vehicle: Sequence[File] = (), bed: Sequence[File] = (), *,
-    diagnosis_limit: float | str | None = None, progress: Callable[[str], None] | None = None,
+    channels: File | None = None, diagnosis_limit: float | str | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> FromRecordings:  # fmt: skip
     """Find out from recordings what vehicle and bed really are: a case with their values and uncertainties.
 
@@ -1048,6 +1049,8 @@ def identify(
         Recordings of the vehicle on the road.
     bed : sequence of paths
         Recordings of the bed without emulation.
+    channels : path, optional
+        File that says what the channels are called in the recordings (TOML).
     diagnosis_limit : float or str, optional
         A diagnosis that takes longer (s of processor time, or with a unit) ends with its best answer so far, and says
         so; by default no limit.
@@ -1070,9 +1073,10 @@ def identify(
     on_the_road, on_the_bed = ([Path(path) for path in paths] for paths in (vehicle, bed))
     limit = None if diagnosis_limit is None else in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True)
     tuned = tuned_case_of(case)
-    computing(lambda: recordings_read(tuned, on_the_road, on_the_bed))
+    names = channels_of(channels)
+    computing(lambda: recordings_read(tuned, on_the_road, on_the_bed, names))
     with shown("identify", progress) as tell:
-        return run(tuned, on_the_road, on_the_bed, tell, limit)
+        return run(tuned, on_the_road, on_the_bed, tell, limit, names)
 
 
 def verify(
@@ -1127,7 +1131,8 @@ def checked_channels(case: Case, recordings: Sequence[File], channels: Mapping[s
 
 
 def commission(
-    case: File, bed: File, out: File, *, vehicle_recording: Sequence[File] = (), rounds: int = 3,
+    case: File, bed: File, out: File, *, vehicle_recording: Sequence[File] = (), channels: File | None = None,
+    rounds: int = 3,
     duration: float | str = 12.0, speed: float | str | None = None, diagnosis_limit: float | str = 240.0, seed: int = 0,
     workers: int | None = None, follow: float | str | None = None, skip_channel_check: bool = False,
     repeat: int = 0, progress: Callable[[str], None] | None = None,
@@ -1150,6 +1155,8 @@ def commission(
         Directory to write to.
     vehicle_recording : sequence of paths
         Recordings of the vehicle on the road: its model is diagnosed on them before the first match.
+    channels : path, optional
+        File that says what the channels are called in the recordings (TOML); an FMU has the names of the rig.
     rounds : int
         Rounds at most.
     duration : float or str
@@ -1191,8 +1198,9 @@ def commission(
         workers=workers or cores(), follow=None if follow is None else in_si(follow, "s", "follow", positive=True),
         vehicle=tuple(Path(path) for path in vehicle_recording),
         diagnosis_limit=in_si(diagnosis_limit, "s", "diagnosis_limit", positive=True),
-        skip_channel_check=skip_channel_check,
+        skip_channel_check=skip_channel_check, channels=path_of(channels),
     )  # fmt: skip
+    channels_of(channels)
     computing(lambda: _files_read(tuned_case_of(case), Path(bed), order))
     if repeat < 0 or (repeat and not Path(bed).is_file()):
         raise InputError("repeat", f"{repeat} is not possible here", "0 or more, and the FMU of a bed; else use learn")
@@ -1263,7 +1271,7 @@ def _files_read(case: Case, bed: Path, order: CommissionOrder) -> dict[str, str]
     if bed.is_file():
         with FmuBed(bed, [part.name for part in case.rig.inputs], [part.name for part in case.rig.sensors]):
             contents[str(bed)] = "an FMU with the rig's inputs and sensors"
-    return contents | (recordings_read(case, order.vehicle, []) if order.vehicle else {})
+    return contents | (recordings_read(case, order.vehicle, [], order.names) if order.vehicle else {})
 
 
 # --- What a test bed can be tuned to: a match, over two quantities, over tolerances.

@@ -1,4 +1,7 @@
-"""The command line: `rigmatch COMMAND …`. Exit 0: answered; 2: wrong input, one line; 1: a fault of the program."""
+"""The command line: `rigmatch COMMAND …`.
+
+Exit 0: answered, as predicted; 3: a defect of the bed was found; 2: wrong input, one line; 1: a fault of the program.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ from typing import Any, NoReturn
 
 from matching.arguments import add_arguments, described
 from matching.commands import COMMANDS, REQUIRED, Command, calls
-from modelling.errors import ANSWERED, BAD_INPUT, FAULT, VERSION, FitError, InputError, NoDesign, of_the_machine
+from modelling.errors import ANSWERED, BAD_INPUT, DEFECT, FAULT, VERSION, FitError, InputError, NoDesign, of_the_machine
 from modelling.escape import terminal
 from modelling.resources import end_early, ended_early_by, tell_ends_early
 from modelling.toml import line_of
@@ -91,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, TextIOWrapper):  # units and Greek letters must not fail on a terminal that lacks them
             stream.reconfigure(errors="backslashreplace")
     try:
-        _run(words)
+        code = _run(words)
     except SystemExit as end:  # --help, --version and wrong arguments
         return int(end.code or 0)
     except InputError as error:
@@ -115,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say(f"a fault of rigmatch, not of your input: {_place(error)} (--traceback shows more)", FAULT)
     if number := ended_early_by():
         return _say(f"{_ended_by(number)}; this is the best answer so far", 128 + number)
-    return ANSWERED
+    return code
 
 
 def build_parser(words: Sequence[str]) -> Parser:
@@ -178,7 +181,8 @@ def _add_check(command: argparse.ArgumentParser, words: Sequence[str]) -> None:
             action.required = action.required and action.dest != "out"
 
 
-def _run(words: Sequence[str]) -> None:
+def _run(words: Sequence[str]) -> int:
+    """Run a command and print its answer; the exit code."""
     parser = build_parser(_words_to_complete() or words)
     _offer_completion(parser)
     _check_no_empty_words(words)
@@ -188,9 +192,10 @@ def _run(words: Sequence[str]) -> None:
         arguments.out = None
         command = Command(command.group, command.function, partial(_only_read, command), summary=_contents, out=None)
     with _inputs_kept(arguments):
-        text = _answer(command, arguments)
+        text, code = _answer(command, arguments)
     if text:
         print(_fitted(text.rstrip("\n")), flush=True)
+    return code
 
 
 def _only_read(command: Command, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -228,20 +233,22 @@ def _fitted(text: str, width: int | None = None) -> str:
     )
 
 
-def _answer(command: Command, arguments: argparse.Namespace) -> str:
-    """What a command prints."""
+def _answer(command: Command, arguments: argparse.Namespace) -> tuple[str, int]:
+    """What a command prints, and its exit code."""
     if arguments.json:
         from modelling.writing import strict_json
 
         with _standard_output_kept_clean():
-            text: str = strict_json(command.run(arguments))
+            result = command.run(arguments)
+            text: str = strict_json(result)
         if isinstance(sys.stdout, TextIOWrapper):
             sys.stdout.reconfigure(encoding="utf-8")  # as JSON demands
-        return text
+        return text, DEFECT if command.defect(result) else ANSWERED
     result = command.run(arguments)
     text = terminal(command.told(result, arguments))
     page = next((name for name in result.get("files", ()) if name.endswith(".html")), "")
-    return f"{text.rstrip()}\nreport: {Path(arguments.out) / page}" if page else text
+    code = DEFECT if command.defect(result) else ANSWERED
+    return f"{text.rstrip()}\nreport: {Path(arguments.out) / page}" if page else text, code
 
 
 @contextmanager

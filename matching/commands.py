@@ -465,6 +465,11 @@ def _followed(arguments: Arguments, case: Case, channels: Any) -> dict[str, Any]
     return result
 
 
+def wrong_channel(result: Mapping[str, Any]) -> bool:
+    """Whether a check of the channels found a wrong one, or ended early."""
+    return bool(result.get("right") is False or result.get("status") == "wrong_channel")
+
+
 def run_commission(arguments: Arguments) -> dict[str, Any]:
     """Go round; a person at the bed is told every step in a line of its own."""
     more = {} if arguments.follow is None else {"progress": say}
@@ -590,6 +595,8 @@ class Command:
         Parameters that are options although they have no default; that exist in Python only.
     further : callable, optional
         Adds arguments that exist on the command line only.
+    defect : callable
+        Whether a result says that a channel of the bed is wrong, which is exit code 3.
     """
 
     group: str
@@ -601,6 +608,7 @@ class Command:
     required: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     further: Callable[[argparse.ArgumentParser], None] | None = None
+    defect: Callable[[Mapping[str, Any]], bool] = lambda _: False
 
     def told(self, result: dict[str, Any], arguments: Arguments | None = None) -> str:
         """The result for a reader at a terminal."""
@@ -741,8 +749,8 @@ COMMANDS: dict[str, Command] = {
     ),
     "excite": Command(BED, api.excite),
     "identify": Command(BED, api.identify),
-    "verify": Command(BED, api.verify, run_verify, further=verify_arguments),
-    "commission": Command(BED, api.commission, run_commission, required=("bed", "out"), **NO_OUT),
+    "verify": Command(BED, api.verify, run_verify, further=verify_arguments, defect=wrong_channel),
+    "commission": Command(BED, api.commission, run_commission, required=("bed", "out"), **NO_OUT, defect=wrong_channel),
     "learn": Command(BED, api.learn),
 }
 

@@ -3,7 +3,7 @@
 import errno
 from difflib import get_close_matches
 
-ANSWERED, FAULT, BAD_INPUT = 0, 1, 2  # exit codes of the command line
+ANSWERED, FAULT, BAD_INPUT, DEFECT = 0, 1, 2, 3  # exit codes of the command line; DEFECT: one was found on the bed
 
 _NO_SPACE = ("no space is left on the disk", "free some, or write to another one")
 _TOO_MANY_FILES = ("too many files are open", "raise the limit (ulimit -n), or use fewer --workers")

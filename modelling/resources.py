@@ -105,6 +105,7 @@ class _EarlyEnd:
 
     blocks: int = 0
     asked_by: int = 0
+    at_once: int = 0
     told: Callable[[bool], None] = field(default=lambda _: None)
 
 
@@ -122,6 +123,22 @@ def ends_early() -> Iterator[None]:
         _early.blocks -= 1
 
 
+@contextmanager
+def reports_at_once() -> Iterator[None]:
+    """A block that a signal interrupts wherever it is, and that then reports what it knows: see :func:`interrupted`."""
+    _early.at_once += 1
+    _early.told(True)
+    try:
+        yield
+    finally:
+        _early.at_once -= 1
+
+
+def interrupted(number: int) -> None:
+    """Say that a signal ended the computation, whose report is still to come."""
+    _early.asked_by = number
+
+
 def end_early(number: int) -> bool:
     """Ask the running computation to end with what it has; False where none can, or it was asked before.
 
@@ -130,7 +147,7 @@ def end_early(number: int) -> bool:
     number : int
         Of the signal that asks.
     """
-    if not _early.blocks or _early.asked_by:
+    if not _early.blocks or _early.at_once or _early.asked_by:
         return False
     _early.asked_by = number
     return True

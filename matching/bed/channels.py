@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from matching.bed.deviations import DEVIATIONS, Deviation, Deviations, deviations
 from matching.bed.excite import bed_inputs, torques_csv
 from matching.bed.simulated_bed import FmuBed, FmuController, FmuPlant, bed_system, held_as_linear, run_csv
 from matching.match.case import Case
@@ -36,6 +37,7 @@ from modelling.effects.friction_and_compliance import CoulombFriction
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError, listed
 from modelling.modal.modes import damped_modes
+from modelling.recordings.channel_faults import ChannelFault, conversion, factor_fault, fault
 from modelling.recordings.recording import Recording
 from modelling.running.run import run
 from modelling.simulation.simulate import simulate
@@ -55,7 +57,7 @@ class ChannelSettings:
     before: int = 10  # samples before an answer, whose mean it begins from
     compared: float = 0.3  # s of an answer that are compared: five periods of 15 Hz, known to 5 %, are in step so long
     averaged: float = 0.06  # s of a running mean over all pulses: a period of 15 Hz, and what crosses free play
-    early: float = 0.04  # s of an answer that say gain and delay: what follows depends on the modes of the bed
+    early: float = 0.04  # s after the last command of a check that tripped, in which its answer is seen
     still: float = 0.35  # of the answer that is expected: what rings on from the pulses before is no answer
     held: float = 0.2  # of the answer without friction: where friction leaves less of it, it says nothing
     use_of_speed: float = 0.4  # of the speed limit of the check, on the bed as modelled: it may be off by a factor 2
@@ -73,36 +75,15 @@ class ChannelSettings:
     most: int = 4  # wrong channels that are looked for
     friction: tuple[float, ...] = (0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.5, 1.1)  # of the largest torque: what may hold
     inexact: float = 0.01  # of a reading's range: error of a simulation with friction, small beside any misfit
+    stops: float = (
+        1.2  # factor of a channel from which on no emulation begins; a smaller one goes on as a measured value
+    )
+    nothing: float = 0.02  # of a torque's command: what acts with less gives no torque
     offset_ratio: float = 5.0  # of a sensor's stated uncertainty, from which on its zero is wrong
     offset_share: float = 0.005  # of the torque limit or a channel's own range: the same where none is stated
 
 
 CHANNELS = ChannelSettings()
-TURN, REVOLUTIONS = 2 * np.pi, 60 / (2 * np.pi)
-FACTORS = {  # reading over truth, by quantity: what is wrong, what the channel file would say
-    "speed": (
-        (REVOLUTIONS, "is in 1/min, not in rad/s", 'unit = "1/min"'),
-        (1 / REVOLUTIONS, "is divided by 9.549, as if it had been in 1/min", "factor = 9.5493"),
-        (180 / np.pi, "is in deg/s, not in rad/s", 'unit = "deg/s"'),
-        (np.pi / 180, "is divided by 57.3, as if it had been in deg/s", "factor = 57.29578"),
-        (1 / TURN, "is in 1/s, not in rad/s", 'unit = "1/s"'),
-        (1e3, "is a thousand times too large", "factor = 0.001"),
-        (1e-3, "is a thousand times too small", "factor = 1000"),
-    ),
-    "angle": (
-        (180 / np.pi, "is in degrees, not in rad", 'unit = "deg"'),
-        (np.pi / 180, "is divided by 57.3, as if it had been in degrees", "factor = 57.29578"),
-        (1 / TURN, "is in turns, not in rad", 'unit = "turn"'),
-        (1e3, "is a thousand times too large", "factor = 0.001"),
-        (1e-3, "is a thousand times too small", "factor = 1000"),
-    ),
-    "torque": (
-        (1e-3, "is in kN·m, not in N·m", 'unit = "kN*m"'),
-        (1e3, "is in mN·m, not in N·m", 'unit = "mN*m"'),
-        (10.0, "is ten times too large", "factor = 0.1"),
-        (0.1, "is ten times too small", "factor = 10"),
-    ),
-}
 NAMED = 0.35  # of a factor's natural logarithm: friction makes an answer smaller by up to a third
 
 
@@ -286,36 +267,6 @@ class _Wiring:
         return replace(self, **{kind: tuple(values)})
 
 
-@dataclass(frozen=True)
-class WrongChannel:
-    """A channel that is not what it is called, in words, and the line that a channel file would need.
-
-    Attributes
-    ----------
-    channel : str
-        Name in the rig's model.
-    words : str
-        What is wrong.
-    line : str
-        For ``[channels]`` of a channel file, which mends recordings; the controller reads the bed itself.
-    certain : bool
-        Whether nothing else explains it; what else may explain it keeps no emulation from beginning.
-    plain : bool
-        Whether it is a sign, a usual unit or an exchanged pair, which friction does not look like.
-    """
-
-    channel: str
-    words: str
-    line: str = ""
-    certain: bool = True
-    plain: bool = False
-
-    @property
-    def sentence(self) -> str:
-        """For people."""
-        return f"{self.channel} {self.words}"
-
-
 class _Blocks:
     """Answers of every output (y) while each input (u) alone, and then all, move the bed; n samples a window.
 
@@ -423,26 +374,6 @@ class _Blocks:
         ratio = np.where(self.strong & (ratio != 0) & np.isfinite(ratio), ratio, np.nan)[:u, :y]
         return tuple(_typical(rows) for rows in (ratio.T, ratio))  # type: ignore[return-value]
 
-    def gains(self, wiring: _Wiring, count: int) -> np.ndarray:
-        """Gain, its standard uncertainty, delay in samples and its own (u, y, 4) over the first samples of an answer.
-
-        NaN where nothing is said. The gain is that of measured to expected.
-        """
-        expected = self._parts(wiring)[0][:, :, :count]
-        found = np.full((*expected.shape[:2], 4), np.nan)
-        for j, i in np.argwhere(self.strong[: len(expected), : expected.shape[1]]):
-            answer, seen = expected[j, i], self.measured[j, i, :count]
-            if np.linalg.norm(answer) < self.settings.over_noise * self.noise[i]:
-                continue
-            A = np.stack([answer, -np.gradient(answer)], axis=1)
-            (gain, moved), *_ = np.linalg.lstsq(A, seen)
-            variance = max(
-                float(np.mean((seen - A @ [gain, moved]) ** 2)) * count / max(count - 2, 1), self.noise[i] ** 2
-            )
-            spread = np.sqrt(np.diag(np.linalg.pinv(A.T @ A)) * variance)
-            found[j, i] = gain, spread[0], moved / gain, spread[1] / abs(gain)
-        return found
-
 
 def _typical(ratios: np.ndarray) -> np.ndarray:
     """Geometric mean (r,) of the sizes of ratios (r, n), with the sign that most of them have; NaN of none."""
@@ -457,64 +388,32 @@ def _typical(ratios: np.ndarray) -> np.ndarray:
 def _hypotheses(
     blocks: _Blocks, wiring: _Wiring, quantities: Sequence[str], outputs: Sequence[str], inputs: Sequence[str],
     driven: int,
-) -> Iterator[tuple[_Wiring, tuple[WrongChannel, ...]]]:  # fmt: skip
+) -> Iterator[tuple[_Wiring, tuple[ChannelFault, ...]]]:  # fmt: skip
     """Each wiring that differs by one channel, or by one exchanged pair, and what it would mean."""
     of_outputs, of_inputs = blocks.factors(wiring)
     for i, (name, quantity) in enumerate(zip(outputs, quantities, strict=True)):
-        yield (
-            wiring.scaled("factors", i, -1.0),
-            (WrongChannel(name, "has the wrong sign", _line(name, "sign = -1"), plain=True),),
-        )
-        yield wiring.scaled("factors", i, 0.0), (WrongChannel(name, "does not move: it is stuck or not connected"),)
+        yield wiring.scaled("factors", i, -1.0), (fault("sign", name),)
+        yield wiring.scaled("factors", i, 0.0), (fault("stuck", name),)
         if np.isfinite(of_outputs[i]) and abs(np.log(abs(of_outputs[i]))) > np.log(blocks.settings.free_ratio):
-            factor = of_outputs[i]
-            words, line, usual = _named(factor, quantity)
-            named = WrongChannel(name, words, _line(name, line), plain=usual and abs(factor) > 1)
-            yield wiring.scaled("factors", i, factor), (named,)
+            yield wiring.scaled("factors", i, of_outputs[i]), (factor_fault(name, quantity, of_outputs[i], NAMED),)
     for i, k in itertools.combinations(range(len(outputs)), 2):
-        pair = tuple(
-            WrongChannel(one, f"is exchanged with {other}", f'{one} = "{other}"', plain=True)
-            for one, other in ((outputs[i], outputs[k]), (outputs[k], outputs[i]))
-        )
-        yield wiring.exchanged("outputs", i, k), pair
+        one, other = outputs[i], outputs[k]
+        yield wiring.exchanged("outputs", i, k), (fault("exchanged", one, other), fault("exchanged", other, one))
     for j, name in enumerate(inputs):
         giver = "its dynamometer" if j < driven else "what gives it"
-        reverse = WrongChannel(name, f"acts with the wrong sign: mend the command of {giver}")
-        yield wiring.scaled("gains", j, -1.0), (reverse,)
-        silent = f"is not followed: {giver} gives no torque"
+        yield wiring.scaled("gains", j, -1.0), (fault("sign", name, giver=giver),)
+        silent = fault("stuck", name, giver=giver)
         if j >= driven:
-            silent = f"moves nothing: friction holds the bed, or {giver} gives no torque"
-        yield wiring.scaled("gains", j, 0.0), (WrongChannel(name, silent, certain=j < driven),)
+            words = f"moves nothing: friction holds the bed, or {giver} gives no torque"
+            silent = replace(silent, words=words, certain=False)
+        yield wiring.scaled("gains", j, 0.0), (silent,)
         factor = of_inputs[j]
         if np.isfinite(factor) and abs(np.log(abs(factor))) > np.log(blocks.settings.free_ratio):
-            sign = " with the wrong sign and" if factor < 0 else ""
-            words = f"acts{sign} {_times(factor)}: mend the command of {giver}"
-            yield wiring.scaled("gains", j, factor), (WrongChannel(name, words),)
+            yield wiring.scaled("gains", j, factor), (factor_fault(name, "torque", factor, NAMED, giver=giver),)
     for j, k in itertools.combinations(range(driven), 2):
-        pair = tuple(
-            WrongChannel(one, f"drives the dynamometer of {other}: the commands are exchanged")
-            for one, other in ((inputs[j], inputs[k]), (inputs[k], inputs[j]))
-        )
+        one, other, giver = inputs[j], inputs[k], "its dynamometer"
+        pair = (fault("exchanged", one, other, giver), fault("exchanged", other, one, giver))
         yield wiring.exchanged("inputs", j, k), pair
-
-
-def _named(factor: float, quantity: str) -> tuple[str, str, bool]:
-    """A factor in words, by a usual one that is near, what a channel file would say of it, and whether it is usual."""
-    usual = sorted((abs(np.log(abs(factor) / one)), words, line) for one, words, line in FACTORS.get(quantity, ()))
-    near = bool(usual) and usual[0][0] < NAMED
-    words, line = usual[0][1:] if near else (f"reads {_times(factor)}", f"factor = {1 / abs(factor):.3g}")
-    if factor < 0:
-        return f"{words}, and has the wrong sign", f"{line}, sign = -1", near
-    return words, line, near
-
-
-def _times(factor: float) -> str:
-    size = abs(factor)
-    return f"about {size:.3g} times as large" if size >= 1 else f"only {size:.2g} times as large"
-
-
-def _line(name: str, what: str) -> str:
-    return f'{name} = {{ channel = "{name}", {what} }}'
 
 
 # --- The judgement of a recording.
@@ -563,13 +462,13 @@ class ChannelCheck(Displayed):
     ----------
     channels : tuple of CheckedChannel
         Sensors of the rig that were recorded, then its inputs.
-    wrong : tuple of WrongChannel
+    wrong : tuple of ChannelFault
         In the order in which they were found.
     unlike : tuple of str
         Channels that answer otherwise than the model, whatever one channel's fault is assumed.
     alike : tuple of tuple of str
         Pairs of channels that answer so much alike that nothing tells whether they are exchanged.
-    open : tuple of WrongChannel
+    open : tuple of ChannelFault
         What may be wrong, or otherwise explained.
     fastest : float
         rad/s: largest reading of a dynamometer's speed, as the model's units have it.
@@ -579,17 +478,29 @@ class ChannelCheck(Displayed):
         Channels of which the recording says nothing: nothing moved them, or the check ended before.
     needed : tuple of str
         Those of them that the controller reads or commands.
+    off : tuple of Deviation
+        What of bed and channels lies beyond its tolerance and goes on as a measured value: no wrong channel.
+    measured : tuple of Deviation
+        All that the check measures of the bed: the first match begins from it.
+    explained : bool
+        Whether the bed with these values answers as it was recorded: it has no free play, then.
+    shown : mapping of str to ndarray (t,)
+        ``time`` (s), and of every wrong sensor the reading and, as ``NAME model``, what it should have read.
     """
 
     channels: tuple[CheckedChannel, ...]
-    wrong: tuple[WrongChannel, ...]
+    wrong: tuple[ChannelFault, ...]
     unlike: tuple[str, ...] = ()
     alike: tuple[tuple[str, str], ...] = ()
-    open: tuple[WrongChannel, ...] = ()
+    open: tuple[ChannelFault, ...] = ()
     fastest: float = 0.0
     tripped: str = ""
     unjudged: tuple[str, ...] = ()
     needed: tuple[str, ...] = ()
+    off: tuple[Deviation, ...] = ()
+    measured: tuple[Deviation, ...] = ()
+    explained: bool = False
+    shown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
     def right(self) -> bool:
@@ -599,7 +510,7 @@ class ChannelCheck(Displayed):
     def sentence(self) -> str:
         """Which channels are wrong or open, and which are not judged, in a sentence."""
         rest = f"not judged: {listed(list(self.unjudged))}" if self.unjudged else ""
-        return "; ".join(part for part in (self._judged(), rest) if part)
+        return "; ".join(part for part in (self._judged(), *map(off_words, self.off), rest) if part)
 
     def _judged(self) -> str:
         if self.wrong:
@@ -622,7 +533,43 @@ class ChannelCheck(Displayed):
             "alike": [list(pair) for pair in self.alike], "tripped": self.tripped or None, "fastest": self.fastest,
             "unjudged": list(self.unjudged), "needed": list(self.needed),
             "channels": [one.to_dict() for one in self.channels],
+            "off": [one.to_dict() | {"words": off_words(one), "line": case_line(one)} for one in self.off],
+            "measured": [one.to_dict() for one in self.measured], "explained": self.explained,
+            "shown": {name: [float(f"{value:.5g}") for value in values[:: max(len(values) // SHOWN, 1)]]
+                      for name, values in self.shown.items()},
         }  # fmt: skip
+
+
+SHOWN = 1500  # samples of a wrong channel that are shown: 6 ms apart
+UNITS = {"J": "kg·m²", "stiffness": "N·m/rad"}
+
+
+def off_words(one: Deviation) -> str:
+    """What of a bed is off, in words: measured value, unit, and how it stands to the stated one."""
+    table, *name, key = one.name.split(".")
+    what, spread = ".".join(name), 2 * one.uncertainty
+    other = f" (or {listed(list(one.or_else))}: the recording does not tell them apart)" if one.or_else else ""
+    if key in ("dead_time", "delay"):
+        later = 1e3 * (one.value - one.stated)
+        word = "later" if later > 0 else "earlier"
+        text = f"{what} answers {abs(later):.2f} ± {1e3 * spread:.2f} ms {word} than stated"
+    elif key in ("torque_gain", "gain"):
+        done, of_what = ("reads", "the truth") if table == "sensors" else ("gives", "what it is asked for")
+        text = f"{what} {done} {one.value:.3f} ± {spread:.3f} times {of_what}"
+    elif key in UNITS:
+        text = (f"{'.'.join(name[1:])} has {one.value:.3g} ± {spread:.1g} {UNITS[key]}, "
+                f"{one.value / one.stated:.2g} times what is stated")  # fmt: skip
+    else:
+        text = f"{what}: {key.replace('_', ' ')} is {1e3 * one.value:.2f} ± {1e3 * spread:.2f} ms"
+    return text + other
+
+
+def case_line(one: Deviation) -> str | None:
+    """The line that a case or its rig's model file needs; None of what no file states."""
+    table, *name, key = one.name.split(".")
+    if table == "rig":
+        return f"[{'.'.join(name)}] {key} = {one.value:.4g}"
+    return f"[dynamometers.{name[0]}] {key} = {one.value:.4g}" if table == "dynamometers" else None
 
 
 @dataclass(frozen=True)
@@ -772,28 +719,41 @@ def judge_channels(
     blocks, wiring, wrong, unlike, model = best.blocks, best.wiring, best.wrong, best.unlike, best.model
     if best.model is not findings[0].model:  # friction holds the bed: what little a motor moves says no sign of it
         wrong = [replace(one, certain=one.certain and one.channel not in inputs[driven:]) for one in wrong]
+    found, off = None, list[Deviation]()
+    if not tripped:
+        found, wiring, wrong = _measured(case, system, time, sent, read, lead, names, moved, inputs, wiring, wrong)
+    explained = found is not None and found.misfit <= DEVIATIONS.explained
+    if found is not None and explained:
+        unlike = []
+        wrong, off = _with_factors(case, found, wiring, names, run.quantities, wrong, settings)
     open_ = [one for one in wrong if not one.certain]
     wrong = [one for one in wrong if one.certain]
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
     uncertain = noise / np.sqrt(max(lead, 1))
-    rows = _rows(blocks, wiring, names, moved, step)
     channels = []
     for i, sensor in enumerate(sensors):
         limit = _zero_limit(case, sensor.uncertainty, sensor.measures, model[:, i], settings)
         value = zero[i] / (wiring.factors[i] or 1.0)
         if sensor.measures != "angle" and abs(value) - 3 * uncertain[i] > limit and np.isfinite(limit):
-            words = f"reads {value:.3g} {units[sensor.name]} at rest: set its zero"
-            wrong.append(WrongChannel(sensor.name, words))
+            size = f"{value:.3g} {units[sensor.name]}"
+            wrong.append(replace(fault("zero", sensor.name, size=size), size=float(value)))
         told = "; ".join(one.words for one in wrong if one.channel == sensor.name)
+        gain = None if found is None else found.get(f"sensors.{names[wiring.outputs[i]]}.gain")
         channels.append(
             CheckedChannel(
-                sensor.name, sensor.measures, units[sensor.name], *rows[sensor.name], float(zero[i]),
-                float(uncertain[i]), float(noise[i]), told,
+                sensor.name, sensor.measures, units[sensor.name], *_told(gain, wiring.factors[i]), None, None,
+                float(zero[i]), float(uncertain[i]), float(noise[i]), told,
             )
         )  # fmt: skip
+    own = {one.torque_input: f"dynamometers.{one.name}" for one in case.loop.dynamometers}
     for name in inputs:
         told = "; ".join(one.words for one in (*wrong, *open_) if one.channel == name)
-        channels.append(CheckedChannel(name, "torque", "N*m", *rows.get(name, (None,) * 4), words=told))
+        of = ("torque_gain", "dead_time") if name in own else ("gain", "delay")
+        gain, late = (None if found is None else found.get(f"{own.get(name, f'inputs.{name}')}.{key}") for key in of)
+        later: tuple[float | None, float | None] = (None, None)
+        if late is not None and late.told and (gain is None or abs(gain.value) > settings.nothing):
+            later = (late.value - late.stated, late.uncertainty)
+        channels.append(CheckedChannel(name, "torque", "N*m", *_told(gain, 1.0), *later, words=told))
     speeds = [names.index(one.speed_sensor) for one in case.loop.dynamometers if one.speed_sensor in names]
     fastest = float(np.nanmax(np.abs(read[:, speeds]), initial=0.0))
     alike = tuple((names[i], names[k]) for i, k in blocks.alike())
@@ -806,8 +766,89 @@ def judge_channels(
     needed = [name for name in unjudged if name in {*case.loop.controller_sensors, *inputs[:driven]}]
     return ChannelCheck(
         tuple(channels), tuple(wrong), tuple(name for name in unlike if name in judged), alike, tuple(open_), fastest,
-        tripped, tuple(unjudged), tuple(needed),
+        tripped, tuple(unjudged), tuple(needed), tuple(off), () if found is None else found.quantities, explained,
+        _shown(time, names, read - zero, wrong, found, wiring, model),
     )  # fmt: skip
+
+
+def _told(one: Deviation | None, factor: float) -> tuple[float | None, float | None]:
+    """Gain of a channel and its uncertainty, with the factor that it was read with."""
+    return (None, None) if one is None else (one.value * factor, abs(one.uncertainty * factor))
+
+
+def _measured(
+    case: Case, system: System, time: np.ndarray, sent: np.ndarray, read: np.ndarray, lead: int, names: list[str],
+    moved: list[str], inputs: Sequence[str], wiring: _Wiring, wrong: list[ChannelFault],
+) -> tuple[Deviations | None, _Wiring, list[ChannelFault]]:  # fmt: skip
+    """What the recording measures of the bed, with the wrong channels mended; as recorded where that explains it."""
+    right = _Wiring(tuple(range(len(names))), (1.0,) * len(names), tuple(range(len(moved))), (1.0,) * len(moved))
+
+    def of(own: _Wiring) -> Deviations | None:
+        truth, commands = dict[str, np.ndarray](), dict(zip(inputs, sent.T, strict=True))
+        for i, (place, factor) in enumerate(zip(own.outputs, own.factors, strict=True)):
+            if factor:
+                truth[names[place]] = read[:, i] / factor
+        for j, (place, gain) in enumerate(zip(own.inputs, own.gains, strict=True)):
+            commands[moved[place]] = sent[:, inputs.index(moved[j])] * (np.sign(gain) or 1.0)
+        return deviations(case, system, time - time[0], commands, truth, lead)
+
+    found = of(wiring)
+    if wrong and wiring != right and (found is None or found.misfit > DEVIATIONS.explained):
+        other = of(right)
+        if other is not None and other.misfit <= DEVIATIONS.explained:
+            return other, right, []
+    return found, wiring, wrong
+
+
+def _with_factors(
+    case: Case, found: Deviations, wiring: _Wiring, names: list[str], quantities: Sequence[str],
+    wrong: list[ChannelFault], settings: ChannelSettings,
+) -> tuple[list[ChannelFault], list[Deviation]]:  # fmt: skip
+    """Faults with the factors of a bed that is explained, and what else of it lies beyond its tolerance.
+
+    A factor beyond :attr:`ChannelSettings.stops`, or a usual conversion within the uncertainty, is a wrong channel.
+    """
+    driven = {f"dynamometers.{one.name}.torque_gain": one.torque_input for one in case.loop.dynamometers}
+    kept, off = list(wrong), list[Deviation]()
+    for one in found.quantities:
+        table, *middle, key = one.name.split(".")
+        if key not in ("gain", "torque_gain"):
+            off += [one] if one.beyond else []
+            continue
+        channel, quantity, before, giver = driven.get(one.name, ".".join(middle)), "torque", 1.0, ""
+        if table == "sensors":
+            i = wiring.outputs.index(names.index(channel))
+            channel, quantity, before = names[i], quantities[i], wiring.factors[i]
+        else:
+            giver = "its dynamometer" if one.name in driven else "what gives it"
+        named = [own for own in kept if own.channel == channel and own.kind in ("factor", "stuck")]
+        if not (one.beyond or named):
+            continue
+        kept = [own for own in kept if own not in named]
+        factor = one.value * before
+        within = DEVIATIONS.coverage * one.uncertainty / max(abs(one.value), 1e-12) + one.tolerance
+        if giver and abs(factor) < settings.nothing:
+            kept.append(fault("stuck", channel, giver=giver))
+        elif (not giver and conversion(factor, quantity, within)) or not 1 < settings.stops * abs(
+            factor
+        ) < settings.stops**2:
+            kept.append(factor_fault(channel, quantity, factor, within, abs(one.uncertainty * before), giver))
+        elif one.beyond:
+            off.append(one)
+    return kept, off
+
+
+def _shown(
+    time: np.ndarray, names: list[str], read: np.ndarray, wrong: Sequence[ChannelFault], found: Deviations | None,
+    wiring: _Wiring, model: np.ndarray,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """The recording of wrong sensors next to what they should read."""
+    shown = {"time": time - time[0]}
+    for name in dict.fromkeys(one.channel for one in wrong if one.channel in names):
+        i = names.index(name)
+        fitted = None if found is None or not found.readings else found.readings.get(name)
+        shown |= {name: read[:, i], f"{name} model": model[:, i] if fitted is None else fitted}
+    return shown
 
 
 def _too_fast(case: Case, names: Sequence[str], read: np.ndarray) -> dict[str, float]:
@@ -864,7 +905,7 @@ class _Finding:
 
     blocks: _Blocks
     wiring: _Wiring
-    wrong: list[WrongChannel]
+    wrong: list[ChannelFault]
     unlike: list[str]
     strange: set[str]  # of those unlike, the ones that answer altogether otherwise
     steps: int
@@ -892,7 +933,7 @@ def _found(
 
     With ``only``, one of these channels, alone or exchanged with another.
     """
-    wiring, wrong, steps = blocks.right(), list[WrongChannel](), 0
+    wiring, wrong, steps = blocks.right(), list[ChannelFault](), 0
     for _ in range(settings.most if only is None else 1):
         left = blocks.misfits(wiring)
         if left.max(initial=0.0) <= settings.wrong:
@@ -924,44 +965,6 @@ def _found(
         blocks, wiring, wrong, unlike, set(strange),
         steps, float(left.sum()), model,
     )  # fmt: skip
-
-
-def _rows(
-    blocks: _Blocks, wiring: _Wiring, outputs: Sequence[str], inputs: Sequence[str], step: float
-) -> dict[str, tuple[float | None, float | None, float | None, float | None]]:
-    """Gain, its uncertainty, delay (s), its uncertainty of every channel, from all answers in which it has a part.
-
-    Answers are shared out in two ways, outputs and inputs, by least squares; the outputs' gains have the mean 1, since
-    a factor of all sensors and one of all torques look alike.
-    """
-    found = blocks.gains(wiring, max(round(blocks.settings.early / step), 8))
-    y, u = len(outputs), len(inputs)
-    told = np.argwhere(np.nan_to_num(found[:, :, 0]) > 0)
-    rows: dict[str, tuple[float | None, float | None, float | None, float | None]]
-    rows = dict.fromkeys((*outputs, *inputs), (None, None, None, None))
-    if not len(told):
-        return rows
-    A = np.zeros((len(told) + 1, y + u))
-    for n, (j, i) in enumerate(told):
-        A[n, i] = A[n, y + j] = 1.0
-    A[-1, :y] = 1.0
-    gain, of_gain, late, of_late = found[tuple(told.T)].T
-    parts = []
-    for values, spread in ((np.log(gain), of_gain / gain), (late * step, of_late * step)):
-        weight = np.append(1 / spread, 1 / spread.min())
-        b = np.append(values, 0.0)
-        x, *_ = np.linalg.lstsq(A * weight[:, None], b * weight)
-        free = max(len(b) - int(np.linalg.matrix_rank(A)), 1)
-        beyond = max(1.0, float(np.sqrt(np.sum(((A @ x - b) * weight) ** 2) / free)))  # the model is not exact
-        covariance = np.linalg.pinv((A * weight[:, None]).T @ (A * weight[:, None]))
-        parts.append((x, beyond * np.sqrt(np.clip(np.diag(covariance), 0.0, None))))
-    (gains, of_gains), (delays, of_delays) = parts
-    seen = np.abs(A[:-1]).sum(axis=0) > 0
-    for n, name in enumerate((*outputs, *inputs)):
-        if seen[n]:
-            factor = float(np.exp(gains[n]))
-            rows[name] = (factor, factor * float(of_gains[n]), float(delays[n]), float(of_delays[n]))
-    return rows
 
 
 def _zero_limit(

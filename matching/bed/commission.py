@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import shlex
+import signal
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from matching.bed.channels import channel_recording, judge_channels, plan_channels
+from matching.bed.deviations import Deviation
 from matching.bed.excite import (
     ExcitationOrder,
     ExcitationPlan,
@@ -23,7 +25,7 @@ from matching.bed.excite import (
     plan_excitation,
     steady_speed,
 )
-from matching.bed.identify import GAIN, IdentifiedValue, bed_from_recordings, vehicle_from_recordings
+from matching.bed.identify import GAIN, IdentifiedValue, bed_from_recordings, measured_case, vehicle_from_recordings
 from matching.bed.lost_motion import LostMotion, lost_motion, with_free_play
 from matching.bed.plausible import NotThisBed, check_excitation
 from matching.bed.proof import plan_proof, proof_csv
@@ -56,7 +58,8 @@ from modelling.effects.effect import place_in_words
 from modelling.effects.friction_and_compliance import Backlash
 from modelling.errors import VERSION, InputError
 from modelling.fmu.export import controller_fmu
-from modelling.recordings.read import Channel, read_recording, read_signals
+from modelling.recordings.read import Channel, read_channels, read_recording, read_signals
+from modelling.resources import interrupted, reports_at_once
 from modelling.toml import no_pipe
 from modelling.writing import strict_json, write_all
 
@@ -136,7 +139,8 @@ class Commissioning(Displayed):
             return "waiting"
         if self.channels is not None and not self.channels["right"]:
             return "wrong_channel"
-        return next((entry.verification["status"] for entry in reversed(self.rounds) if entry.verification), None)
+        found = next((entry.verification["status"] for entry in reversed(self.rounds) if entry.verification), None)
+        return found or ("undetermined" if self.end else None)
 
     @property
     def best_round(self) -> int | None:
@@ -303,6 +307,7 @@ def checksum(content: str | bytes) -> str:
 
 BY_FMU = f"{KEPT}.csv"  # what an FMU of the bed recorded
 CHECKING = "0_export"  # the controller whose mode 3 checks the channels; nothing of it is tuned yet
+MEASURED = "1_measured"  # the case with what the check of the channels measured
 VEHICLE = "0_vehicle"  # the step before the first round
 DIAGNOSIS_LIMIT = 240.0  # s of processor time: thrice what a hidden effect among 24 uncertain quantities takes
 
@@ -329,6 +334,12 @@ class CommissionOrder:
     vehicle: tuple[Path, ...] = ()
     diagnosis_limit: float | None = DIAGNOSIS_LIMIT
     skip_channel_check: bool = False
+    channels: Path | None = None
+
+    @property
+    def names(self) -> Mapping[str, Channel] | None:
+        """What the channels are called in recordings; None: as in the models."""
+        return None if self.channels is None else read_channels(self.channels)
 
     def options(self) -> list[str]:
         """As typed, those that are not the defaults: what goes on has to be asked for the same."""
@@ -343,6 +354,8 @@ class CommissionOrder:
         ):  # fmt: skip
             if own != default and own is not None:
                 asked += [option, f"{own:.10g}"]
+        if self.channels is not None:
+            asked += ["--channels", str(self.channels)]
         return [*asked, *(["--skip-channel-check"] if self.skip_channel_check else [])]
 
 
@@ -372,6 +385,7 @@ class Circle:
         self._judged: dict[int, BedVerification] = {}  # of each round that was run now
         self._rounds: list[Round] = []
         self._channels: dict[str, Any] | None = None
+        self._names = None if bed.is_file() else order.names  # an FMU has the names of the rig
 
     def run(self, path: Path) -> Commissioning:
         """Go round as long as a further round would gain, until the rounds are over, or a recording is waited for.
@@ -392,30 +406,41 @@ class Circle:
             "rigmatch", "commission", str(path), "--bed", str(self._bed), *self._order.options(), "--out",
             str(self._folder),
         ])  # fmt: skip
-        waiting = end = vehicle = None
+        waiting = end = vehicle = last = None
         if self._order.vehicle:
             vehicle = self._vehicle_known(path)
             path = self._folder / VEHICLE / "case.toml"
         try:
-            number = 0
-            while number < self._order.rounds:
-                number += 1
-                self._rounds.append(Round(number))
-                matched = self._round(path, number)
-                if matched is None:
-                    end = "no emulation was begun"
-                    break
-                path, end = matched, end_of(self._rounds)
-                if end:
-                    break
+            with reports_at_once():
+                end = self._go_round(path)
+                self._why_short()
+                self._on_one_scale()
+                last = self._last()
         except Waiting as reason:
             waiting = reason.what
-        if not waiting:
-            self._why_short()
-        self._on_one_scale()
+            self._on_one_scale()
+            last = self._last()
+        except KeyboardInterrupt as reason:
+            interrupted(reason.args[0] if reason.args else signal.SIGINT)
+            end, last = "it was ended from outside; the same command goes on", None
+            self._rounds = [entry for entry in self._rounds if len(entry.to_dict()) > 1]
         return Commissioning(
-            tuple(self._rounds), end, waiting, vehicle, self._last(), self._channels, again, str(self._folder)
-        )
+            tuple(self._rounds), end, waiting, vehicle, last, self._channels, again, str(self._folder)
+        )  # fmt: skip
+
+    def _go_round(self, path: Path) -> str | None:
+        """The rounds; why no further one would gain, None where one may."""
+        end = None
+        for number in range(1, self._order.rounds + 1):
+            self._rounds.append(Round(number))
+            matched = self._round(path, number)
+            if matched is None:
+                self._rounds.pop()
+                return "no emulation was begun"
+            path, end = matched, end_of(self._rounds)
+            if end:
+                break
+        return end
 
     def _found(self, **of_step: Any) -> None:
         """Add what a step found to the present round; a step that waits for a recording keeps those before it."""
@@ -428,7 +453,11 @@ class Circle:
 
         def work() -> tuple[Files, dict[str, Any]]:
             vehicle = vehicle_from_recordings(
-                case, self._order.vehicle, lambda step: self._tell(f"vehicle: {step}"), self._order.diagnosis_limit
+                case,
+                self._order.vehicle,
+                lambda step: self._tell(f"vehicle: {step}"),
+                self._order.diagnosis_limit,
+                self._order.names,
             )
             return vehicle.files(), vehicle.to_dict()
 
@@ -442,7 +471,7 @@ class Circle:
 
     def _why_short(self) -> None:
         """Of a last round that falls short, what a diagnosis of its proof says: no further recording tells it."""
-        last = self._rounds[-1]
+        last = self._rounds[-1] if self._rounds else Round(0)
         if (last.verification or {}).get("status") != "short":
             return
         self._tell(f"round {last.number}: why it falls short")
@@ -452,8 +481,8 @@ class Circle:
             judged = self._last()
             assert judged is not None
             reason = why_short(
-                case, judged, [path], None, lambda step: self._tell(f"diagnose: {step}"), self._order.diagnosis_limit,
-                self._order.excitation.duration,
+                case, judged, [path], self._names, lambda step: self._tell(f"diagnose: {step}"),
+                self._order.diagnosis_limit, self._order.excitation.duration,
             )  # fmt: skip
             return {}, {} if reason is None else reason.to_dict()
 
@@ -468,7 +497,7 @@ class Circle:
         if number in self._judged:
             return self._judged[number]
         case, path = self._tuned[number], kept_recording(self._folder / f"{number}_verify")
-        return judge(case, read_recordings([path], case), of_this_controller=False)
+        return judge(case, read_recordings([path], case, self._names), of_this_controller=False)
 
     def _on_one_scale(self) -> None:
         """Judge the recordings of all rounds against the vehicle of the last, whose specimen is known best."""
@@ -481,7 +510,7 @@ class Circle:
             path = kept_recording(self._folder / name)
 
             def work(path: Path = path, case: Case = case) -> tuple[Files, dict[str, Any]]:
-                result = judge(case, read_recordings([path], case), of_this_controller=False).to_dict()
+                result = judge(case, read_recordings([path], case, self._names), of_this_controller=False).to_dict()
                 return {}, {key: result[key] for key in ("errors", "functions", "modes", "fidelity")}
 
             inputs = checksum(self._stages.of_files(path) + _of_case(case))
@@ -501,6 +530,8 @@ class Circle:
             play = self._channels.get("free_play")
             if play and not case.rig.free_plays:
                 path = self._with_play(case, LostMotion(**play))
+            elif self._channels["explained"]:
+                path = self._with_measured(path, case)
         matched = self._matched(path, number)
         case = self._tuned[number] = tuned_case(matched).tuned
         self._exported(case, f"{number}_export")
@@ -523,6 +554,23 @@ class Circle:
             "ended_early": None,
         })  # fmt: skip
         return self._folder / "1_play" / "case.toml"
+
+    def _with_measured(self, path: Path, case: Case) -> Path:
+        """The case with what the check of the channels measured of its bed; a match that is given stays."""
+        assert self._channels is not None
+        measured = [Deviation(**{**one, "or_else": tuple(one["or_else"])}) for one in self._channels["measured"]]
+        made, values = measured_case(case, measured)
+        told = [f"{one['words']}: beyond what the case states" + (f"; write {one['line']}" if one["line"] else "")
+                for one in self._channels["off"]]  # fmt: skip
+        self._found(identification={
+            "verdict": "of the check of the channels", "causes": [], "notes": told,
+            "values": [value.to_dict() for value in values],
+            "torque_gains": {one.name: one.torque_gain for one in made.loop.dynamometers}, "ended_early": None,
+        })  # fmt: skip
+        if path.is_dir():  # its controller is run as it is
+            return path
+        self._stages.run(MEASURED, _of_case(case) + repr(measured), lambda: (case_files(made), {}))
+        return self._folder / MEASURED / "case.toml"
 
     def _matched(self, path: Path, number: int) -> Path:
         if path.is_dir():
@@ -574,7 +622,7 @@ class Circle:
                     f"at rest, run {CHECKING}/controller.fmu in the mode 3 (check of the channels) with the "
                     f"torques of {name}_excitation.csv as added torques and demands, and record them with every "
                     "sensor of the rig",
-                    lambda path: judge_channels(case, read_recording(path, bed_system(case))).sentence(),
+                    lambda path: judge_channels(case, read_recording(path, bed_system(case), self._names)).sentence(),
                 )  # fmt: skip
             else:
                 law = exported_controller(case).law
@@ -582,9 +630,9 @@ class Circle:
                     content, tripped = channel_recording(bed, case, law, controller, plan)
                 taken = HandedRecording(BY_FMU, content)
             keep_recording(self._folder / name, taken)
-            recorded = read_recording(self._folder / name / taken.name, bed_system(case))
+            recorded = read_recording(self._folder / name / taken.name, bed_system(case), self._names)
             checked = judge_channels(case, recorded, tripped)
-            play = lost_motion(case, recorded) if checked.right else None
+            play = lost_motion(case, recorded) if checked.right and not checked.explained else None
             found = checked.to_dict() | {"free_play": None if play is None else play.to_dict()}
             return {taken.name: taken.content, "channels.json": strict_json(found)}, found
 
@@ -603,7 +651,7 @@ class Circle:
                     name, {"excitation.csv": proof_csv(wanted)},
                     f"run {number}_export/controller.fmu at {speed:.3g} rad/s, emulation on, add the torques of "
                     f"{name}_excitation.csv, and record them with the torque commands and every sensor of the rig",
-                    lambda path: so_far(judge(case, read_recordings([path], case))),
+                    lambda path: so_far(judge(case, read_recordings([path], case, self._names))),
                 )  # fmt: skip
             else:
                 made = exported_controller(case)
@@ -615,7 +663,7 @@ class Circle:
                         return {BY_FMU: fault.recording}, self._not_judged(fault) | {"tripped": fault.wrong}
                 taken = HandedRecording(BY_FMU, text)
             keep_recording(self._folder / name, taken)
-            recorded = read_recordings([self._folder / name / taken.name], case)
+            recorded = read_recordings([self._folder / name / taken.name], case, self._names)
             planned = dict(zip(wanted.inputs, wanted.torques.T, strict=True))
             check_excitation(recorded.recordings[0], planned, wanted.step)
             try:
@@ -657,7 +705,7 @@ class Circle:
         def work() -> tuple[Files, dict[str, Any]]:
             bed = bed_from_recordings(
                 case, [recorded], lambda step: self._tell(f"diagnose: {step}"), self._order.diagnosis_limit,
-                closed=closed, last=self._order.excitation.duration if closed else None,
+                closed=closed, last=self._order.excitation.duration if closed else None, channels=self._names,
             )  # fmt: skip
             return bed.files(), bed.to_dict()
 
@@ -691,7 +739,7 @@ class Circle:
                     name, {"excitation.csv": excitation},
                     f"hold the rotors slowly at {plan().speed:.3g} rad/s (gains in {number}_excite/excite.json), add "
                     f"the torques of {name}_excitation.csv, and record the torque commands and every sensor of the rig",
-                    lambda path: f"{read_recording(path, bed_system(case)).time[-1]:.1f} s are recorded",
+                    lambda path: f"{read_recording(path, bed_system(case), self._names).time[-1]:.1f} s are recorded",
                 )  # fmt: skip
             else:
                 with self._fmu(case) as bed:

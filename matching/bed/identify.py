@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from matching.bed.deviations import Deviation
 from matching.bed.simulated_bed import (
     CONSTANT,
     FIT_RANGE_RATIO,
@@ -33,6 +34,7 @@ from modelling.bed.bed import OWN_TIMES, Dynamometer
 from modelling.bed.vehicle import cut
 from modelling.display import Displayed
 from modelling.effects.effect import place_in_words
+from modelling.effects.sensors_and_actuators import SensorGain
 from modelling.errors import InputError
 from modelling.model_file import dumps
 from modelling.recordings.read import Channel, contents_of, read_recording, read_signals
@@ -233,6 +235,72 @@ def _said(effect: Effect, taken: bool) -> str:
     return f"{named}; the match is linear and leaves it out"
 
 
+# --- A case with what the check of the channels measured: the first match begins from it.
+
+
+def measured_case(case: Case, measured: Sequence[Deviation]) -> tuple[Case, tuple[IdentifiedValue, ...]]:
+    """The case with the values that the check of its bed's channels measured, and a row of each.
+
+    Every dynamometer has its own delay, lags and gain; their uncertainty (k = 2) is the half-width of the box. What
+    vehicle and rig share has the bed's values in both. A sensor that reads with a factor is read so.
+    """
+    known = {one.name: one for one in measured if one.told}
+    loop, box, rows = case.loop, {one.name: one for one in case.uncertainty.uncertain}, list[IdentifiedValue]()
+
+    def row(name: str, one: Deviation) -> float:
+        least = LEAST_DELAY if name.endswith("dead_time") else LEAST_SHARE * abs(one.value)
+        width = max(COVERAGE * one.uncertainty, least)
+        rows.append(IdentifiedValue(name, one.stated, one.value, width))
+        return width
+
+    own, half = dict[str, dict[str, float]](), dict[str, float]()
+    for part in loop.dynamometers:
+        whole = f"dynamometers.{part.name}"
+        own[part.name] = {}
+        for key in (*OWN_TIMES, "torque_gain"):
+            one = known.get(f"{whole}.{key}")
+            if one is None:
+                continue
+            own[part.name][key] = one.value
+            width = row(f"{whole}.{key}", one)
+            if key == "torque_gain" and f"{whole}{GAIN}" in box:
+                box[f"{whole}{GAIN}"] = Uncertain(f"{whole}{GAIN}", 1.0, width / one.value)
+            elif key in OWN_TIMES:
+                half[key] = max(half.get(key, 0.0), width)
+    common = {}
+    for key in OWN_TIMES:
+        values = [times[key] for times in own.values() if key in times]
+        if len(values) == len(loop.dynamometers) and f"loop.{key}" in box:
+            common[key] = float(np.mean(values))
+            share = min(half[key], box[f"loop.{key}"].half_width)
+            box[f"loop.{key}"] = Uncertain(f"loop.{key}", common[key], share)
+    single = len(loop.dynamometers) == 1
+    dynamometers = []
+    for part in loop.dynamometers:
+        times: dict[str, Any] = {key: None if single else own[part.name][key] for key in common
+                 if not single or getattr(part, key) is not None}  # fmt: skip
+        gain = own[part.name].get("torque_gain", part.torque_gain)
+        dynamometers.append(replace(part, torque_gain=gain, **times))
+    loop = replace(loop.with_values(common), dynamometers=tuple(dynamometers))
+    of_rig = {}
+    for name, one in known.items():
+        if name.startswith("rig.") and name in box:
+            of_rig[name.removeprefix("rig.")] = one.value
+            box[name] = Uncertain(name, one.value, min(row(name, one), LARGEST_SHARE * one.value))
+    faults = [
+        Effect(SensorGain.kind, name.removesuffix(".gain"), (("factor", Quantity(one.value)),))
+        for name, one in known.items() if name.startswith("sensors.") and one.beyond
+    ]  # fmt: skip
+    shared = {name: value for name, value in of_rig.items() if name in case.vehicle.parameters}
+    rig = with_faults(case.rig.with_values(of_rig), faults)
+    vehicle = with_faults(case.vehicle.with_values(shared), faults)
+    made = replace(
+        case, rig=rig, vehicle=vehicle, residual_vehicle=cut(vehicle, rig), loop=loop,
+        uncertainty=Box(tuple(box.values())),
+    )  # fmt: skip
+    return made, tuple(rows)
+
+
 # --- The vehicle from recordings of the road: its values and what is not known exactly of them, for the match.
 
 KNOWN = 0.1  # of half the range of a quantity
@@ -247,7 +315,9 @@ class KnownVehicle:
     notes: tuple[str, ...]
 
 
-def recorded_vehicle(case: Case, recordings: Sequence[Path]) -> tuple[System, tuple[str, ...]]:
+def recorded_vehicle(
+    case: Case, recordings: Sequence[Path], channels: Mapping[str, Channel] | None = None
+) -> tuple[System, tuple[str, ...]]:
     """The vehicle as its recordings are fitted, and notes: without the road's torques, which are not measured.
 
     Quantities that the model file gives with a range are fitted in it, of others those that ``[uncertainty]`` names,
@@ -259,7 +329,7 @@ def recorded_vehicle(case: Case, recordings: Sequence[Path]) -> tuple[System, tu
     beside = {part.name for part in vehicle.inputs} - on_rig
     recorded = set()
     for path in recordings:
-        recorded |= set(read_signals(path, beside, None).channels)
+        recorded |= set(read_signals(path, beside, channels).channels)
     missing = sorted(beside - recorded)
     places = {f"inputs.{name}" for name in missing}
     vehicle = replace(
@@ -394,14 +464,15 @@ class Identification:
 
 
 def vehicle_from_recordings(
-    case: Case, recordings: Sequence[Path], progress: Progress, seconds: float | None
-) -> Identification:
+    case: Case, recordings: Sequence[Path], progress: Progress, seconds: float | None,
+    channels: Mapping[str, Channel] | None = None,
+) -> Identification:  # fmt: skip
     """The case with the vehicle that recordings of the road show.
 
     ``seconds``: of the diagnosis, see :func:`_diagnosed`.
     """
-    system, notes = recorded_vehicle(case, recordings)
-    read = [read_recording(path, system) for path in recordings]
+    system, notes = recorded_vehicle(case, recordings, channels)
+    read = [read_recording(path, system, channels) for path in recordings]
     diagnosis, limit = _diagnosed(system, read, progress, seconds)
     known = known_vehicle(case, system, diagnosis)
     early = _ended_early(limit)
@@ -509,14 +580,18 @@ class FromRecordings(Displayed):
         return ("bed", self.bed), ("vehicle", self.vehicle)
 
 
-def recordings_read(case: Case, vehicle: Sequence[Path], bed: Sequence[Path]) -> dict[str, str]:
+def recordings_read(
+    case: Case, vehicle: Sequence[Path], bed: Sequence[Path], channels: Mapping[str, Channel] | None = None
+) -> dict[str, str]:
     """What recordings of vehicle and bed hold, in words, by file; nothing is fitted."""
     _check_any(vehicle, bed)
-    contents = {str(path): contents_of(read_recording(path, bed_system(case)), bed_system(case)) for path in bed}
+    of_bed = bed_system(case)
+    contents = {str(path): contents_of(read_recording(path, of_bed, channels), of_bed) for path in bed}
     if vehicle:
-        system, notes = recorded_vehicle(case, vehicle)
+        system, notes = recorded_vehicle(case, vehicle, channels)
         contents |= {
-            str(path): "; ".join((contents_of(read_recording(path, system), system), *notes)) for path in vehicle
+            str(path): "; ".join((contents_of(read_recording(path, system, channels), system), *notes))
+            for path in vehicle
         }
     return contents
 
@@ -532,17 +607,20 @@ def identify(
     bed: Sequence[Path],
     progress: Progress = lambda _: None,
     seconds: float | None = None,
+    channels: Mapping[str, Channel] | None = None,
 ) -> FromRecordings:
     """The case as recordings of vehicle and bed show it; the bed, whose commands are known, comes first.
 
-    ``seconds``: of each diagnosis at most; None: as many as it needs.
+    ``seconds``: of each diagnosis at most; None: as many as it needs. ``channels``: names in the recordings.
     """
     _check_any(vehicle, bed)
     of_bed = of_vehicle = None
     if bed:
-        of_bed = bed_from_recordings(case, bed, lambda step: progress(f"bed: {step}"), seconds)
+        tell = lambda step: progress(f"bed: {step}")  # noqa: E731
+        of_bed = bed_from_recordings(case, bed, tell, seconds, channels=channels)
         case = of_bed.case
     if vehicle:
-        of_vehicle = vehicle_from_recordings(case, vehicle, lambda step: progress(f"vehicle: {step}"), seconds)
+        tell = lambda step: progress(f"vehicle: {step}")  # noqa: E731
+        of_vehicle = vehicle_from_recordings(case, vehicle, tell, seconds, channels)
         case = of_vehicle.case
     return FromRecordings(case, of_bed, of_vehicle)

@@ -19,6 +19,7 @@ from matching.match.case import Case
 from matching.match.loop import controller_of, frequency_response
 from matching.match.responses import ComparedBed
 from modelling.errors import InputError, listed
+from modelling.recordings.channel_faults import CONVERSIONS, KINDS
 from modelling.recordings.recording import Recording
 
 THIS_BED = "this bed"
@@ -40,15 +41,6 @@ class PlausibleSettings:
     farthest: float = 20.0  # distance of a sensor that reads nothing where the model gives something
     faint: float = 1e-4  # of a torque's strongest line in power: what is weaker does not excite
     alike: float = 0.9  # correlation of a recorded torque with the planned one, at least
-    speeds: tuple[tuple[float, str], ...] = (
-        (2 * np.pi / 60, "is probably in 1/min, not in rad/s"),
-        (60 / (2 * np.pi), "is probably in rad/s, not in 1/min"),
-        (np.pi / 180, "is probably in deg/s, not in rad/s"),
-    )
-    torques: tuple[tuple[float, str], ...] = (
-        (1e-3, "is a thousand times too large: is it in N·m, not in kN·m?"),
-        (1e3, "is a thousand times too small: is it in kN·m, not in N·m?"),
-    )
     followed: tuple[tuple[float, str], ...] = (
         (0.0, "was not followed by its dynamometer"),
         (0.25, "was followed by its dynamometer to a quarter only"),
@@ -97,8 +89,10 @@ def check_recording(
     kinds = {sensor.name: sensor.measures for sensor in case.rig.sensors}
     causes = {}
     for name in [*inputs, *torques, *sensors]:
-        units = settings.speeds if kinds.get(name, "torque") == "speed" else settings.torques
-        causes[name] = ((-1.0, "has the wrong sign"), *units, *(settings.followed if name in commands else ()))
+        quantity = kinds.get(name, "torque")
+        units = [(1 / one.factor, f"is probably {one.words.removeprefix('is ')}") for one in CONVERSIONS
+                 if quantity in one.quantities and abs(np.log(one.factor)) > settings.fits]  # fmt: skip
+        causes[name] = ((-1.0, KINDS["sign"].sensor), *units, *(settings.followed if name in commands else ()))
     fit = _Fit(model, inputs, sensors, lines, causes, settings)
     told = fit.check(recording.source, THIS_BED if complete else None)
     read = list(case.loop.controller_sensors)

@@ -27,6 +27,7 @@ from matching.diagnosis.times import Times
 from modelling.effects.effect import shared_place
 from modelling.effects.sensors_and_actuators import ClockOffset, DeadTime, Lag, SensorDelay, SensorGain
 from modelling.errors import FitError
+from modelling.recordings.channel_faults import conversion, fault
 from modelling.system import System
 
 # --- Exchanged channels: each measured one against each simulated one of its quantity.
@@ -310,13 +311,15 @@ def notes_on_times(system: System, times: Times, named: Collection[str]) -> list
             continue
         gain, uncertainty = times.gain(j)
         sign = "the other sign and " if gain < 0 else ""
+        usual = conversion(gain, system.sensors[j].measures, SURE * uncertainty / abs(gain))
         notes.append(
             f"{system.sensors[j].name} has {sign}{abs(gain):.4g} ± {uncertainty:.1g} times the size that most channels "
-            "tell, by the parts of the model between them alone"
+            f"tell, by the parts of the model between them alone{f': perhaps it {usual.words}' if usual else ''}"
         )
     return notes
 
 
+SURE = 3.0  # standard uncertainties of a gain, within which a usual conversion is named
 ITERATIONS_WITHOUT = 40  # of the fit without a channel, from that with it
 
 
@@ -349,7 +352,8 @@ def notes_on(system: System, order: Sequence[int], hum: Sequence[Hum]) -> list[s
     """What is said of exchanged channels and of hum."""
     names = [sensor.name for sensor in system.sensors]
     notes = [
-        f"{names[j]} has the readings of {names[i]}: exchanged for this diagnosis; exchange them in the channel file"
+        f"{names[j]} has the readings of {names[i]}: exchanged for this diagnosis; the channel file needs "
+        f"{fault('exchanged', names[j], names[i]).line}"
         for j, i in enumerate(order)
         if i != j
     ]

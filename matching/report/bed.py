@@ -363,7 +363,7 @@ def channel_table(checked: Mapping[str, Any]) -> Table:
         })  # fmt: skip
     return Table(
         rows, "± is an expanded uncertainty (k = 2). A gain is that of the reading over the model's, of a torque that "
-        "of torque over command; the sensors' gains have the mean 1. The model itself is known to some per cent.",
+        "of torque over command. The delay is that beyond the stated one. One fit of the bed measures them all.",
     )  # fmt: skip
 
 
@@ -544,9 +544,35 @@ def rounds_figure(result: Mapping[str, Any]) -> Figure:
     return fig
 
 
+WRONG = "What a wrong channel reads in the check, and what it would read on the bed as measured."
+
+
+def wrong_channels_figure(shown: Mapping[str, Sequence[float]], units: Mapping[str, str]) -> Figure:
+    """Readings of wrong sensors (t,) over time, next to those of the bed."""
+    names = [name for name in shown if f"{name} model" in shown]
+    with styled():
+        drawn = figure(6.4, 0.9 + 1.6 * len(names))
+        panels = np.atleast_1d(drawn.subplots(len(names), 1, sharex=True))
+        for axes, name in zip(panels, names, strict=True):
+            axes.plot(shown["time"], shown[name], color=RIG, linewidth=1.0, label="reads")
+            axes.plot(shown["time"], shown[f"{name} model"], "--", color=MATCHED, linewidth=1.0, label="should read")
+            axes.set_ylabel(f"{spaced(name)}\nin {unit(units[name])}")
+        panels[0].legend(loc="upper right", ncols=2)
+        panels[-1].set_xlabel("time in s")
+    return drawn
+
+
+def wrong_channel_pictures(checked: Mapping[str, Any]) -> dict[str, Picture]:
+    """The wrong sensors of a check of the channels; nothing where only torques are wrong."""
+    shown, units = checked.get("shown", {}), {own["name"]: own["unit"] for own in checked["channels"]}
+    return {"wrong": Picture(lambda: wrong_channels_figure(shown, units), WRONG)} if len(shown) > 1 else {}
+
+
 def commissioning_pictures(result: Commissioning) -> dict[str, Picture]:
-    """The bed's responses of the last round, and the error of every round where there are two."""
+    """The bed's responses of the last round, and the error of every round where there are two; or wrong channels."""
     pictures, last, content = dict[str, Picture](), result.last, result.to_dict()
+    if content["status"] == "wrong_channel":
+        return wrong_channel_pictures(content["channels"])
     if len(round_errors(content)) > 1:
         pictures["rounds"] = Picture(lambda: rounds_figure(content), ROUNDS)
     if last is not None:
@@ -827,4 +853,6 @@ register(ChannelPlan, View(
     lambda plan: {"torques": Picture(lambda: torques_figure(plan.inputs, plan.torques, plan.step), PULSES)},
     others=lambda plan: {"channels.csv": plan.csv()},
 ))  # fmt: skip
-register(ChannelCheck, View("channels.json", channel_check_report))
+register(ChannelCheck, View(
+    "channels.json", channel_check_report, lambda found: wrong_channel_pictures(found.to_dict())
+))  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 
 from modelling import units
 from modelling.errors import InputError
+from modelling.recordings.channel_faults import hold_each_other
 from modelling.system import System
 from modelling.topology import joints, side, speed_ratios
 
@@ -220,11 +221,7 @@ def check_columns(time: np.ndarray, channels: Mapping[str, np.ndarray], system: 
             as_is, other = (_shown_inertia(time, each, system) for each in alone)
             stands = as_is[1] > CERTAIN and 1 / STANDS < as_is[0] < STANDS
             if not stands and other[1] > CLEARLY and 1 / EXCHANGED < other[0] < EXCHANGED:
-                raise InputError(
-                    f"{source}: columns {part.name!r} and {sensor.name!r}",
-                    "hold each other's values: only exchanged they accelerate the model's inertias as its J says",
-                    "exchange their names, or map them in a channel file (--channels)",
-                )
+                raise hold_each_other(source, part.name, sensor.name, "accelerate the model's inertias as its J says")
 
 
 def _shown_inertia(time: np.ndarray, channels: Mapping[str, np.ndarray], system: System) -> tuple[float, float]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import pi
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import STICK_SPEED
 from modelling.errors import InputError, listed, unknown
 from modelling.linear.elements import elements, rest_state
+from modelling.recordings.channel_faults import hold_each_other, units_of
 from modelling.recordings.recording import Recording, long_gaps
 from modelling.simulation.start import Inputs, Start, checked, start_state, stick_speed
 from modelling.simulation.stepping import (
@@ -39,6 +39,7 @@ from modelling.simulation.stepping import (
 )
 from modelling.simulation.task import Trajectories, make_task
 from modelling.system import System
+from modelling.units import SENSOR_UNITS
 from modelling.writing import LARGEST_RESULT
 
 # --- Simulate
@@ -467,7 +468,7 @@ def _share_of_range(values: np.ndarray) -> float:
 
 # --- Speeds and angles without a unit that fit the model in 1/min or degrees and not in SI.
 
-OTHER_UNITS = {"speed": ("1/min", 2 * pi / 60, "rad/s"), "angle": ("deg", pi / 180, "rad")}  # and their size in SI
+MISTAKEN = ("speed", "angle")  # quantities whose unit is often left out: taken for the first of units_of
 FITS, FAR_OFF = 0.25, 0.5  # misfit over the standard deviation: of a model about right; where the unit may be wrong
 CLEARLY = 3.0  # times better in 1/min
 SPEED_UNIT_TOLERANCE = 1e-2  # of the simulations here
@@ -485,7 +486,8 @@ def check_speed_units(model: System | Model, recording: Recording) -> None:
         If they fit the model in 1/min or degrees only; says what to write.
     """
     system = model if isinstance(model, System) else model.system
-    for measures, (unit, in_si, si) in OTHER_UNITS.items():
+    for measures in MISTAKEN:
+        unit, in_si = next(units_of(measures))
         names = [
             sensor.name
             for sensor in system.sensors
@@ -495,7 +497,7 @@ def check_speed_units(model: System | Model, recording: Recording) -> None:
         ]
         if names:
             model = compiled(model) if isinstance(model, System) else model
-            _check_unit(model, _longest_part(recording), names, unit, in_si, si)
+            _check_unit(model, _longest_part(recording), names, unit, in_si, SENSOR_UNITS[measures])
 
 
 def check_exchanged(model: System | Model, recording: Recording) -> None:
@@ -518,11 +520,7 @@ def check_exchanged(model: System | Model, recording: Recording) -> None:
                 continue
             turned = recording.channels | {name: recording[sensor], sensor: recording[name]}
             if max(_misfits(model, replace(recording, channels=turned), sensors)) < min(FITS, as_read / CLEARLY):
-                raise InputError(
-                    f"{recording.source}: columns {name!r} and {sensor!r}",
-                    "hold each other's values: only exchanged they fit the model",
-                    "exchange their names, or map them in a channel file (--channels)",
-                )
+                raise hold_each_other(recording.source, name, sensor, "fit the model")
 
 
 def _check_unit(model: Model, recording: Recording, names: list[str], unit: str, in_si: float, si: str) -> None:

@@ -65,14 +65,24 @@ def with_actuator(bed, name, **changed):
     ("change", "named", "words"),
     [
         (lambda bed: bed, None, "every channel has the sign, unit and place"),
-        (lambda bed: with_reader(bed, "motor_speed", gain=60 / (2 * np.pi)), "motor_speed", "1/min"),
+        pytest.param(
+            lambda bed: with_reader(bed, "motor_speed", gain=60 / (2 * np.pi)),
+            "motor_speed",
+            "1/min",
+            marks=pytest.mark.long,
+        ),
         pytest.param(
             lambda bed: with_reader(bed, "flange_left_torque", gain=-1.0),
             "flange_left_torque",
             "wrong sign",
             marks=pytest.mark.long,
         ),
-        (lambda bed: with_reader(bed, "side_right_torque", gain=0.0), "side_right_torque", "does not move"),
+        pytest.param(
+            lambda bed: with_reader(bed, "side_right_torque", gain=0.0),
+            "side_right_torque",
+            "does not move",
+            marks=pytest.mark.long,
+        ),
         pytest.param(
             lambda bed: with_reader(bed, "flange_right_torque", offset=12.0),
             "flange_right_torque",
@@ -136,7 +146,8 @@ def test_after_a_trip_the_rest_is_not_judged(case, controller, plan, tmp_path):
     assert set(found.unjudged) == others | {"dyno_left", "dyno_right", "motor_torque"}
 
 
-@pytest.mark.parametrize("gap", [0.0, pytest.param(0.006, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("gap", [0.0, 0.006])
 def test_the_check_shows_free_play(case, controller, plan, tmp_path, gap):
     """By factors of √2; friction that is there as well is none."""
     bed = reference_bed(case)

@@ -14,7 +14,7 @@ def test_every_round_but_the_last_is_judged_again_against_the_last_vehicle(tmp_p
     going._tuned = {number: f"case {number}" for number in (1, 2, 3, 4)}
     monkeypatch.setattr(circle, "kept_recording", lambda folder: folder / "recording.csv")
     monkeypatch.setattr(circle, "_of_case", lambda case: case)
-    monkeypatch.setattr(circle, "read_recordings", lambda paths, case: [path.parent.name for path in paths])
+    monkeypatch.setattr(circle, "read_recordings", lambda paths, case, names: [path.parent.name for path in paths])
     monkeypatch.setattr(
         circle, "judge", lambda case, recordings, **_: SimpleNamespace(
             to_dict=lambda: {"errors": [case, *recordings], "functions": 0, "modes": 0, "fidelity": 0, "rest": 0}

@@ -1,0 +1,546 @@
+"""What the check of the channels measures of a bed: gains and delays of every channel, and what of the bed is off.
+
+One fit of the recording holds every quantity near its stated value, as far as its tolerance says. A quantity that is
+far off bends all others in such a fit. So one quantity after another is released from its tolerance: the one by which
+the misfit falls most, as long as it falls beyond chance. A quantity that was released and lies beyond its tolerance is
+off; everything else keeps its place. Free play is no part of this fit: where the bed has some, a misfit is left, no
+quantity is called off, and :mod:`matching.bed.lost_motion` looks for it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from matching.bed.simulated_bed import own_times
+from matching.match.case import Case
+from modelling.effects.friction_and_compliance import CoulombFriction
+from modelling.effects.sensors_and_actuators import DeadTime, InputGain
+from modelling.equations.casadi_code import Model, compiled
+from modelling.equations.lagrange import STICK_SPEED
+from modelling.simulation.simulate import sensitivities, simulate_batch
+from modelling.simulation.stepping import SimulationError, steps_per_second
+from modelling.system import Effect, Quantity, System
+
+
+@dataclass(frozen=True)
+class DeviationSettings:
+    """How the bed is measured by the check; the reason of a number stands next to it."""
+
+    model_error: float = (
+        0.005  # of a channel's rms: what a right model of a healthy bed leaves (virtual beds: 0.2 to 1 %)
+    )
+    least_error: float = 0.001  # the same at least, in the stated uncertainties
+    least_share: float = 0.001  # standard uncertainty of any factor at least: no model is as exact as its noise says
+    least_time: float = 2e-5  # s, the same of a dead time: a command acts at a sample, not between
+    correlated: float = 0.05  # s over which such an error keeps its sign: three quarters of a period of 15 Hz
+    sensor_gain: float = 0.01  # tolerance of a sensor that the case does not name: classes of torque flanges end at 1 %
+    input_gain: float = 0.05  # tolerance of a torque that no dynamometer gives: an inverter or an engine by its map
+    input_delay: float = 1e-3  # s, the same of its dead time: a step of a usual bus
+    shortest: float = (
+        -1.0
+    )  # natural logarithm of a lag over the stated one: shorter ones cost many steps and say little
+    damping: float = 0.7  # natural logarithm, of a damping that the case calls exact: none is, and none is named
+    friction: float = 0.1  # of the largest torque of a manoeuvre: expected friction where no dynamometer acts
+    stick_speed: float = 0.03  # rad/s over which the sign of friction changes: below what an encoder shows
+    factors: tuple[float, ...] = (0.18, 0.5, 1.8, 5.0)  # starts of a released quantity
+    delays: tuple[float, ...] = (1e-3, 2.5e-3, 5e-3, 1e-2)  # s beyond the stated dead time: starts as well
+    fall: float = 40.0  # of χ² by which a release is beyond chance: six standard uncertainties
+    promised: float = 0.5  # of that fall, to first order, below which a candidate is not fitted
+    far: float = 0.01  # misfit of a channel, relative, above which a release begins at far values as well
+    explained: float = 0.06  # misfit of a channel, relative, up to which a linear bed explains it: friction leaves 0.02
+    worth: float = 0.2  # of what χ² has beyond noise, by which a release is worth its place
+    refitted: int = 4  # candidates of a round that are fitted; the others fall less already to first order
+    most: int = 3  # releases at most: the recording tells no more
+    chance: float = 0.3  # of χ²: a fall that says nothing
+    farthest: float = 3.0  # tolerances that a quantity is off at most, as long as it is not released
+    stiffest: float = 10.0  # damping of a step that still does not help: the fit has ended
+    iterations: int = 10  # of a fit
+    fastest: float = 2e5  # steps a second that are worth their time
+    hardly: float = 1e-3  # of what χ² has beyond noise, or as an absolute number: a smaller fall ends a fit
+    at_last: tuple[int, float] = (20, 1e-4)  # iterations, and the relative fall, of the fit that is kept
+    beside: tuple[float, ...] = (
+        -0.8,
+        -0.4,
+        0.0,
+        0.4,
+    )  # natural logarithm beside a far value, from which a fit begins too
+    told: float = (
+        0.7  # of its tolerance, that the uncertainty of a quantity is smaller: else the recording tells nothing
+    )
+    coverage: float = 3.0  # standard uncertainties by which a value lies beyond its tolerance
+    near_minima: float = 40.0  # of χ²: ends of fits that are nearly as good, whose distance counts as uncertainty
+    alike: float = 20.0  # of χ²: what falls nearly as much may be the cause as well
+
+
+DEVIATIONS = DeviationSettings()
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A quantity as the check measures it.
+
+    Attributes
+    ----------
+    name : str
+        As under ``[uncertainty]``, and ``dynamometers.NAME.dead_time`` and its lags, ``inputs.NAME.gain`` and its
+        ``delay``, ``sensors.NAME.gain``, ``inertias.NAME.friction``.
+    stated, value, uncertainty, tolerance : float
+        SI; the uncertainty is a standard one, the tolerance a half-width. The dead time is that of the loop, with the
+        hold of half a sample.
+    beyond : bool
+        Whether it lies beyond its tolerance, whatever its uncertainty.
+    told : bool
+        Whether the recording tells it at all.
+    or_else : tuple of str
+        Quantities that may be off in its place: the recording does not tell them apart.
+    """
+
+    name: str
+    stated: float
+    value: float
+    uncertainty: float
+    tolerance: float
+    beyond: bool = False
+    told: bool = True
+    or_else: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``channels.json`` holds it."""
+        return {**vars(self), "or_else": list(self.or_else)}
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """All quantities that the check measures; ``misfit``: largest error of a channel, relative.
+
+    ``readings`` (t,) by sensor: those of the bed with these values and right gains, less their zeros.
+    """
+
+    quantities: tuple[Deviation, ...]
+    misfit: float
+    readings: Mapping[str, np.ndarray] = field(repr=False)
+
+    def __getitem__(self, name: str) -> Deviation:
+        """A quantity by its name."""
+        return next(one for one in self.quantities if one.name == name)
+
+    def get(self, name: str) -> Deviation | None:
+        """The same; None where the fit does not have it."""
+        return next((one for one in self.quantities if one.name == name), None)
+
+    @property
+    def beyond(self) -> tuple[Deviation, ...]:
+        """Those beyond their tolerances."""
+        return tuple(one for one in self.quantities if one.beyond)
+
+
+@dataclass(frozen=True)
+class _Free:
+    """A coordinate x of the fit: the parameter it moves, or the sensor whose gain it is, and how far it is expected.
+
+    The value is stated·exp(x) (``log``), or stated + x; ``width`` is its tolerance in x, ``starts`` where a release
+    begins.
+    """
+
+    name: str
+    parameter: str
+    stated: float
+    width: float
+    log: bool
+    starts: tuple[float, ...] = ()
+    sensor: int = -1
+    lowest: float = -np.inf
+
+    def at(self, x: float) -> float:
+        return self.stated * float(np.exp(x)) if self.log else self.stated + x
+
+
+WIDE = {True: 8.0, False: 1.0}  # of a released coordinate: ln of a factor of 3000; s
+
+
+TINY = 1e-100
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Weighted errors (t, y), half the slope (p,) of their squares, and Gram's matrix (y, p, p) of each channel."""
+
+    left: np.ndarray
+    slope: np.ndarray
+    gram: np.ndarray
+
+    @property
+    def square(self) -> float:
+        return float(np.sum(self.left**2))
+
+
+class _Fit:
+    """A model of the bed on a recording: readings, weighted errors and their derivatives at coordinates x (p,)."""
+
+    def __init__(self, run: _Recorded):
+        self.run = run
+        self.model: Model = compiled(run.system)
+        self.free = run.free
+        self.moved = [one.parameter for one in self.free if one.sensor < 0]
+        self.places = [n for n, one in enumerate(self.free) if one.sensor < 0]
+
+    def parameters(self, x: np.ndarray) -> np.ndarray:
+        p = np.array(self.model.p0, dtype=float)
+        for n in self.places:
+            p[self.model.parameters.index(self.free[n].parameter)] = self.free[n].at(float(x[n]))
+        if STICK_SPEED in self.model.parameters:
+            p[self.model.parameters.index(STICK_SPEED)] = self.run.settings.stick_speed
+        return p
+
+    def gains(self, x: np.ndarray) -> np.ndarray:
+        gains = np.ones(self.run.read.shape[1])
+        for n, one in enumerate(self.free):
+            if one.sensor >= 0:
+                gains[one.sensor] = one.at(float(x[n]))
+        return gains
+
+    def errors(self, x: np.ndarray) -> _Errors:
+        """Weighted errors at coordinates (p,)."""
+        run = self.run
+        p = self.parameters(x)
+        done = sensitivities(self.model, run.time, run.sent, p, self.moved, steps_per_second=self._rate(p))
+        readings = done.readings[:, run.columns]
+        gains, J = self.gains(x), np.zeros((*run.read.shape, len(self.free)))
+        J[:, :, self.places] = done.jacobian[:, run.columns] * gains[:, None]
+        for n, one in enumerate(self.free):
+            if one.sensor >= 0:
+                J[:, one.sensor, n] = readings[:, one.sensor]
+            if one.log:
+                J[:, :, n] *= one.at(float(x[n]))
+        left = (run.read - readings * gains) * run.weights
+        J *= -run.weights[:, None]
+        left[~run.there], J[~run.there] = 0.0, 0.0
+        J[np.abs(J) < TINY] = 0.0  # numbers too small to be normal take a hundred times as long
+        return _Errors(
+            left, np.einsum("tyi,ty->i", J, left), np.stack([J[:, i].T @ J[:, i] for i in range(J.shape[1])])
+        )
+
+    def _rate(self, p: np.ndarray) -> float:
+        """Explicit steps a second for parameters (p,)."""
+        rate = max(steps_per_second(self.model, p[None]), 2 / float(np.median(np.diff(self.run.time))))
+        if rate > self.run.settings.fastest:
+            raise SimulationError("simulation", f"needs {rate:.3g} steps a second", "a value is out of all bounds")
+        return rate
+
+    def size(self, x: np.ndarray, now: _Found | None = None) -> float:
+        """χ² of the readings at coordinates (p,), without derivatives; infinite for what cannot be simulated."""
+        run, p = self.run, self.parameters(x)
+        if (
+            now is not None and self is now.fit and (x[self.places] == now.x[self.places]).all()
+        ):  # gains of sensors alone
+            model = run.read - now.errors.left / run.weights
+            left = (run.read - model * self.gains(x) / self.gains(now.x)) * run.weights
+            return float((np.where(run.there, left, 0.0) ** 2).sum())
+        with contextlib.suppress(SimulationError):
+            done = simulate_batch(self.model, run.time, run.sent, p[None], steps_per_second=self._rate(p))[0]
+            left = (run.read - done[:, run.columns] * self.gains(x)) * run.weights
+            found = float((np.where(run.there, left, 0.0) ** 2).sum())
+            return found if np.isfinite(found) else np.inf
+        return np.inf
+
+    def widths(self, released: Sequence[str]) -> np.ndarray:
+        """How far (p,) each coordinate is expected from 0."""
+        return np.array([WIDE[one.log] if one.name in released else one.width for one in self.free])
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """The recording of a check as the fit needs it; ``weights`` (y,) are one over the expected error of a sample."""
+
+    system: System
+    time: np.ndarray
+    sent: dict[str, np.ndarray]
+    read: np.ndarray
+    there: np.ndarray
+    weights: np.ndarray
+    noise: np.ndarray
+    columns: list[int]
+    names: list[str]
+    free: list[_Free]
+    of_noise: float
+    hold: float
+    settings: DeviationSettings
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A fit that has ended: coordinates (p,), χ² with what the tolerances add, and what was released."""
+
+    fit: _Fit
+    x: np.ndarray
+    cost: float
+    released: tuple[str, ...]
+    errors: _Errors = field(repr=False)
+    apart: Mapping[str, float] = field(default_factory=dict)  # by name: how far nearly as good fits end beside x
+
+
+def _solved(
+    fit: _Fit,
+    begin: np.ndarray,
+    released: tuple[str, ...],
+    last: tuple[int, float] = (0, 0.0),
+    apart: Mapping[str, float] | None = None,
+) -> _Found:
+    """Least squares by Gauss and Newton, with Levenberg's damping where a step fails."""
+    settings, widths = fit.run.settings, fit.widths(released)
+    most, hardly = last if last[0] else (settings.iterations, settings.hardly)
+    held_within = np.where([one.name in released for one in fit.free], 1.0, settings.farthest) * widths
+    lowest = np.maximum([one.lowest for one in fit.free], -held_within)
+    x, damping = np.clip(begin, lowest, held_within), 1e-3
+    errors = fit.errors(x)
+    cost = errors.square + float(np.sum((x / widths) ** 2))
+    for _ in range(most):
+        H, slope = errors.gram.sum(axis=0) + np.diag(widths**-2.0), errors.slope + x / widths**2
+        held = ((x <= lowest) & (slope > 0)) | ((x >= held_within) & (slope < 0))
+        H[held], H[:, held], slope = 0.0, 0.0, np.where(held, 0.0, slope)
+        H[held, held] = 1.0
+        while True:
+            step = np.linalg.solve(H + damping * np.diag(np.diag(H)), -slope)
+            tried = np.clip(x + np.clip(step, -1.0, 1.0), lowest, held_within)
+            after = fit.size(tried) + float(np.sum((tried / widths) ** 2))
+            if after < cost or damping > settings.stiffest:
+                break
+            damping = max(10 * damping, 1e-2)
+        if not after < cost:
+            break
+        of_tried = fit.errors(tried)
+        gained, (x, errors, cost) = cost - after, (tried, of_tried, after)
+        damping /= 10
+        if gained < max(hardly * (cost - fit.run.of_noise), settings.chance):
+            break
+    return _Found(fit, x, cost, released, errors, {} if apart is None else apart)
+
+
+def _first_order(now: _Found, released: tuple[str, ...], x: np.ndarray | None = None) -> float:
+    """χ² that one step of a fit leaves from coordinates x, or from where a fit ended, to first order."""
+    errors = now.errors if x is None else now.fit.errors(x)
+    x, widths = now.x if x is None else x, now.fit.widths(released)
+    H, slope = errors.gram.sum(axis=0) + np.diag(widths**-2.0), errors.slope + x / widths**2
+    return errors.square + float(np.sum((x / widths) ** 2) - slope @ np.linalg.solve(H, slope))
+
+
+def deviations(
+    case: Case, system: System, time: np.ndarray, sent: Mapping[str, np.ndarray], read: Mapping[str, np.ndarray],
+    lead: int, settings: DeviationSettings = DEVIATIONS,
+) -> Deviations | None:  # fmt: skip
+    """Measure a bed by the recording of the check of its channels; None where no model of it can be simulated.
+
+    Parameters
+    ----------
+    system : System
+        :func:`matching.bed.simulated_bed.bed_system` of the case.
+    time : ndarray (t,)
+        s, even.
+    sent, read : mapping of str to ndarray (t,)
+        Commands of all inputs, and readings of channels whose sign, unit and place are right.
+    lead : int
+        Samples at rest before the first torque.
+    """
+    run = _recorded(case, system, time, sent, read, lead, settings)
+    try:
+        now = _solved(_Fit(run), np.zeros(len(run.free)), ())
+    except SimulationError:
+        return None
+    rivals: dict[str, tuple[str, ...]] = {}
+    for _ in range(settings.most):
+        tried = sorted(_next(now), key=lambda one: one[1].cost)
+        if not tried:
+            break
+        name, best = tried[0]
+        if now.cost - best.cost < max(settings.fall, settings.worth * (now.cost - run.of_noise)):
+            break
+        rivals[name] = tuple(other for other, one in tried[1:] if one.cost - best.cost < settings.alike)
+        now = _best_of(best, name)
+    now, rivals = _needed(now, rivals)
+    return _measured(now, rivals)
+
+
+def _next(now: _Found) -> Iterator[tuple[str, _Found]]:
+    """Fits with one more quantity released: those that promise most."""
+    settings, fit = now.fit.run.settings, now.fit
+    begins, far = list[tuple[float, int, str, np.ndarray]](), _misfit(now) > settings.far
+    for n, one in enumerate(fit.free):
+        if one.name in now.released or not one.starts:
+            continue
+        released = (*now.released, one.name)
+        begins.append((_first_order(now, released), len(begins), one.name, now.x))
+        if not far:
+            continue
+        xs = np.tile(now.x, (len(one.starts), 1))
+        xs[:, n] = one.starts
+        sizes = [fit.size(x, now) for x in xs]
+        best = int(np.argmin(sizes))
+        if sizes[best] < now.errors.square:
+            with contextlib.suppress(SimulationError):
+                begins.append((_first_order(now, released, xs[best]), len(begins), one.name, xs[best]))
+    begins.sort(key=lambda one: one[:2])
+    found: dict[str, _Found] = {}
+    for promised, _, name, x in begins[: settings.refitted]:
+        if now.cost - promised < settings.promised * settings.fall:
+            break
+        with contextlib.suppress(SimulationError):
+            solved = _solved(fit, x, (*now.released, name), apart=now.apart)
+            if name not in found or solved.cost < found[name].cost:
+                found[name] = solved
+    yield from found.items()
+
+
+def _best_of(found: _Found, name: str) -> _Found:
+    """The fit with its last release, to its end; of a far value also from beside: stiff modes have minima there."""
+    settings, n = found.fit.run.settings, [one.name for one in found.fit.free].index(name)
+    done = [_solved(found.fit, found.x, found.released, settings.at_last)]
+    if name.startswith("rig.") and abs(found.x[n]) > abs(settings.beside[0]):
+        for side in settings.beside:
+            x = np.where([one.name in found.released for one in found.fit.free], done[0].x, 0.0)
+            x[n] += side
+            with contextlib.suppress(SimulationError):
+                done.append(_solved(found.fit, x, found.released, settings.at_last))
+    best = min(done, key=lambda one: one.cost)
+    near = [one.x[n] for one in done if one.cost - best.cost < settings.near_minima]
+    apart = float(np.sqrt(np.mean((np.array(near) - best.x[n]) ** 2)))
+    return replace(best, apart={**found.apart, name: apart})
+
+
+def _misfit(now: _Found) -> float:
+    """Largest rms error of a channel beyond its noise, over its rms."""
+    run = now.fit.run
+    left, size = now.errors.left / run.weights, np.sqrt(np.mean(run.read**2, axis=0))
+    beyond = np.maximum((left**2).mean(axis=0) - run.noise**2, 0.0)
+    return float(np.max(np.sqrt(beyond) / np.maximum(size, 1e-12), initial=0.0))
+
+
+def _needed(now: _Found, rivals: dict[str, tuple[str, ...]]) -> tuple[_Found, dict[str, tuple[str, ...]]]:
+    """The fit without releases that the later ones made needless."""
+    for name in now.released[:-1]:  # the last one was accepted beside all others
+        fewer = tuple(one for one in now.released if one != name)
+        with contextlib.suppress(SimulationError):
+            without = _solved(now.fit, now.x, fewer, apart=now.apart)
+            if without.cost - now.cost < now.fit.run.settings.fall:
+                now = without
+    return now, {name: others for name, others in rivals.items() if name in now.released}
+
+
+def _measured(now: _Found, rivals: Mapping[str, tuple[str, ...]]) -> Deviations:
+    """The quantities with their uncertainties, by the errors that are left."""
+    fit, run, settings = now.fit, now.fit.run, now.fit.run.settings
+    left = now.errors.left / run.weights
+    size = np.sqrt(np.mean(np.where(run.there, run.read, 0.0) ** 2, axis=0))
+    beyond_noise = np.maximum((left**2).mean(axis=0) - run.noise**2, (settings.least_error * size) ** 2)
+    per = max(settings.correlated / float(np.median(np.diff(run.time))), 1.0)
+    weights = 1 / np.sqrt(run.noise**2 + per * beyond_noise)
+    gram = (now.errors.gram * ((weights / run.weights) ** 2)[:, None, None]).sum(axis=0)
+    covariance = np.linalg.inv(gram + np.diag(fit.widths(now.released) ** -2.0))
+    covariance[np.diag_indices_from(covariance)] += [
+        now.apart.get(one.name, 0.0) ** 2
+        + (settings.least_share if one.log or one.sensor >= 0 else settings.least_time) ** 2
+        for one in fit.free
+    ]
+    spread, misfit, out = np.sqrt(np.diag(covariance)), _misfit(now), []
+    for n, one in enumerate(fit.free):
+        value, hold = one.at(float(now.x[n])), run.hold if one.name.endswith(".dead_time") else 0.0
+        slope = value if one.log else 1.0
+        at_end = now.x[n] <= one.lowest
+        free = one.name in now.released and misfit <= settings.explained and not at_end
+        # from the nearer end of the tolerance on, whatever the uncertainty
+        far = abs(now.x[n]) - one.width > settings.coverage * spread[n]
+        out.append(
+            Deviation(
+                one.name, one.stated + hold, value + hold, float(spread[n] * slope),
+                float(one.width * (one.stated if one.log else 1.0)),
+                bool(free and far), bool(far or spread[n] < settings.told * one.width), rivals.get(one.name, ()),
+            )
+        )  # fmt: skip
+    return Deviations(tuple(out), misfit, dict(zip(run.names, ((run.read - left) / fit.gains(now.x)).T, strict=True)))
+
+
+def _recorded(
+    case: Case, system: System, time: np.ndarray, sent: Mapping[str, np.ndarray], read: Mapping[str, np.ndarray],
+    lead: int, settings: DeviationSettings,
+) -> _Recorded:  # fmt: skip
+    names = list(read)
+    values = np.stack([read[name] for name in names], axis=1)
+    there = np.isfinite(values)
+    values = np.where(there, values, 0.0)
+    rest = values[:lead]
+    noise = np.maximum(np.std(rest, axis=0), 1e-12)
+    values = values - rest.mean(axis=0)
+    size = np.sqrt(np.mean(values**2, axis=0))
+    per = max(settings.correlated / float(np.median(np.diff(time))), 1.0)
+    weights = 1 / np.sqrt(noise**2 + per * (settings.model_error * np.maximum(size, noise)) ** 2)
+    with_all, free = _coordinates(case, system, names, settings)
+    model = compiled(with_all)
+    columns = [model.sensors.index(name) for name in names]
+    commands = {name: np.asarray(torque) for name, torque in sent.items()}
+    of_noise = float(there.sum(axis=0) @ (weights * noise) ** 2)
+    hold = case.loop["dead_time"] - case.loop.command_delay()
+    return _Recorded(
+        with_all, time, commands, values, there, weights, noise, columns, names, free, of_noise, hold, settings
+    )  # fmt: skip
+
+
+def _coordinates(
+    case: Case, system: System, sensors: Sequence[str], settings: DeviationSettings
+) -> tuple[System, list[_Free]]:
+    """The bed with a gain of every torque and a friction where no dynamometer acts; all that is not known exactly."""
+    loop, box = case.loop, {one.name: one for one in case.uncertainty.uncertain}
+    driven = {one.torque_input: one for one in loop.dynamometers}
+    rubbed = {effect.at for effect in system.effects if effect.kind == CoulombFriction.kind}
+    added, free = [], list[_Free]()
+    factors = tuple(float(np.log(factor)) for factor in settings.factors)
+    for name, quantity in system.parameters.items():
+        own, (table, *_, key) = box.get(f"rig.{name}"), name.split(".")
+        if table not in ("inertias", "shafts") or not quantity.value > 0:
+            continue
+        if key == "damping":
+            width = settings.damping if own is None else own.half_width / quantity.value
+            free.append(_Free(f"rig.{name}", name, quantity.value, width or settings.damping, True))
+        elif own is not None and own.half_width > 0:
+            free.append(_Free(f"rig.{name}", name, quantity.value, own.half_width / quantity.value, True, factors))
+    for part in system.inputs:
+        one, place = driven.get(part.name), f"inputs.{part.name}"
+        if one is None:
+            added += [Effect(InputGain.kind, place, (("factor", Quantity(1.0)),)),
+                      Effect(DeadTime.kind, place, (("delay", Quantity(0.0)),))]  # fmt: skip
+            free += [
+                _Free(f"{place}.gain", f"{place}.{InputGain.kind}.factor", 1.0, settings.input_gain, True, factors),
+                _Free(f"{place}.delay", f"{place}.{DeadTime.kind}.delay", 0.0, settings.input_delay, False,
+                      settings.delays, lowest=0.0),
+            ]  # fmt: skip
+            at = f"inertias.{part.on}"
+            if at not in rubbed and case.largest_torque:
+                rubbed.add(at)
+                added.append(Effect(CoulombFriction.kind, at, (("torque", Quantity(0.0)),)))
+                free.append(_Free(f"{at}.friction", f"{at}.{CoulombFriction.kind}.torque", 0.0,
+                                  settings.friction * case.largest_torque, False, lowest=0.0))  # fmt: skip
+            continue
+        whole = f"dynamometers.{one.name}"
+        gain = box.get(f"{whole}.torque_gain")
+        width = gain.half_width if gain is not None and gain.half_width > 0 else settings.sensor_gain
+        factor = f"{place}.{InputGain.kind}.factor"
+        free.append(_Free(f"{whole}.torque_gain", factor, system.parameters[factor].value, width, True, factors))
+        for key, parameter in own_times(one).items():
+            stated, of_loop = system.parameters[parameter].value, box.get(f"loop.{key}")
+            if of_loop is None or of_loop.half_width <= 0:
+                continue
+            if key == "dead_time":
+                late = tuple(delay for delay in settings.delays)
+                free.append(_Free(f"{whole}.{key}", parameter, stated, of_loop.half_width, False,
+                                  (*late, -0.5 * stated), lowest=-stated))  # fmt: skip
+            elif stated > 0:
+                free.append(_Free(f"{whole}.{key}", parameter, stated, of_loop.half_width / of_loop.value, True,
+                                  factors[2:], lowest=settings.shortest))  # fmt: skip
+    for i, name in enumerate(sensors):
+        gain = box.get(f"sensors.{name}.gain")
+        width = gain.half_width if gain is not None and gain.half_width > 0 else settings.sensor_gain
+        free.append(_Free(f"sensors.{name}.gain", "", 1.0, width, True, factors, i))
+    return system.with_effects(*added), free

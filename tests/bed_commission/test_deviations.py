@@ -1,0 +1,122 @@
+"""What the check of the channels measures, on a bed that is integrated here by the exact solution of its own equations.
+
+The bed of ``small_bed``: motor, adapter, rotor on two shafts; its recording is made by matrix exponentials between
+samples, with commands that are late, lags and noise. Nothing of the program's model makes the data.
+"""
+
+import numpy as np
+import pytest
+import small_bed
+from scipy.linalg import expm
+
+from matching.bed.channels import judge_channels, plan_channels
+from matching.bed.identify import measured_case
+from matching.match.case_file import load_case
+from modelling.recordings.recording import Recording
+
+STEP, NOISE = 1e-3, {"speed": 0.02, "torque": 0.2}
+LIMIT = "dynamometer_speed = 600\n"
+
+
+def own_bed(plan, rng, change):
+    """Readings by name of a bed whose quantities are all off by up to 4 %; ``change`` moves one of them."""
+    true = {"motor": 0.5, "adapter": 0.05, "rotor": 0.9, "side": 4000.0, "flange": 1e5, "gain": 1.0, "late": 1.8e-3}
+    for name in true:
+        true[name] *= 1 + (rng.uniform(-0.04, 0.04) if name not in ("gain", "late") else rng.uniform(-0.02, 0.02))
+    gains = dict.fromkeys(("motor_speed", "side_torque", "flange_torque", "rotor_speed", "motor_torque"), 1.0)
+    change(true, gains)
+    J = np.array([true["motor"], true["adapter"], true["rotor"]])
+    k, d, drag = (true["side"], true["flange"]), (2.0, 10.0), (0.01, 0.0, 0.1)
+    A, B = np.zeros((9, 9)), np.zeros((9, 2))  # angles, speeds, torque of the dynamometer, flange's filter, side's rest
+    A[0:3, 3:6] = np.eye(3)
+    for i, (a, b) in enumerate(((0, 1), (1, 2))):
+        twist = np.zeros(9)
+        twist[[a, b, 3 + a, 3 + b]] = k[i], -k[i], d[i], -d[i]
+        A[3 + a] -= twist / J[a]
+        A[3 + b] += twist / J[b]
+    A[[3, 4, 5], [3, 4, 5]] -= np.array(drag) / J
+    A[5, 6] += 1 / J[2]
+    A[6, 6], B[6, 1] = -1 / 0.002, true["gain"] / 0.002
+    flange = np.array([0, k[1], -k[1], 0, d[1], -d[1], 0, 0, 0])
+    A[7], A[7, 7] = flange / 0.0005, -1 / 0.0005
+    B[3, 0] = gains.pop("motor_torque") / J[0]
+    fine = 20
+    h = STEP / fine
+    M = expm(np.block([[A, B], [np.zeros((2, 11))]]) * h)
+    sent = np.stack([plan.torques[:, plan.inputs.index(name)] for name in ("motor_torque", "dyno")], axis=1)
+    time = np.arange(len(sent)) * STEP
+    middle = (np.arange(len(sent) * fine) + 0.5) * h
+    acting = np.stack([np.interp(middle, time, sent[:, 0]), np.interp(middle - true["late"], time, sent[:, 1])], axis=1)
+    x, rows = np.zeros(9), []
+    for n, now in enumerate(acting):
+        if n % fine == 0:
+            rows.append(x)
+        x = M[:9, :9] @ x + M[:9, 9:] @ now
+    x = np.array(rows)
+    side = x @ np.array([k[0], -k[0], 0, d[0], -d[0], 0, 0, 0, 0])
+    truth = {"motor_speed": x[:, 3], "side_torque": side, "flange_torque": x[:, 7], "rotor_speed": x[:, 5]}
+    read = {name: gains[name] * values + NOISE[name.split("_")[1]] * rng.standard_normal(len(values))
+            for name, values in truth.items()}  # fmt: skip
+    commands = dict(zip(("motor_torque", "dyno"), sent.T, strict=True))
+    return true, Recording(time, {**commands, **read}, {}, "own")
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("case")
+    return load_case(small_bed.write(folder, small_bed.CASE + LIMIT))
+
+
+def checked(case, change, seed=5):
+    true, recording = own_bed(plan_channels(case), np.random.default_rng(seed), change)
+    return true, judge_channels(case, recording)
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "words"),
+    [
+        ("motor_speed", 0.5, "reads half"),
+        pytest.param("flange_torque", 0.7375621, "lbf·ft", marks=pytest.mark.long),
+        pytest.param("side_torque", 0.6, "times as large", marks=pytest.mark.long),
+    ],
+)
+def test_any_factor_of_a_sensor_is_named(case, channel, factor, words):
+    _, found = checked(case, lambda _, gains: gains.update({channel: factor}))
+    assert [one.channel for one in found.wrong] == [channel]
+    assert words in found.sentence()
+    own = next(one for one in found.channels if one.name == channel)
+    assert abs(own.gain - factor) < 3 * own.gain_uncertainty
+
+
+def test_a_torque_that_is_not_given_is_a_wrong_channel(case):
+    _, found = checked(case, lambda _, gains: gains.update(motor_torque=0.0))
+    assert [one.channel for one in found.wrong] == ["motor_torque"]
+    assert not found.right
+
+
+def test_nothing_is_invented_on_a_bed_within_its_tolerances(case):
+    true, found = checked(case, lambda *_: None)
+    assert found.right
+    assert found.explained
+    assert not found.off
+    for name in ("motor", "rotor"):
+        own = next(one for one in found.measured if one.name == f"rig.inertias.{name}.J")
+        assert abs(own.value - true[name]) < 3 * own.uncertainty
+
+
+def test_a_late_dynamometer_enters_the_first_match(case):
+    true, found = checked(case, lambda true, _: true.update(late=true["late"] + 3e-3))
+    assert [one.name for one in found.off] == ["dynamometers.dyno.dead_time"]
+    made, rows = measured_case(case, found.measured)
+    own = next(row for row in rows if row.name == "dynamometers.dyno.dead_time")
+    expected = true["late"] + STEP / 2  # and half a step of hold
+    assert abs(made.loop["dead_time"] - expected) < 1.5 * own.half_width
+    assert own.half_width < 2e-4
+
+
+@pytest.mark.long
+def test_a_soft_shaft_is_named_with_its_stiffness(case):
+    true, found = checked(case, lambda true, _: true.update(side=0.3 * true["side"]))
+    (own,) = found.off
+    assert own.name == "rig.shafts.side.stiffness"
+    assert abs(own.value - true["side"]) < 3 * own.uncertainty
