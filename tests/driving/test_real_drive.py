@@ -97,4 +97,5 @@ def test_a_tip_in_that_ends_in_field_weakening():
     weakened = min(row[2] for row in delivered)
     print("error over range", np.round(error, 4), "least d-current", weakened, "fastest", float(state["rotor_left"][0]))
     assert weakened < -20, "A: the field was weakened"
-    assert error.max() < 0.02
+    assert error[1:].max() < 0.01, "side shafts"
+    assert error.max() < 0.03
