@@ -97,6 +97,8 @@ def case_text(case: Case) -> str:
     if case.simple_vehicle is not None:
         data["residual_vehicle"] = {"model": OWN_RESIDUAL_VEHICLE}
     data["limits"] = dict(case.limits)
+    if "dynamometer_speed" in case.limits:  # with its unit: a bare number would be asked about
+        data["limits"]["dynamometer_speed"] = f"{float(case.limits['dynamometer_speed'])!r} rad/s"
     if case.torque_curve is not None:
         curve = zip(case.torque_curve.speeds, case.torque_curve.torques, strict=True)
         data["limits"][TORQUE_OVER_SPEED] = [list(pair) for pair in curve]
