@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +15,7 @@ import tomli_w
 
 from matching.match.box import read_uncertainty, uncertainty_table
 from matching.match.case import ERROR_SCALES, LIMITS_OF_ALL, Case, Compared, Move, Target, own_limit, table_of, text_of
-from matching.match.movable import movable
+from matching.match.movable import Movable, movable
 from matching.match.operating_range import (
     in_steady_motion,
     range_tables,
@@ -95,6 +97,8 @@ def case_text(case: Case) -> str:
     if case.simple_vehicle is not None:
         data["residual_vehicle"] = {"model": OWN_RESIDUAL_VEHICLE}
     data["limits"] = dict(case.limits)
+    if "dynamometer_speed" in case.limits:  # with its unit: a bare number would be asked about
+        data["limits"]["dynamometer_speed"] = f"{float(case.limits['dynamometer_speed'])!r} rad/s"
     if case.torque_curve is not None:
         curve = zip(case.torque_curve.speeds, case.torque_curve.torques, strict=True)
         data["limits"][TORQUE_OVER_SPEED] = [list(pair) for pair in curve]
@@ -307,6 +311,38 @@ def read_moves(
         parts = _catalogue(name, entry, (low, high), planned, unit, place)
         made.append(Move(name, together, begin, low, high, unit, planned, parts))
     return tuple(made)
+
+
+SIDES = {"left": "right", "right": "left", "l": "r", "r": "l", "fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl",
+         "links": "rechts", "rechts": "links"}  # fmt: skip
+
+
+def _other_side(name: str) -> str:
+    """The name of what stands on the other side, by the words for it; the name itself without any."""
+    return "".join(SIDES.get(word, word) for word in re.split(r"([._])", name))
+
+
+def one_of_two(moves: Sequence[Move], places: Mapping[str, Movable], rig: System, vehicle: System) -> list[str]:
+    """A note on every part of the rig that may move while its like on the other side stays as planned.
+
+    Where both halves of a car are the same, they are mirror images and move together; otherwise nothing ties them.
+    """
+    moved = {name for move in moves for name in move.together}
+    pairs = sorted({tuple(sorted((one.name, _other_side(one.name)))) for one in rig.inertias})
+    names = {one.name for one in rig.inertias} - {one.name for one in vehicle.inertias}
+    tied = [list(pair) for pair in pairs if pair[0] != pair[1] and names.issuperset(pair)]
+    notes = []
+    for move in moves:
+        other = _other_side(move.name)
+        if move.name.startswith("rig.") and len(move.together) == 1 and other in places and other not in moved:
+            stays = (
+                f"{other} stays at {places[other].start:g} {move.unit}, as planned" if move.unit else f"{other} stays"
+            )
+            notes.append(
+                f"{move.name} may move and {stays}: they are no mirror images. To order both, name both under [move], "
+                f"or tie them by [mirror] pairs = {json.dumps(tied)} in the rig's file"
+            )
+    return notes
 
 
 def _catalogue(
@@ -559,7 +595,14 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         torque_curve=curve,
         operating_range=covered,
         simple_vehicle=simple,
-        notes=(*unlike, *_elsewhere(rig, loop), *_in_turns(data), *notes, *of_dynamometers),
+        notes=(
+            *unlike,
+            *one_of_two(moves, movable(rig, residual, loop), rig, vehicle),
+            *_elsewhere(rig, loop),
+            *_in_turns(data),
+            *notes,
+            *of_dynamometers,
+        ),
         **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
     )
 

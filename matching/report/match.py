@@ -874,6 +874,12 @@ def operating_point(result: Mapping[str, Any]) -> str:
     return f"{sentence(turning)}; {sentence(driven)}"
 
 
+def _of_pairs(result: MatchResult) -> str:
+    """That pairs have one value, where an adapter is one of a pair."""
+    adapters = [move for move in result.case.moves if move.name.startswith("rig.")]
+    return OF_PAIRS if any(len(move.together) > 1 for move in adapters) else ""
+
+
 # --- The report of a match.
 
 DEAD_TIME = (
@@ -888,8 +894,9 @@ HOW_ERROR = (
 )
 HOW_TRADES = (
     "Errors to measured and unmeasured torques as one, each over its tolerance: means over fresh beds, everything "
-    "else tuned for the value. A mirror image has the same value."
+    "else tuned for the value."
 )
+OF_PAIRS = " A mirror image has the same value."
 HOW_CONTRIBUTIONS = (
     "What each part contributes: response errors if only that has moved, each row tuned by the same search and judged "
     'on the same beds. "adapters as planned": controller and residual vehicle have moved.'
@@ -964,7 +971,7 @@ def _evidence(result: MatchResult, content: Mapping[str, Any]) -> list[Fold]:
     error, loop, beds = result.response_error, result.tuned.loop, result.verification.beds
     return [
         Fold("Adapters and what else moved", [
-            Table([_trade(trade) for trade in result.adapters], HOW_TRADES), Show("trade"),
+            Table([_trade(trade) for trade in result.adapters], HOW_TRADES + _of_pairs(result)), Show("trade"),
             Table([_contribution(row) for row in result.contributions], HOW_CONTRIBUTIONS),
             Table([_moved(row) for row in content["parameters"]]) if result.parameters
             else "Nothing may move: [move] of the case is empty.",

@@ -203,6 +203,28 @@ def test_the_starter_and_the_examples_have_no_such_note(tmp_path):
         assert not [note for note in load_case(path).notes if note.endswith("?") or "rad/s:" in note]
 
 
+def test_one_adapter_of_two_is_told_and_the_mirror_that_is_offered_ties_both(tmp_path):
+    """Unequal side shafts: no half mirrors the other, and only the left adapter may move."""
+    for name in ("vehicle", "rig", "case"):
+        text = (EXAMPLES / "road_to_rig" / f"{name}.toml").read_text()
+        text = re.sub(r"\n\[mirror\].*?(?=\n\[|\Z)", "\n", text, flags=re.DOTALL)
+        if name != "case":
+            text = re.sub(
+                r"(\[shafts\.side_right\].*?\nstiffness = )\S+", r"\g<1>1.3e4", text, count=1, flags=re.DOTALL
+            )
+        (tmp_path / f"{name}.toml").write_text(text)
+    case = load_case(tmp_path / "case.toml")
+    (said,) = [note for note in case.notes if "flange_left.stiffness may move" in note]
+    assert "rig.shafts.flange_right.stiffness stays at" in said
+    pairs = re.search(r"pairs = (\[\[.*\]\])", said)[1]
+    with (tmp_path / "rig.toml").open("a") as file:
+        file.write(f"\n[mirror]\npairs = {pairs}\n")
+    tied = load_case(tmp_path / "case.toml")
+    (move,) = [move for move in tied.moves if move.name == "rig.shafts.flange_left.stiffness"]
+    assert "rig.shafts.flange_right.stiffness" in move.together
+    assert not [note for note in tied.notes if "may move" in note]
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
