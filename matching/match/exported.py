@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+import scipy
 from scipy.linalg import null_space
-from scipy.signal import lfilter
 
 from matching.match.beds import noise_of_sensors
 from matching.match.box import of_system
@@ -555,7 +555,7 @@ def _surprised_by_torques(case: Case, law: ControlLaw, scale: float) -> np.ndarr
     """
     bed = watched_bed(case, law, {})
     off, _ = bed.run(_torque_steps(case, bed, scale))
-    means = lfilter([1 / MEAN_OF_OFF], [1, 1 / MEAN_OF_OFF - 1], off, axis=0)
+    means = scipy.signal.lfilter([1 / MEAN_OF_OFF], [1, 1 / MEAN_OF_OFF - 1], off, axis=0)
     needed: np.ndarray = np.maximum(np.abs(off), np.abs(means) / MEAN_SHARE).max(axis=(0, 2), initial=0.0)
     return SURPRISE_HEADROOM * needed
 
