@@ -286,7 +286,7 @@ def notes_on_times(system: System, times: Times, named: Collection[str]) -> list
     named : collection of str
         Places of the causes that were found.
     """
-    largest, *others = times.late.groups() or [[]]
+    largest, *others = times.stated_late.groups() or [[]]
     names = ["the inputs", *(sensor.name for sensor in system.sensors)]
     notes = []
 
@@ -299,17 +299,18 @@ def notes_on_times(system: System, times: Times, named: Collection[str]) -> list
     for group in others:
         if refuted(group) and refuted(largest):
             continue
-        late, uncertainty = times.late.between(group, largest)
+        late, uncertainty = times.stated_late.between(group, largest)
         late_ones, rest = (" and ".join(names[j + 1] for j in part) for part in (group, largest))
         are, how = "are" if len(group) > 1 or group == [-1] else "is", "later" if late > 0 else "earlier"
         notes.append(
             f"{late_ones} {are} recorded {abs(late):.4g} ± {uncertainty:.1g} s {how} than {rest}, by the part of the "
             "model between them alone"
         )
-    for j in _of_other_gain(system, times):
+    told = _of_other_gain(system, replace(times, logarithm=times.stated_logarithm))
+    for j in told:
         if refuted([j]):
             continue
-        gain, uncertainty = times.gain(j)
+        gain, uncertainty = times.stated_gain(j)
         sign = "the other sign and " if gain < 0 else ""
         usual = conversion(gain, system.sensors[j].measures, SURE * uncertainty / abs(gain))
         notes.append(
@@ -424,7 +425,7 @@ def audited(
         other = "" if order[j] == j else system.sensors[order[j]].name
         out.append(
             AuditedChannel(
-                sensor.name, other, *times.late.of_channel(j), *times.gain(j),
+                sensor.name, other, *times.stated_late.of_channel(j), *times.stated_gain(j),
                 float(a @ b) / square if square else np.nan, resolution(measured[known, j]), "",
                 ", ".join(line.source for line in hum if line.sensor == sensor.name),
             )

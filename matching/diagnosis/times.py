@@ -44,6 +44,7 @@ ABOVE_NOISE = 4.0  # times the power of its noise that a channel has up to the h
 ROUNDS = 3  # of the time within a block
 LATE_SAMPLES, LATE_SIGMA = 1.0, 4.0  # from which channels have different times: samples, and standard uncertainties
 KNOWN_GAIN = 0.01  # relative: no model is better; lines at which it is that good tell a gain
+MOST_TURNED = 1.0  # rad, by which a wrong part may turn a channel: beyond, more is left of it than is explained
 LEAST_GAIN = 1e-3  # relative standard uncertainty of a gain at least: no block tells it better
 OTHER_GAIN = 0.02  # relative, from which channels have different gains, beside the standard uncertainties
 SIGN = 1.2  # times the agreement with the other sign, from which a channel has the other one
@@ -66,6 +67,11 @@ class PairTime:
         −1 where the signs differ.
     lag : float
         Time constant of a first-order filter in the second that explains the phase better, s; 0 where none does.
+    part_phase : float
+        By how much a part between both that the model has wrong may turn the second, rad, and as a share change its
+        size: the amplitude of what neither time nor gain explains of it, beyond noise, over what they explain.
+    part_delay : float
+        s, the delay of that phase.
     """
 
     first: int
@@ -76,6 +82,8 @@ class PairTime:
     gain_uncertainty: float = np.nan
     sign: float = 1.0
     lag: float = 0.0
+    part_phase: float = 0.0
+    part_delay: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -144,16 +152,28 @@ class Times:
         −1 where it is another than that of most channels; NaN where it is open.
     pairs : list of PairTime
         What they follow from.
+    stated_late, stated_logarithm : Offsets
+        The same with uncertainties that hold where a part between two channels is wrong. What is said of channels goes
+        by these; what is tried goes by the others.
     """
 
     late: Offsets
     logarithm: Offsets
     sign: np.ndarray
     pairs: list[PairTime]
+    stated_late: Offsets
+    stated_logarithm: Offsets
 
     def gain(self, j: int) -> tuple[float, float]:
         """Gain of a sensor over that of most channels, and the standard uncertainty; NaN where it is open."""
-        logarithm, uncertainty = self.logarithm.of_channel(j)
+        return self._gain(j, self.logarithm)
+
+    def stated_gain(self, j: int) -> tuple[float, float]:
+        """The same with the uncertainty that holds where a part between two channels is wrong."""
+        return self._gain(j, self.stated_logarithm)
+
+    def _gain(self, j: int, logarithms: Offsets) -> tuple[float, float]:
+        logarithm, uncertainty = logarithms.of_channel(j)
         gain = float(self.sign[j + 1] * np.exp(logarithm))
         return gain, abs(gain) * uncertainty
 
@@ -164,16 +184,25 @@ def channel_times(system: System, fit: Fit) -> Times:
     count, step = len(system.sensors), fit.problem.data.sampling_interval
     filtered = {pair.second for pair in pairs if pair.lag}  # late as their filter is, at each frequency otherwise
     told = [pair for pair in pairs if not {pair.first, pair.second} & filtered]
-    late = _from_pairs(
-        count, [(p.first, p.second, p.delay, p.uncertainty) for p in told], LEAST * step, LATE_SAMPLES * step
-    )
     large = [pair for pair in told if np.isfinite(pair.gain)]
-    logarithm = _from_pairs(
-        count,
-        [(p.first, p.second, float(np.log(abs(p.gain))), p.gain_uncertainty / abs(p.gain)) for p in large],
-        LEAST_GAIN, OTHER_GAIN,
-    )  # fmt: skip
-    return Times(late, logarithm, _signs(count, pairs), pairs)
+
+    def late(stated: bool) -> Offsets:
+        told_by = [(p, float(np.hypot(p.uncertainty, p.part_delay if stated else 0.0))) for p in told]
+        told_by = [(p, own) for p, own in told_by if p.part_phase < MOST_TURNED or not stated]
+        return _from_pairs(
+            count, [(p.first, p.second, p.delay, own) for p, own in told_by], LEAST * step, LATE_SAMPLES * step
+        )
+
+    def logarithm(stated: bool) -> Offsets:
+        told_by = [
+            (p, float(np.hypot(p.gain_uncertainty / abs(p.gain), p.part_phase if stated else 0.0)))
+            for p in large
+            if p.part_phase < MOST_TURNED or not stated
+        ]
+        parts = [(p.first, p.second, float(np.log(abs(p.gain))), own) for p, own in told_by]
+        return _from_pairs(count, parts, LEAST_GAIN, OTHER_GAIN)
+
+    return Times(late(False), logarithm(False), _signs(count, pairs), pairs, late(True), logarithm(True))
 
 
 def _from_pairs(count: int, pairs: Sequence[tuple[int, int, float, float]], floor: float, least: float) -> Offsets:
@@ -382,6 +411,7 @@ class _Compared:
     weight_of_gain: np.ndarray
     of_noise: np.ndarray  # of the power that is expected
     others: list[np.ndarray]  # amplitudes of models with other quantities, over that of the model
+    noise: np.ndarray  # power of the noise of both channels in what is measured less what is expected
 
 
 def _pair(
@@ -428,7 +458,10 @@ def _pair(
         if not lag:
             uncertainty = float(np.hypot(uncertainty, apart))
     gain, gain_uncertainty = _gain(whole, delay)
-    return PairTime(source.source, target, delay, uncertainty, sign * gain, gain_uncertainty, sign, lag)
+    phase, part_delay = _by_wrong_part(whole, delay)
+    return PairTime(
+        source.source, target, delay, uncertainty, sign * gain, gain_uncertainty, sign, lag, phase, part_delay
+    )
 
 
 def _scatter(values: np.ndarray, step: float) -> float:
@@ -482,7 +515,10 @@ def _compared(
     if source.source >= 0 and np.sum(told * np.abs(by_inputs[0]) ** 2) > BY_INPUTS * np.sum(told * power):
         return None
     taken = gain * float(window @ window)
-    return _Compared(count, omega, measured, expected, weight, shifts, of_gain, taken, others) if weight.any() else None
+    if not weight.any():
+        return None
+    both = of_noise * power
+    return _Compared(count, omega, measured, expected, weight, shifts, of_gain, taken, others, both)
 
 
 def _smoothed(power: np.ndarray) -> np.ndarray:
@@ -563,6 +599,25 @@ def _by_model(blocks: Sequence[_Compared]) -> float:
             norm += float(np.sum(told * block.omega**2))
         moved.append(abs(along) / norm if norm else 0.0)
     return max(moved, default=0.0)
+
+
+def _by_wrong_part(parts: Sequence[_Compared], delay: float) -> tuple[float, float]:
+    """By how much a part between both channels that the model has wrong may turn the measured one, rad, and delay it.
+
+    What it changes is partly in phase, where it looks like a gain, or a quarter of a period off, where it looks like a
+    time. Neither explains the rest, which is taken to be as large.
+    """
+    along = of_expected = of_measured = noise = turning = 0.0
+    for part in parts:
+        expected = part.expected * np.exp(-1j * part.omega * delay)
+        along += float(np.sum(part.weight * (part.measured * np.conj(expected)).real))
+        powers = [part.weight * np.abs(values) ** 2 for values in (expected, part.measured)]
+        of_expected, of_measured = of_expected + float(powers[0].sum()), of_measured + float(powers[1].sum())
+        noise += float(np.sum(part.weight * part.noise))
+        turning += float(np.sum(powers[0] * part.omega**2))
+    explained = max(along**2 / of_expected, 1e-12 * of_measured)
+    phase = float(np.sqrt(max(of_measured - explained - noise, 0.0) / explained))
+    return phase, float(np.arctan(phase)) / float(np.sqrt(turning / of_expected))
 
 
 def _gain(parts: Sequence[_Compared], delay: float) -> tuple[float, float]:

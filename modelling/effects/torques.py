@@ -503,7 +503,7 @@ class WrongParameter(Kind):
         )
 
     def fit_bounds(self, key: str, guess: float, step: float) -> tuple[float, float]:
-        return (0.0, float("inf")) if guess > 0 else super().fit_bounds(key, guess, step)
+        return (0.0, float("inf")) if guess >= 0 else super().fit_bounds(key, guess, step)
 
 
 def _whole(quantity: Quantified) -> bool:

@@ -86,6 +86,11 @@ def test_a_torque_in_few_steps_proposes_no_rate_of_rounding(step: float) -> None
     assert low < high
 
 
+def test_a_wrong_stiffness_that_a_fit_left_at_zero_stays_at_zero_or_more() -> None:
+    """Else a fit without one block ended below, and the diagnosis with it."""
+    assert EFFECTS["wrong_parameter"].fit_bounds("value", 0.0, 0.004)[0] == 0.0
+
+
 @with_findings
 def test_a_torque_of_two_levels_is_answered() -> None:
     found = answered(FINDINGS / "two_level_input", "recording.csv")
