@@ -41,6 +41,7 @@ KINDS = {
     "relaxation": ("shaft", {"stiffness": 150.0, "time_constant": 0.02}), "saturation": ("u", {"limit": 7.0}),
     "sensor_delay": ("w_b", {"delay": 0.0043}), "sensor_drift": ("m", {"rate": 0.5}),
     "sensor_gain": ("m", {"factor": 1.1}), "sensor_offset": ("w_a", {"offset": 0.4}),
+    "sensor_ripple": ("phi", {"order": 3.0, "amplitude": 0.02, "phase": 0.3}),
     "slip": ("shaft", {"coefficient": 15.0}),
     "stribeck_friction": ("b", {"torque": 1.2, "breakaway": 2.0, "speed": 0.8}),
     "table": (
@@ -56,6 +57,7 @@ ELSEWHERE = {
     "lag at a sensor": ("lag", "w_b"),
     "gain_drift at a sensor": ("gain_drift", "m"),
     "table of a shaft": ("table", "shaft"),
+    "sensor_ripple of a speed": ("sensor_ripple", "w_b"),
     "parameter_drift of a drag": ("parameter_drift", "drag"),
 }
 TWIST_TABLE = {
@@ -247,6 +249,12 @@ def readings(of: Drawn, pieces: int) -> dict[str, np.ndarray]:
         fourth = rates(t + h, _moved(x, third, h, kind, v[2][n]), *inputs[2])
         x = x + h / 6 * (first + 2 * second + 2 * third + fourth)
         stopped(t + h, x, u[2][n], h / 2)
+    if kind == "sensor_ripple":  # the angle, before it is read wrongly
+        turned, speed = p["order"] * out["phi"] + p["phase"], out["w_b"].copy()
+        out["phi" if at == "phi" else "w_b"] += p["amplitude"] * (
+            np.sin(turned) if at == "phi" else p["order"] * speed * np.cos(turned)
+        )
+        return {name: values[::pieces] for name, values in out.items()}
     return {name: _read(of, name, fine, values, h)[::pieces] for name, values in out.items()}
 
 
