@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from matching.bed.deviations import DEVIATIONS, Deviation, Deviations, deviations
+from matching.bed.deviations import DEVIATIONS, Deviation, Deviations, delays_at_edges, deviations
 from matching.bed.excite import bed_inputs, torques_csv
 from matching.bed.simulated_bed import FmuBed, FmuController, FmuPlant, bed_system, held_as_linear, run_csv
 from matching.match.case import Case
@@ -726,6 +726,11 @@ def judge_channels(
     if found is not None and explained:
         unlike = []
         wrong, off = _with_factors(case, found, wiring, names, run.quantities, wrong, settings)
+    measured = found.quantities if found is not None and explained else ()
+    if not tripped and not explained and not wrong:  # free play: its dynamometers may be late all the same
+        commands, readings = dict(zip(inputs, sent.T, strict=True)), dict(zip(names, read.T, strict=True))
+        measured = delays_at_edges(case, system, time - time[0], commands, readings)
+        off = [one for one in measured if one.beyond]
     open_ = [one for one in wrong if not one.certain]
     wrong = [one for one in wrong if one.certain]
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
@@ -766,7 +771,7 @@ def judge_channels(
     needed = [name for name in unjudged if name in {*case.loop.controller_sensors, *inputs[:driven]}]
     return ChannelCheck(
         tuple(channels), tuple(wrong), tuple(name for name in unlike if name in judged), alike, tuple(open_), fastest,
-        tripped, tuple(unjudged), tuple(needed), tuple(off), () if found is None else found.quantities, explained,
+        tripped, tuple(unjudged), tuple(needed), tuple(off), measured, explained,
         _shown(time, names, read - zero, wrong, found, wiring, model),
     )  # fmt: skip
 

@@ -4,16 +4,20 @@ The bed of ``small_bed``: motor, adapter, rotor on two shafts; its recording is 
 samples, with commands that are late, lags and noise. Nothing of the program's model makes the data.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import small_bed
 from scipy.linalg import expm
 
 from matching.bed.channels import judge_channels, plan_channels
+from matching.bed.deviations import Deviation
 from matching.bed.identify import measured_case
 from matching.match.case_file import load_case
 from modelling.recordings.recording import Recording
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 STEP, NOISE = 1e-3, {"speed": 0.02, "torque": 0.2}
 LIMIT = "dynamometer_speed = 600\n"
 
@@ -112,6 +116,14 @@ def test_a_late_dynamometer_enters_the_first_match(case):
     expected = true["late"] + STEP / 2  # and half a step of hold
     assert abs(made.loop["dead_time"] - expected) < 1.5 * own.half_width
     assert own.half_width < 2e-4
+
+
+def test_a_dynamometer_that_is_not_told_keeps_its_dead_time():
+    case = load_case(EXAMPLES / "road_to_rig" / "observer.toml")
+    seen = Deviation("dynamometers.right.dead_time", 0.003, 0.006, 3e-4, 5e-4, beyond=True)
+    made, rows = measured_case(case, [seen])
+    assert [row.name for row in rows] == [seen.name]
+    assert [part.dead_time for part in made.loop.dynamometers] == [0.003, 0.006]
 
 
 @pytest.mark.long
