@@ -34,7 +34,7 @@ class DeviationSettings:
     model_error: float = (
         0.005  # of a channel's rms: what a right model of a healthy bed leaves (virtual beds: 0.2 to 1 %)
     )
-    least_error: float = 0.001  # the same at least, in the stated uncertainties
+    least_error: float = 0.002  # the same at least, in the stated uncertainties
     least_share: float = 0.001  # standard uncertainty of any factor at least: no model is as exact as its noise says
     least_time: float = 2e-5  # s, the same of a dead time: a command acts at a sample, not between
     correlated: float = 0.05  # s over which such an error keeps its sign: three quarters of a period of 15 Hz
@@ -361,7 +361,12 @@ def deviations(
         if not tried:
             break
         name, best = tried[0]
-        if now.cost - best.cost < max(settings.fall, settings.worth * (now.cost - run.of_noise)):
+        needed = max(settings.fall, settings.worth * (now.cost - run.of_noise))
+        if now.cost - best.cost >= needed:  # a fit may have ended early: what it gains without the release is no cause
+            with contextlib.suppress(SimulationError):
+                again = _solved(now.fit, best.x, now.released, apart=now.apart)
+                now = min(now, again, key=lambda one: one.cost)
+        if now.cost - best.cost < needed:
             break
         rivals[name] = tuple(other for other, one in tried[1:] if one.cost - best.cost < settings.alike)
         now = _best_of(best, name)
@@ -502,7 +507,7 @@ def _measured(now: _Found, rivals: Mapping[str, tuple[str, ...]]) -> Deviations:
             Deviation(
                 one.name, one.stated + hold, value + hold, float(spread[n] * slope),
                 float(one.width * (one.stated if one.log else 1.0)),
-                bool(free and far), bool(far or spread[n] < settings.told * one.width), rivals.get(one.name, ()),
+                bool(free and far), bool(far or spread[n] < settings.told * one.width), rivals.get(one.name, ())[:2],
             )
         )  # fmt: skip
     return Deviations(tuple(out), misfit, dict(zip(run.names, ((run.read - left) / fit.gains(now.x)).T, strict=True)))
