@@ -638,7 +638,9 @@ class Circle:
             keep_recording(self._folder / name, taken)
             recorded = read_recording(self._folder / name / taken.name, bed_system(case), self._names)
             checked = judge_channels(case, recorded, tripped)
-            play = lost_motion(case, recorded) if checked.right and not checked.explained else None
+            play = None
+            if checked.right and not checked.explained:  # looked for with the delays that are known already
+                play = lost_motion(measured_case(case, checked.measured)[0], recorded)
             found = checked.to_dict() | {"free_play": None if play is None else play.to_dict()}
             return {taken.name: taken.content, "channels.json": strict_json(found)}, found
 
