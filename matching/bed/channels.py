@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from matching.bed.deviations import DEVIATIONS, Deviation, Deviations, deviations
+from matching.bed.deviations import DEVIATIONS, Deviation, Deviations, delays_at_edges, deviations
 from matching.bed.excite import bed_inputs, torques_csv
 from matching.bed.simulated_bed import FmuBed, FmuController, FmuPlant, bed_system, held_as_linear, run_csv
 from matching.match.case import Case
@@ -37,7 +37,7 @@ from modelling.effects.friction_and_compliance import CoulombFriction
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError, listed
 from modelling.modal.modes import damped_modes
-from modelling.recordings.channel_faults import ChannelFault, conversion, factor_fault, fault
+from modelling.recordings.channel_faults import ChannelFault, conversion, factor_fault, fault, with_uncertainty
 from modelling.recordings.recording import Recording
 from modelling.running.run import run
 from modelling.simulation.simulate import simulate
@@ -547,20 +547,21 @@ UNITS = {"J": "kg·m²", "stiffness": "N·m/rad"}
 def off_words(one: Deviation) -> str:
     """What of a bed is off, in words: measured value, unit, and how it stands to the stated one."""
     table, *name, key = one.name.split(".")
-    what, spread = ".".join(name), 2 * one.uncertainty
+    what = f"dynamometer {name[0]}" if table == "dynamometers" else ".".join(name)
     other = f" (or {listed(list(one.or_else))}: the recording does not tell them apart)" if one.or_else else ""
     if key in ("dead_time", "delay"):
-        later = 1e3 * (one.value - one.stated)
-        word = "later" if later > 0 else "earlier"
-        text = f"{what} answers {abs(later):.2f} ± {1e3 * spread:.2f} ms {word} than stated"
+        late = 1e3 * (one.value - one.stated)
+        size = with_uncertainty(abs(late), 1e3 * one.uncertainty)
+        text = f"{what} answers {size} ms {'later' if late > 0 else 'earlier'} than stated"
     elif key in ("torque_gain", "gain"):
         done, of_what = ("reads", "the truth") if table == "sensors" else ("gives", "what it is asked for")
-        text = f"{what} {done} {one.value:.3f} ± {spread:.3f} times {of_what}"
+        text = f"{what} {done} {with_uncertainty(one.value, one.uncertainty)} times {of_what}"
     elif key in UNITS:
-        text = (f"{'.'.join(name[1:])} has {one.value:.3g} ± {spread:.1g} {UNITS[key]}, "
-                f"{one.value / one.stated:.2g} times what is stated")  # fmt: skip
+        size = f"{with_uncertainty(one.value, one.uncertainty)} {UNITS[key]}"
+        text = f"{name[-1]} has {size}, {one.value / one.stated:.2g} times what is stated"
     else:
-        text = f"{what}: {key.replace('_', ' ')} is {1e3 * one.value:.2f} ± {1e3 * spread:.2f} ms"
+        size = with_uncertainty(1e3 * one.value, 1e3 * one.uncertainty)
+        text = f"{what}: {key.replace('_', ' ')} is {size} ms"
     return text + other
 
 
@@ -726,6 +727,11 @@ def judge_channels(
     if found is not None and explained:
         unlike = []
         wrong, off = _with_factors(case, found, wiring, names, run.quantities, wrong, settings)
+    measured = found.quantities if found is not None and explained else ()
+    if not tripped and not explained and not wrong:  # free play: its dynamometers may be late all the same
+        commands, readings = dict(zip(inputs, sent.T, strict=True)), dict(zip(names, read.T, strict=True))
+        measured = delays_at_edges(case, system, time - time[0], commands, readings)
+        off = [one for one in measured if one.beyond]
     open_ = [one for one in wrong if not one.certain]
     wrong = [one for one in wrong if one.certain]
     units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
@@ -766,7 +772,7 @@ def judge_channels(
     needed = [name for name in unjudged if name in {*case.loop.controller_sensors, *inputs[:driven]}]
     return ChannelCheck(
         tuple(channels), tuple(wrong), tuple(name for name in unlike if name in judged), alike, tuple(open_), fastest,
-        tripped, tuple(unjudged), tuple(needed), tuple(off), () if found is None else found.quantities, explained,
+        tripped, tuple(unjudged), tuple(needed), tuple(off), measured, explained,
         _shown(time, names, read - zero, wrong, found, wiring, model),
     )  # fmt: skip
 

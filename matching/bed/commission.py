@@ -530,7 +530,8 @@ class Circle:
             play = self._channels.get("free_play")
             if play and not case.rig.free_plays:
                 path = self._with_play(case, LostMotion(**play))
-            elif self._channels["explained"]:
+                case = load_case(path)
+            if any(one["told"] for one in self._channels["measured"]):
                 path = self._with_measured(path, case)
         matched = self._matched(path, number)
         case = self._tuned[number] = tuned_case(matched).tuned
@@ -562,8 +563,13 @@ class Circle:
         made, values = measured_case(case, measured)
         told = [f"{one['words']}: beyond what the case states" + (f"; write {one['line']}" if one["line"] else "")
                 for one in self._channels["off"]]  # fmt: skip
+        before = self._rounds[-1].identification or {
+            "verdict": "of the check of the channels",
+            "causes": [],
+            "notes": [],
+        }
         self._found(identification={
-            "verdict": "of the check of the channels", "causes": [], "notes": told,
+            "verdict": before["verdict"], "causes": before["causes"], "notes": [*before["notes"], *told],
             "values": [value.to_dict() for value in values],
             "torque_gains": {one.name: one.torque_gain for one in made.loop.dynamometers}, "ended_early": None,
         })  # fmt: skip
@@ -632,7 +638,9 @@ class Circle:
             keep_recording(self._folder / name, taken)
             recorded = read_recording(self._folder / name / taken.name, bed_system(case), self._names)
             checked = judge_channels(case, recorded, tripped)
-            play = lost_motion(case, recorded) if checked.right and not checked.explained else None
+            play = None
+            if checked.right and not checked.explained:  # looked for with the delays that are known already
+                play = lost_motion(measured_case(case, checked.measured)[0], recorded)
             found = checked.to_dict() | {"free_play": None if play is None else play.to_dict()}
             return {taken.name: taken.content, "channels.json": strict_json(found)}, found
 

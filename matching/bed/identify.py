@@ -269,11 +269,15 @@ def measured_case(case: Case, measured: Sequence[Deviation]) -> tuple[Case, tupl
                 half[key] = max(half.get(key, 0.0), width)
     common = {}
     for key in OWN_TIMES:
-        values = [times[key] for times in own.values() if key in times]
-        if len(values) == len(loop.dynamometers) and f"loop.{key}" in box:
-            common[key] = float(np.mean(values))
-            share = min(half[key], box[f"loop.{key}"].half_width)
-            box[f"loop.{key}"] = Uncertain(f"loop.{key}", common[key], share)
+        if key not in half or f"loop.{key}" not in box:
+            continue
+        told = all(key in times for times in own.values())
+        for part in loop.dynamometers:  # one that is not told keeps its stated value
+            stated = getattr(part, key)
+            own[part.name].setdefault(key, loop[key] if stated is None else stated)
+        common[key] = float(np.mean([times[key] for times in own.values()]))
+        share = min(half[key], box[f"loop.{key}"].half_width) if told else box[f"loop.{key}"].half_width
+        box[f"loop.{key}"] = Uncertain(f"loop.{key}", common[key], share)
     single = len(loop.dynamometers) == 1
     dynamometers = []
     for part in loop.dynamometers:

@@ -176,7 +176,7 @@ def factor_fault(
     words, line = (usual.words, usual.line) if usual else (KINDS["factor"].sensor.format(size),
                                                            f"factor = {1 / abs(factor):.4g}")  # fmt: skip
     if usual and uncertainty is not None:
-        words = f"{words} (factor {_digits(abs(factor), uncertainty)})"
+        words = f"{words} (factor {with_uncertainty(abs(factor), uncertainty)})"
     if wrong_sign:
         words, line = f"{words}, and {KINDS['sign'].sensor}", f"{line}, {KINDS['sign'].line}"
     plain = usual is not None and abs(factor) > 1
@@ -195,10 +195,10 @@ def _times(factor: float, uncertainty: float | None) -> str:
     size = abs(factor)
     if uncertainty is None or not isfinite(uncertainty):
         return f"about {size:.3g} times as large" if size >= 1 else f"only {size:.2g} times as large"
-    return f"{_digits(size, uncertainty)} times as large"
+    return f"{with_uncertainty(size, uncertainty)} times as large"
 
 
-def _digits(value: float, uncertainty: float) -> str:
+def with_uncertainty(value: float, uncertainty: float) -> str:
     """A value with its expanded uncertainty (k = 2), to two digits of that."""
     expanded = 2 * uncertainty
     digits = max(0, 1 - int(np.floor(np.log10(expanded)))) if expanded > 0 else 4

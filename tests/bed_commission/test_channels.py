@@ -190,3 +190,18 @@ def test_on_drawn_beds_every_wrong_channel_is_named_and_no_right_one(kind, tmp_p
     assert len(held) <= 1
     assert not false
     assert not fast
+
+
+@pytest.mark.long
+def test_a_late_side_is_told_next_to_free_play(case, controller, plan, tmp_path):
+    """No linear fit explains a bed with play; where its rotor's speed has a kink says when the torque came."""
+    bed = reference_bed(case)
+    bed.effects.append(Hidden("backlash", "shafts.gear_output", {"gap": 0.006}))
+    bed.actuators["dyno_right"].delay += 3e-3
+    found, _ = checked(case, controller, plan, bed, tmp_path)
+    assert found.right
+    assert not found.explained
+    (late,) = found.off
+    assert late.name == "dynamometers.right.dead_time"
+    true = bed.actuators["dyno_right"].delay + case.loop["dead_time"] - case.loop.command_delay()
+    assert abs(late.value - true) < 3 * late.uncertainty

@@ -4,16 +4,22 @@ The bed of ``small_bed``: motor, adapter, rotor on two shafts; its recording is 
 samples, with commands that are late, lags and noise. Nothing of the program's model makes the data.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import small_bed
 from scipy.linalg import expm
 
+from matching.bed import commission as circle
 from matching.bed.channels import judge_channels, plan_channels
+from matching.bed.deviations import Deviation
 from matching.bed.identify import measured_case
+from matching.cli import main
 from matching.match.case_file import load_case
 from modelling.recordings.recording import Recording
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 STEP, NOISE = 1e-3, {"speed": 0.02, "torque": 0.2}
 LIMIT = "dynamometer_speed = 600\n"
 
@@ -75,7 +81,7 @@ def checked(case, change, seed=5):
 @pytest.mark.parametrize(
     ("channel", "factor", "words"),
     [
-        ("motor_speed", 0.5, "reads half"),
+        pytest.param("motor_speed", 0.5, "reads half", marks=pytest.mark.long),
         pytest.param("flange_torque", 0.7375621, "lbf·ft", marks=pytest.mark.long),
         pytest.param("side_torque", 0.6, "times as large", marks=pytest.mark.long),
     ],
@@ -86,6 +92,35 @@ def test_any_factor_of_a_sensor_is_named(case, channel, factor, words):
     assert words in found.sentence()
     own = next(one for one in found.channels if one.name == channel)
     assert abs(own.gain - factor) < 3 * own.gain_uncertainty
+
+
+def test_a_wrong_channel_is_exit_code_3_with_its_figure(case, tmp_path, capsys):
+    _, recording = own_bed(
+        plan_channels(case), np.random.default_rng(7), lambda _, gains: gains.update(motor_speed=0.5)
+    )
+    names = ["time", *recording.channels]
+    table = np.column_stack([recording.time, *recording.channels.values()])
+    np.savetxt(tmp_path / "check.csv", table, delimiter=",", header=",".join(names), comments="")
+    command = ["verify", str(case.path), str(tmp_path / "check.csv"), "--channel-check", "--out", str(tmp_path / "out")]
+    assert main(command) == 3
+    assert "motor_speed reads half" in capsys.readouterr().out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "What a wrong channel reads in the check" in page
+
+
+def test_a_signal_ends_a_commissioning_with_what_is_known(case, tmp_path, monkeypatch):
+    told = list[int]()
+    (tmp_path / "bed").mkdir()
+    monkeypatch.setattr(circle, "interrupted", told.append)
+
+    def signalled(*_):
+        raise KeyboardInterrupt(15)
+
+    monkeypatch.setattr(circle.Circle, "_checked", signalled)
+    found = circle.Circle(tmp_path / "out", tmp_path / "bed", circle.CommissionOrder()).run(Path(case.path))
+    assert told == [15]
+    assert not found.rounds
+    assert "ended from outside" in found.end
 
 
 def test_a_torque_that_is_not_given_is_a_wrong_channel(case):
@@ -112,6 +147,14 @@ def test_a_late_dynamometer_enters_the_first_match(case):
     expected = true["late"] + STEP / 2  # and half a step of hold
     assert abs(made.loop["dead_time"] - expected) < 1.5 * own.half_width
     assert own.half_width < 2e-4
+
+
+def test_a_dynamometer_that_is_not_told_keeps_its_dead_time():
+    case = load_case(EXAMPLES / "road_to_rig" / "observer.toml")
+    seen = Deviation("dynamometers.right.dead_time", 0.003, 0.006, 3e-4, 5e-4, beyond=True)
+    made, rows = measured_case(case, [seen])
+    assert [row.name for row in rows] == [seen.name]
+    assert [part.dead_time for part in made.loop.dynamometers] == [0.003, 0.006]
 
 
 @pytest.mark.long

@@ -108,7 +108,7 @@ def test_free_play_that_the_check_shows_enters_the_first_match(case, tmp_path):
     circle = Circle(tmp_path / "out", tmp_path / "bed", CommissionOrder(rounds=1))
     seen, play = [], {"at": "shafts.side", "gap": 0.004, "misfit": 0.6}
     circle._found = lambda **of_step: seen.append(of_step)
-    circle._checked = Mock(return_value={"right": True, "free_play": play})
+    circle._checked = Mock(return_value={"right": True, "free_play": play, "measured": [], "off": []})
     circle._matched = Mock(side_effect=Waiting("the match"))
     folder = tmp_path / "case"
     folder.mkdir()
