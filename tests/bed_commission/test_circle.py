@@ -234,6 +234,13 @@ class Deaf(FmuBed):
         super().step(np.array([self.kept, *commands[1:]]), span)
 
 
+class Trusting(FmuController):
+    """A controller that does not ask whether its torques are delivered: the recording has to tell."""
+
+    def initialise(self, given):
+        super().initialise({"undelivered_share": 0.0} | given)
+
+
 @pytest.mark.parametrize(
     ("kind", "wrapped", "words"),
     [
@@ -248,7 +255,7 @@ def test_a_run_without_emulation_or_without_a_dynamometer_is_told(
     law, speed = exported_controller(case).law, circle.plan_speed(case, circle.CommissionOrder())
     with (
         kind(Path(proven[0][3]), ["dyno", "motor_torque"], [sensor.name for sensor in case.rig.sensors]) as one,
-        FmuController(proven[1] / "1_export" / "controller.fmu", law) as controller,
+        Trusting(proven[1] / "1_export" / "controller.fmu", law) as controller,
     ):
         text = proof_recording(one, case, law, wrapped(controller), plan_proof(case, speed), speed)
     path = tmp_path / "run.csv"

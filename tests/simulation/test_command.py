@@ -60,11 +60,11 @@ def test_a_start_at_rest_misses_a_recording_in_motion(files, capsys):
 
 
 def test_bad_recordings_end_with_two_and_leave_nothing(files, capsys):
-    (files / "recording.csv").write_text("time [s],motor_torque\n0,1\n1,2\n")
+    (files / "recording.csv").write_text("time [s],motor_torqe\n0,1\n1,2\n")
     assert command(files) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1
-    assert "brake_torque" in told
+    assert "motor_torque" in told
     assert not (files / "out").exists()
 
 
