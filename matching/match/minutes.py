@@ -52,7 +52,8 @@ class MinuteSettings:
     drawn : int
         Beds drawn from the case's box, in addition to the bed as planned.
     offset : float
-        Uncertainties of a sensor by which it drifts over the time at speed: a warm flange, one way or the other.
+        Uncertainties of a sensor by which it drifts over the time at speed: a warm flange, one way or the other. An
+        encoder that states its counts does not drift.
     encoder_gain : float
         Relative error of every encoder: an eccentric disc, averaged over a turn, leaves less.
     speed : float
@@ -272,13 +273,14 @@ def _errors(
     signs = random.choice([-1.0, 1.0], (2, *shape))
     gains = sensor_gains(sensors, [row.bed for row in rows])
     gains = gains * np.where(speeds & at_speed[:, None], 1 + settings.encoder_gain * signs[0], 1.0)
-    drift = np.where(at_speed[:, None], settings.offset * uncertainty * signs[1], 0.0)
+    share = uncertainty / noise_of_sensors(case, sensors)  # less than 1 where less is tried
+    # what an encoder reads for want of finer counts is no drift: it counts whole turns exactly
+    drift = np.where(at_speed[:, None], settings.offset * share * white_noise(case, sensors) * signs[1], 0.0)
     for j, dynamometer in enumerate(case.loop.dynamometers):
         if dynamometer.torque_sensor is not None:
             at = sensors.index(dynamometer.torque_sensor)
             for number, row in enumerate(rows):
                 drift[number, at] += row.zeros[j] * uncertainty[at]
-    share = uncertainty / noise_of_sensors(case, sensors)  # less than 1 where less is tried
     noise = np.broadcast_to(share * white_noise(case, sensors), shape)
     count = np.broadcast_to(np.minimum(share, 1.0) * count_angles(case, sensors), shape)
     slow = round(settings.zero_s / step) if not at_speed.any() else samples

@@ -35,3 +35,15 @@ def test_the_verdict_never_gets_worse_from_encoder_to_encoder():
     # where the coarse one limits, the encoder is named or play is; never a sensor that is missing
     causes = {one.cause for result in results for one in result.findings if one.limits}
     assert causes <= {"free_play", "standstill", "emulation_left"}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1200)
+def test_encoders_that_state_their_counts_do_not_drift():
+    """A bed with four of them stays in emulation at speed: what is read for want of finer counts is no drift."""
+    case = load_case(Path(__file__).parents[2] / "examples" / "four_wheel" / "case.toml")
+    sensors = tuple(
+        replace(one, counts=8192, uncertainty=None) if one.measures == "speed" else one for one in case.rig.sensors
+    )
+    result = match(replace(case, rig=replace(case.rig, sensors=sensors)), settings=ONCE, ordering=False)
+    assert result.status == "matched"
