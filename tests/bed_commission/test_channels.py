@@ -106,6 +106,7 @@ def test_a_wrong_channel_is_named(case, controller, plan, tmp_path, change, name
     assert largest < CHECK_SPEED_SHARE * case.limits["dynamometer_speed"]
 
 
+@pytest.mark.long
 def test_two_wrong_channels_are_both_named(case, controller, plan, tmp_path):
     bed = with_reader(reference_bed(case), "motor_speed", gain=-1.0)
     bed = with_reader(bed, "flange_right_torque", gain=1e-3, noise=1e-3 * bed.readers["flange_right_torque"].noise)

@@ -60,6 +60,7 @@ def test_an_input_and_a_sensor_of_a_late_logger_are_one_cause(tmp_path: Path) ->
 
 
 @needs_compiler
+@pytest.mark.long
 def test_an_input_that_hardly_acts_is_no_channel_of_a_late_logger(tmp_path: Path) -> None:
     """One speed is 22 ms late beside a torque over the load's speed that no kind describes.
 
