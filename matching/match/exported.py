@@ -528,13 +528,13 @@ def speeds_by_others(rig: System, sensors: Sequence[str], speeds: Sequence[int])
     return found
 
 
-def _unexpected_speeds(case: Case, law: ControlLaw, scale: float) -> np.ndarray:
+def _unexpected_speeds(case: Case, bed: WatchedBed, scale: float) -> np.ndarray:
     """How far each reading of a speed may be from what is expected (y,); other readings infinite.
 
     Two counts of an encoder, six standard deviations of its noise, and what a torque does in a sample that steps
     unmeasured: over the manoeuvre, or by what balances flange torques of ``scale`` (N·m), if larger.
     """
-    bed, step = watched_bed(case, law, {}), law.sample_time
+    law, step = bed.law, bed.law.sample_time
     sizes, sensors = torque_sizes(case, bed, scale), {sensor.name: sensor for sensor in case.rig.sensors}
     columns = np.stack([bed.inputs[part.name] * sizes[part.name] for part in case.rig.inputs], axis=1)
     _, moved = held(bed.A, columns, step)
@@ -547,13 +547,12 @@ def _unexpected_speeds(case: Case, law: ControlLaw, scale: float) -> np.ndarray:
     return found
 
 
-def _surprised_by_torques(case: Case, law: ControlLaw, scale: float) -> np.ndarray:
+def _surprised_by_torques(case: Case, bed: WatchedBed, scale: float) -> np.ndarray:
     """How far each reading has to be let off (y,), so that no torque that steps unmeasured, or late, ends an emulation.
 
     A law with a long dead time follows such a torque slowly, and what it expects stays off: this is its own answer on
     the bed as planned, at once and as a mean.
     """
-    bed = watched_bed(case, law, {})
     off, _ = bed.run(_torque_steps(case, bed, scale))
     means = scipy.signal.lfilter([1 / MEAN_OF_OFF], [1, 1 / MEAN_OF_OFF - 1], off, axis=0)
     needed: np.ndarray = np.maximum(np.abs(off), np.abs(means) / MEAN_SHARE).max(axis=(0, 2), initial=0.0)
@@ -583,9 +582,9 @@ def _settings(parts: LinearBed, law: ControlLaw, torques: tuple[int, ...]) -> Se
             unexpected[at] = UNEXPECTED_TORQUE * largest
     limited = torque < NO_LIMIT
     if limited.all() and law.L.any():
-        scale = UNEXPECTED_TORQUE * float(torque.max())
-        unexpected = np.minimum(unexpected, _unexpected_speeds(case, law, scale))
-        unexpected = np.maximum(unexpected, _surprised_by_torques(case, law, scale))
+        planned, scale = watched_bed(case, law, {}), UNEXPECTED_TORQUE * float(torque.max())
+        unexpected = np.minimum(unexpected, _unexpected_speeds(case, planned, scale))
+        unexpected = np.maximum(unexpected, _surprised_by_torques(case, planned, scale))
     watches = bool((unexpected < NO_LIMIT).any())
     step = law.sample_time
     off = [one.half_width / one.value for one in case.uncertainty.uncertain if one.name.endswith(".torque_gain")]

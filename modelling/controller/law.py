@@ -483,7 +483,7 @@ class SupervisedController:
         """
         added = np.zeros(len(self._sent)) if added is None else added
         if np.isfinite(known).all():
-            self._catch_up(known, hold, life, trigger)
+            self._catch_up(known, life, trigger)
         fault = self._check(readings, known, np.concatenate([hold, added]), life)
         readings, below = self._seen, HELD_BELOW_LIMIT * self.settings.speed_limit
         if fault and not self._fault and self._mode != ZERO_TORQUE:
@@ -538,7 +538,7 @@ class SupervisedController:
             self._played += 1
         self._triggered = trigger
 
-    def _catch_up(self, known: np.ndarray, hold: np.ndarray, life: int, trigger: bool) -> None:
+    def _catch_up(self, known: np.ndarray, life: int, trigger: bool) -> None:
         """Samples of an emulation that did not run: a sign of life that rises by one a sample tells how many.
 
         The bed held the last commands in them; law and vehicle are stepped with these and the readings that the model
