@@ -62,7 +62,7 @@ def drawn(kinds, body, seed):
     return from_dict(tables, "drawn"), {"motor_torque": motor, "brake_torque": brake}
 
 
-FOLLOWS = 2e-6  # s of a limited rate where it may follow: what is left of it is 5e-5 of the range
+FOLLOWS = 2e-6  # s: time constant of a limited rate that follows; it is off by 5e-5 of the range at most
 
 
 def check(kinds, body, seed):
