@@ -1,0 +1,145 @@
+"""The process in which the FMU of a foreign vehicle runs: ``python -m modelling.fmu.vehicle_process``.
+
+The first line on standard input is a request in JSON. One line of JSON answers: what is wrong, or that all stand ready.
+From then on each message is a byte (``s`` step, ``b`` begin anew) and numbers as doubles, and each answer is the wheel
+speeds.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+from tempfile import TemporaryDirectory
+from typing import Any, BinaryIO
+
+import numpy as np
+
+LOOKED_EVERY = 1.0  # s: whether the parent still lives
+
+
+class Wrong(Exception):
+    """What of the FMU is wrong, and what would be right."""
+
+
+def main() -> None:
+    """Serve the parent until it closes the pipe."""
+    # what the FMU prints must not mix with the answers
+    answers = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    asked = sys.stdin.buffer
+    request = json.loads(asked.readline())
+    with TemporaryDirectory(prefix="rigmatch-vehicle-") as folder:
+        try:
+            vehicles = Vehicles(request, folder)
+        except Wrong as wrong:
+            answers.write(json.dumps({"wrong": list(wrong.args)}).encode() + b"\n")
+            return
+        except ModuleNotFoundError as missing:
+            answers.write(json.dumps({"needs": missing.name}).encode() + b"\n")
+            return
+        answers.write(json.dumps({"ready": True}).encode() + b"\n")
+        _serve(vehicles, asked, answers)
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(LOOKED_EVERY)
+    os._exit(1)
+
+
+def _serve(vehicles: Vehicles, asked: BinaryIO, answers: BinaryIO) -> None:
+    size = 8 * (1 + vehicles.count * vehicles.width)
+    while kind := asked.read(1):
+        if kind == b"b":
+            vehicles.begin()
+        else:
+            numbers = np.frombuffer(asked.read(size))
+            vehicles.step(float(numbers[0]), numbers[1:].reshape(vehicles.count, vehicles.width))
+        answers.write(vehicles.speeds().tobytes())
+
+
+class Vehicles:
+    """Instances of one FMU side by side."""
+
+    def __init__(self, request: dict[str, Any], folder: str):
+        import fmpy
+
+        path = request["path"]
+        try:
+            self.about = fmpy.read_model_description(path, validate=False)
+        except Exception as fault:  # whatever a file that is no FMU makes of the reader
+            raise Wrong(f"is no FMU: {str(fault).splitlines()[0] if str(fault) else type(fault).__name__}",
+                        "give an FMU of FMI 2.0 or 3.0") from None  # fmt: skip
+        if self.about.fmiVersion not in ("2.0", "3.0") or self.about.coSimulation is None:
+            raise Wrong(
+                f"is an FMU of FMI {self.about.fmiVersion}{'' if self.about.coSimulation else ' without co-simulation'}",
+                "export it for co-simulation, FMI 2.0 or 3.0",
+            )
+        self.count = 1 if self.about.coSimulation.canBeInstantiatedOnlyOncePerProcess else int(request["count"])
+        if self.count < request["count"]:
+            raise Wrong("only once")
+        known = {each.name: each for each in self.about.modelVariables}
+        inputs, outputs = request["inputs"], request["outputs"]
+        for names, causality in ((inputs, "input"), (outputs, "output")):
+            there = [name for name, each in known.items() if each.causality == causality]
+            for name in names:
+                if name not in there:
+                    raise Wrong(f"has no {causality} {name!r}", f"it has {', '.join(sorted(there)[:12]) or 'none'}")
+        self.width = len(inputs)
+        self._inputs = [known[name].valueReference for name in inputs]
+        self._outputs = [known[name].valueReference for name in outputs]
+        self._real = "Float64" if self.about.fmiVersion == "3.0" else "Real"
+        self._unzipped = fmpy.extract(path, unzipdir=folder)
+        self._all: list[Any] = []
+        self._time = 0.0
+        self.begin()
+
+    def begin(self) -> None:
+        """Make them anew, at their own start."""
+        for each in self._all:
+            each.terminate()
+            each.freeInstance()
+        self._time = 0.0
+        self._all = [self._made(number) for number in range(self.count)]
+
+    def _made(self, number: int) -> Any:
+        from fmpy.fmi2 import FMU2Slave
+        from fmpy.fmi3 import FMU3Slave
+
+        simulation = self.about.coSimulation
+        given = {
+            "guid": self.about.guid, "unzipDirectory": self._unzipped, "modelIdentifier": simulation.modelIdentifier,
+            "instanceName": f"vehicle{number}",
+        }  # fmt: skip
+        try:
+            made = FMU3Slave(**given) if self._real == "Float64" else FMU2Slave(**given)
+            made.instantiate()
+            if self._real == "Float64":
+                made.enterInitializationMode(startTime=0.0)
+            else:
+                made.setupExperiment(startTime=0.0)
+                made.enterInitializationMode()
+            made.exitInitializationMode()
+        except Exception as fault:
+            right = "it needs a binary for this system (Linux, 64 bit), or sources that were built"
+            raise Wrong(f"does not start: {str(fault).splitlines()[0]}", right) from None
+        return made
+
+    def step(self, span: float, numbers: np.ndarray) -> None:
+        """Go on by ``span``, s, with inputs (b, inputs) held."""
+        for each, values in zip(self._all, numbers, strict=True):
+            getattr(each, f"set{self._real}")(self._inputs, values.tolist())
+            each.doStep(currentCommunicationPoint=self._time, communicationStepSize=span)
+        self._time += span
+
+    def speeds(self) -> np.ndarray:
+        """Outputs (b, outputs)."""
+        return np.array([getattr(each, f"get{self._real}")(self._outputs) for each in self._all])
+
+
+if __name__ == "__main__":
+    main()
