@@ -54,7 +54,7 @@ class RunIn:
     largest: np.ndarray
 
 
-RUN_IN_STEPS = 5.0  # steps of the vehicle in which a lone wheel follows its rotor: no wheel rings
+RUN_IN_STEPS = 3.0  # steps of the vehicle in which a lone wheel follows its rotor: no wheel rings
 
 
 @dataclass(frozen=True)
@@ -133,6 +133,11 @@ class ForeignVehicleLaw(SteppedLaw):
         return self.load_rates
 
     @property
+    def load_stays(self) -> float:
+        """Share of a load that stays from sample to sample where nothing corrects it."""
+        return 1 - FORGETTING_PER_SAMPLE
+
+    @property
     def start_share(self) -> float:
         """rad/s of the vehicle: below it what acts as the vehicle moves falls off in proportion, 0: nowhere."""
         return max(float(self.designed[0]), 0.0)
@@ -201,7 +206,8 @@ class ForeignVehicleLaw(SteppedLaw):
         body = body_start + float(self.vehicle.body @ now.state[self.observed])
         made = self.at(body)
         angle = (now.angle + h * (turned / self.over - wheel)) / (1 + h * np.abs(wheel) / settings.angle_roll)
-        state, load, since = now.state, now.load, now.since + 1
+        # wheel and body of a steady vehicle are not told apart by wheel speeds: what is not corrected is forgotten
+        state, load, since = now.state, self.load_stays * now.load, now.since + 1
         expected = np.vstack([now.expected[1:], self.vehicle.wheel @ state[self.observed]])
         innovation = readings - self.E @ state
         corrected = state + made["L"] @ innovation
@@ -227,37 +233,39 @@ class ForeignVehicleLaw(SteppedLaw):
         return {**super()._over_speed, **more}
 
 
-def foreign_vehicle_law(
-    law: SteppedLaw, timing: VehicleTiming, inertia: np.ndarray, whole: np.ndarray, largest: np.ndarray
-) -> ForeignVehicleLaw:
-    """The same designs for a vehicle that is stepped outside.
+def run_in_gains(
+    inertia: np.ndarray, whole: np.ndarray, largest: np.ndarray, timing: VehicleTiming, sample_time: float
+) -> RunIn:
+    """Gains that bring a vehicle to the rotors' speeds, critically damped as one inertia.
 
     Parameters
     ----------
-    law : SteppedLaw
-        Designed with the design vehicle.
-    timing : VehicleTiming
     inertia, whole : ndarray (k,)
         kg·m²: of the wheel at each cut, and of what of the vehicle turns with it.
     largest : ndarray (k,)
-        N·m, that may run the vehicle to the rotors' speeds.
+        N·m.
+    sample_time : float
+        s.
     """
+    proportional = inertia / (RUN_IN_STEPS * (timing.steps + timing.late) * sample_time)
+    return RunIn(proportional, proportional**2 / (4 * whole), largest)
+
+
+def foreign_vehicle_law(law: SteppedLaw, timing: VehicleTiming, run_in: RunIn) -> ForeignVehicleLaw:
+    """The same designs, which hold the design vehicle, for a vehicle that is stepped outside."""
     vehicle, w = law.vehicle, len(law.known)
     load_rates = np.hstack([vehicle.by_cut, vehicle.by_body])
-    prompt, late, catches, own = [], [], [], []
+    kept: list[tuple[np.ndarray, ...]] = []
     for one, speed in zip(law.laws, law.designed, strict=True):
         on, of_loads = one.A[law.observed, law.observed], one.Bw[law.observed, w:] @ load_rates
         filters = _filters(on, of_loads, vehicle.wheel, law.sample_time, timing, law.settings)
         steady = np.array([np.interp(speed, law.speeds, each) for each in vehicle.steady.T])
-        for kept, value in zip((prompt, late, catches, own), (*filters, vehicle.by_own(steady)), strict=True):
-            kept.append(value)
-    span = (timing.steps + timing.late) * law.sample_time
-    proportional = inertia / (RUN_IN_STEPS * span)
-    integral = proportional**2 / (4 * whole)  # critically damped with what turns as one
+        kept.append((*filters, vehicle.by_own(steady)))
+    prompt, late, catches, own = (np.stack(each) for each in zip(*kept, strict=True))
     given = {name: getattr(law, name) for name in SteppedLaw.__dataclass_fields__ if name != "by_wheel"}
     return ForeignVehicleLaw(
-        **given, by_wheel=np.stack(prompt), timing=timing, load_rates=load_rates, by_late_wheel=np.stack(late),
-        catches=np.stack(catches), by_own=np.stack(own), run_in=RunIn(proportional, integral, largest),
+        **given, by_wheel=prompt, timing=timing, load_rates=load_rates, by_late_wheel=late,
+        catches=catches, by_own=own, run_in=run_in,
     )  # fmt: skip
 
 

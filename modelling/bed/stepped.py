@@ -487,6 +487,11 @@ class SteppedLaw:
         return self.vehicle.by_cut
 
     @property
+    def load_stays(self) -> float:
+        """Share of a load that stays from sample to sample where nothing corrects it."""
+        return 1.0
+
+    @property
     def vehicle_states(self) -> int:
         """Number v of states of the vehicle."""
         return len(self.vehicle.body)
@@ -588,7 +593,7 @@ class SteppedLaw:
         found = made["by_wheel"] @ off
         corrected = state + made["L"] @ innovation
         corrected[self.observed] += found[:v]
-        load = np.eye(q, width, x) + found[v:]
+        load = self.load_stays * np.eye(q, width, x) + found[v:]
         remainder = (self.vehicle.slope_at(steady) - made["likeness"]) @ np.eye(v, width, x + q)
         acting = np.vstack([np.eye(w, width, size + y), remainder + by_load @ load])
         command = made["K"] @ corrected + made["Dw"] @ acting

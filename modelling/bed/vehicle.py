@@ -249,8 +249,7 @@ def specimen_of(residual: ResidualVehicle) -> System:
     own = tuple(part for part in vehicle.inputs if part.on in near)
     kept = {f"inertias.{name}" for name in near}
     kept |= {f"shafts.{part.name}" for part in shafts} | {f"inputs.{part.name}" for part in own}
-    read = near | {shaft.name for shaft in shafts}
-    heavy = {name: {"J": Quantity(TURNING_INERTIA), "drag": Quantity(0.0)} for name in ends}
+    read = group | {shaft.name for shaft in shafts}
     point = vehicle.operating_point
     if point is not None:
         speeds, torques = speeds_of(vehicle), torques_of(vehicle)
@@ -260,7 +259,7 @@ def specimen_of(residual: ResidualVehicle) -> System:
     return replace(
         vehicle,
         inertias=tuple(
-            replace(part, **heavy[part.name]) if part.name in ends else part
+            replace(part, J=Quantity(TURNING_INERTIA), drag=Quantity(0.0)) if part.name in ends else part
             for part in vehicle.inertias if part.name in group
         ),
         shafts=shafts,

@@ -144,8 +144,8 @@ class ControllerBatch:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Commands (k, b) in N·m, active modes (b,) and faults (b,).
 
-        For readings (y, b), known torques (w, b), speeds to hold (k, b), torques that are added (k, b), and speeds (k, b)
-        of vehicles that are stepped outside; see :meth:`modelling.controller.law.SupervisedController.step`.
+        For readings (y, b), known torques (w, b), speeds to hold (k, b), torques that are added (k, b), and speeds
+        (k, b) of vehicles that are stepped outside; see :meth:`modelling.controller.law.SupervisedController.step`.
         """
         wheel = np.zeros(hold.shape) if wheel is None else wheel
         more = np.zeros(hold.shape) if added is None else added

@@ -219,6 +219,7 @@ def _foreign(law: ForeignVehicleLaw) -> list[str]:
     vehicle, run_in = law.vehicle, law.run_in
     return [
         *_beside(law),
+        f"#define CONTROLLER_LOAD_STAYS {_real(law.load_stays)} /* from sample to sample */",
         f"#define CONTROLLER_DESIGN_STATES {law.vehicle_states}",
         _listed("STEADY_BODY", vehicle.steady @ vehicle.body, "rad/s"),
         _listed("RUN_IN_PROPORTIONAL", run_in.proportional, "N*m*s/rad"),

@@ -768,7 +768,7 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
 def _vehicle(law: Law) -> tuple[list[Variable], list[Variable]]:
     """What the emulated vehicle is told while it drives, and what it does; nothing of a law without one."""
     if isinstance(law, ForeignVehicleLaw):
-        speed, torque = "of the vehicle at this cut, of its newest step", "into the vehicle at this cut, for its next step"
+        speed, torque = "of the vehicle at this cut, newest step", "into the vehicle at this cut, for its next step"
         return (
             [Variable(f"cut.{name}.speed", "input", "rad/s", 0.0, speed) for name in law.dynamometers],
             [Variable(f"cut.{name}.torque", "output", "N*m", 0.0, torque) for name in law.dynamometers],

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from modelling.bed.foreign_vehicle import RunIn
 from modelling.errors import InputError
 
 CHILD = "modelling.fmu.vehicle_process"
@@ -29,10 +30,17 @@ class FmuSettings:
     start_within, answer_within : float
         s for loading and for one step of all its instances. Large tools start in tens of seconds; a step that takes
         longer than this is a hang, not a slow model.
+    within : float
+        rad/s that a wheel may still be off where the vehicle counts as brought to a speed: an encoder's noise.
+    settled, longest : float
+        s of its own time for which it has to stay so, and after which it has not come there.
     """
 
     start_within: float = 120.0
     answer_within: float = 20.0
+    within: float = 0.05
+    settled: float = 0.1
+    longest: float = 120.0
 
 
 FMU = FmuSettings()
@@ -49,6 +57,10 @@ class FmuVehicle:
         By cut the FMU's input (N·m into the vehicle) and output (rad/s).
     own : mapping of str to str (r)
         By input of the vehicle's own (brakes, grade) that of the FMU.
+    run_in : RunIn
+        What brings it to a speed; its states cannot be set from outside.
+    step : float
+        s, of its steps.
     count : int
 
     Raises
@@ -61,12 +73,12 @@ class FmuVehicle:
     """
 
     def __init__(
-        self, path: Path, torques: Mapping[str, str], speeds: Mapping[str, str], own: Mapping[str, str] | None = None,
-        count: int = 1, settings: FmuSettings = FMU,
+        self, path: Path, torques: Mapping[str, str], speeds: Mapping[str, str], own: Mapping[str, str], run_in: RunIn,
+        step: float, count: int = 1, settings: FmuSettings = FMU,
     ):  # fmt: skip
-        self.path, self.cuts, self.own = Path(path), tuple(torques), tuple(own or {})
-        self.count, self.settings = count, settings
-        self._torques, self._speeds, self._own = dict(torques), [speeds[cut] for cut in self.cuts], dict(own or {})
+        self.path, self.cuts, self.own = Path(path), tuple(torques), tuple(own)
+        self.count, self.settings, self._run_in, self._step = count, settings, run_in, step
+        self._torques, self._speeds, self._own = dict(torques), [speeds[cut] for cut in self.cuts], dict(own)
         self._processes: list[_Process] = []
         self.seconds = 0.0  # since it began
         if not self.path.is_file():
@@ -83,13 +95,32 @@ class FmuVehicle:
         request = {
             "path": str(self.path.resolve()), "count": count,
             "inputs": [*self._torques.values(), *self._own.values()], "outputs": self._speeds,
+            "run_in": {name: getattr(self._run_in, name).tolist() for name in ("proportional", "integral", "largest")}
+            | {name: getattr(self.settings, name) for name in ("within", "settled", "longest")} | {"step": self._step},
         }  # fmt: skip
         return _Process(self.path, request, count, len(self.cuts), self.settings)
 
-    def begin(self, speed: np.ndarray | None = None, torque: np.ndarray | None = None) -> np.ndarray:
-        """Back to the start of its own, which cannot be set from outside: speeds (k, b), rad/s."""
-        self.seconds = 0.0
-        return np.hstack([each.ask(b"b", None) for each in self._processes])
+    def begin(self, speed: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """Back to its own start, and from there to speeds (k, b), rad/s, by torques at its cuts: the speeds reached.
+
+        Raises
+        ------
+        InputError
+            If it does not come there.
+        """
+        self.seconds, begun = 0.0, 0
+        for each in self._processes:
+            each.send(b"b", speed[:, begun : begun + each.count].T)
+            begun += each.count
+        found = np.hstack([each.answer(self.settings.start_within) for each in self._processes])
+        if not np.isfinite(found).all():
+            cut = int(np.argmin(np.isfinite(found).all(axis=1)))
+            raise InputError(
+                str(self.path), f"its wheel at {self.cuts[cut]} does not come to {speed[cut].max():.4g} rad/s by "
+                f"torques at its cuts within {self.settings.longest:g} s",
+                "check the signs of its torques and speeds, and that no brake acts in it",
+            )  # fmt: skip
+        return found
 
     def step(self, torque: np.ndarray, own: np.ndarray, span: float) -> np.ndarray:
         """Speeds (k, b), rad/s, after ``span`` (s) under torques (k, b), N·m, and own inputs (r, b), held."""
@@ -143,7 +174,7 @@ class _Process:
         line = b""
         until = time.monotonic() + settings.start_within
         while not line.endswith(b"\n"):
-            line += self._read(1 << 16, until, "does not start")
+            line += self._read(1 << 16, until, f"does not start within {settings.start_within:g} s")
         answer = json.loads(line)
         if "needs" in answer:
             self.close()
@@ -154,22 +185,17 @@ class _Process:
                 raise _OnlyOnce
             raise InputError(str(path), *answer["wrong"])
 
-    def send(self, kind: bytes, numbers: np.ndarray | None) -> None:
+    def send(self, kind: bytes, numbers: np.ndarray) -> None:
         """One message."""
-        self._write(kind if numbers is None else kind + np.ascontiguousarray(numbers, dtype=float).tobytes())
+        self._write(kind + np.ascontiguousarray(numbers, dtype=float).tobytes())
 
-    def answer(self) -> np.ndarray:
+    def answer(self, within: float | None = None) -> np.ndarray:
         """Speeds (k, b)."""
         size, got = 8 * self.cuts * self.count, b""
-        until = time.monotonic() + self.settings.answer_within
+        seconds = self.settings.answer_within if within is None else within
         while len(got) < size:
-            got += self._read(size - len(got), until, "does not answer")
+            got += self._read(size - len(got), time.monotonic() + seconds, f"does not answer within {seconds:g} s")
         return np.frombuffer(got).reshape(self.count, self.cuts).T
-
-    def ask(self, kind: bytes, numbers: np.ndarray | None) -> np.ndarray:
-        """The answer to one message."""
-        self.send(kind, numbers)
-        return self.answer()
 
     def _write(self, content: bytes) -> None:
         assert self._child.stdin is not None
@@ -184,8 +210,7 @@ class _Process:
         ready, _, _ = select.select([stream], [], [], max(until - time.monotonic(), 0.0))
         if not ready:
             self.close()
-            limit = self.settings.start_within if what == "does not start" else self.settings.answer_within
-            raise InputError(str(self.path), f"{what} within {limit:g} s", "run it alone in its own tool first")
+            raise InputError(str(self.path), what, "run it alone in its own tool first")
         content = stream.read(most)
         if not content:
             raise self._crashed()
@@ -207,4 +232,3 @@ class _Process:
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
-

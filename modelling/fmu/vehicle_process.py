@@ -2,7 +2,7 @@
 
 The first line on standard input is a request in JSON. One line of JSON answers: what is wrong, or that all stand ready.
 From then on each message is a byte (``s`` step, ``b`` begin anew) and numbers as doubles, and each answer is the wheel
-speeds.
+speeds. A begin brings the vehicles to the speeds of its message; where they do not come there, the answer holds NaN.
 """
 
 from __future__ import annotations
@@ -55,11 +55,14 @@ def _serve(vehicles: Vehicles, asked: BinaryIO, answers: BinaryIO) -> None:
     size = 8 * (1 + vehicles.count * vehicles.width)
     while kind := asked.read(1):
         if kind == b"b":
+            wanted = np.frombuffer(asked.read(8 * vehicles.count * vehicles.cuts)).reshape(vehicles.count, -1)
             vehicles.begin()
+            speeds = vehicles.run_in(wanted)
         else:
             numbers = np.frombuffer(asked.read(size))
             vehicles.step(float(numbers[0]), numbers[1:].reshape(vehicles.count, vehicles.width))
-        answers.write(vehicles.speeds().tobytes())
+            speeds = vehicles.speeds()
+        answers.write(speeds.tobytes())
 
 
 class Vehicles:
@@ -75,8 +78,9 @@ class Vehicles:
             raise Wrong(f"is no FMU: {str(fault).splitlines()[0] if str(fault) else type(fault).__name__}",
                         "give an FMU of FMI 2.0 or 3.0") from None  # fmt: skip
         if self.about.fmiVersion not in ("2.0", "3.0") or self.about.coSimulation is None:
+            without = "" if self.about.coSimulation else " without co-simulation"
             raise Wrong(
-                f"is an FMU of FMI {self.about.fmiVersion}{'' if self.about.coSimulation else ' without co-simulation'}",
+                f"is an FMU of FMI {self.about.fmiVersion}{without}",
                 "export it for co-simulation, FMI 2.0 or 3.0",
             )
         self.count = 1 if self.about.coSimulation.canBeInstantiatedOnlyOncePerProcess else int(request["count"])
@@ -89,7 +93,7 @@ class Vehicles:
             for name in names:
                 if name not in there:
                     raise Wrong(f"has no {causality} {name!r}", f"it has {', '.join(sorted(there)[:12]) or 'none'}")
-        self.width = len(inputs)
+        self.width, self.cuts, self._run_in = len(inputs), len(outputs), request["run_in"]
         self._inputs = [known[name].valueReference for name in inputs]
         self._outputs = [known[name].valueReference for name in outputs]
         self._real = "Float64" if self.about.fmiVersion == "3.0" else "Real"
@@ -135,6 +139,22 @@ class Vehicles:
             getattr(each, f"set{self._real}")(self._inputs, values.tolist())
             each.doStep(currentCommunicationPoint=self._time, communicationStepSize=span)
         self._time += span
+
+    def run_in(self, wanted: np.ndarray) -> np.ndarray:
+        """Bring all to speeds (b, cuts), rad/s, by torques at their cuts; where that fails, speeds with NaN."""
+        asked, now = self._run_in, self.speeds()
+        proportional, integral, largest = (np.array(asked[name]) for name in ("proportional", "integral", "largest"))
+        numbers, kept, near, step = np.zeros((self.count, self.width)), np.zeros_like(wanted), 0.0, asked["step"]
+        while near < asked["settled"]:
+            if self._time > asked["longest"] or not np.isfinite(now).all():
+                return np.where(np.abs(wanted - now) < asked["within"], now, np.nan)
+            torque = proportional * (wanted - now) + kept
+            numbers[:, : self.cuts] = np.clip(torque, -largest, largest)
+            kept = kept + (np.abs(torque) <= largest) * integral * step * (wanted - now)
+            self.step(step, numbers)
+            now = self.speeds()
+            near = near + step if np.abs(wanted - now).max() < asked["within"] else 0.0
+        return now
 
     def speeds(self) -> np.ndarray:
         """Outputs (b, outputs)."""

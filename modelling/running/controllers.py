@@ -72,11 +72,12 @@ class ControllerRows:
     ):
         if (vehicle is None) == isinstance(controller.law, ForeignVehicleLaw):
             raise ValueError("a vehicle is needed by, and only by, a law whose vehicle is stepped outside")
-        self.vehicle = vehicle
         self.controller, self.schedule, self.count = controller, schedule, count
         self.sensors, self.known = tuple(controller.law.sensors), tuple(controller.law.known)
         self.shown = tuple(name for name, _, _ in shown_of(controller.law))
+        self.vehicle: TimedVehicle | None = None
         self.begin()
+        self.vehicle = vehicle  # begins with a run
 
     def begin(self) -> None:
         """Everything forgotten."""
@@ -84,7 +85,11 @@ class ControllerRows:
         self._batch = None if self.vehicle is None else ControllerBatch(self.controller, self.count)
         self._each = [] if self._batch is not None else [self.controller.running() for _ in range(self.count)]
         if self.vehicle is not None:
-            self.vehicle.begin()
+            law = self.controller.law
+            assert isinstance(law, ForeignVehicleLaw)
+            held = np.flatnonzero(self.schedule.mode == EMULATION)  # the speed of the hold as it ends
+            rotors = np.broadcast_to(self.schedule.hold[held[0] if len(held) else -1], (len(law.over), self.count))
+            self.vehicle.begin(rotors / law.over[:, None])
 
     def show(self) -> np.ndarray:
         """What the emulated vehicles do (e, b), as the last sample left it; NaN of a row that emulates nothing."""

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from modelling.bed.foreign_vehicle import RunIn, VehicleTiming
+from modelling.bed.foreign_vehicle import VehicleTiming
+from modelling.bed.stepped import SteppedVehicle
 from modelling.bed.vehicle import TURNING_INERTIA, turning_input
 from modelling.running.beds import BedRows
 from modelling.running.plant import Vehicle
@@ -29,10 +30,9 @@ class TimedVehicle:
         self._sample = 0
         self.speeds = np.zeros((len(vehicle.cuts), vehicle.count))
 
-    def begin(self) -> None:
-        """Back to the vehicle's start."""
-        shape = len(self.vehicle.cuts), self.vehicle.count
-        self.speeds = self.vehicle.begin(np.zeros(shape), np.zeros(shape))
+    def begin(self, speed: np.ndarray) -> None:
+        """Back to the vehicle's start, and to speeds (k, b), rad/s."""
+        self.speeds = self.vehicle.begin(speed, np.zeros_like(speed))
         self._waiting, self._sample = [], 0
 
     def read(self) -> np.ndarray:
@@ -47,6 +47,34 @@ class TimedVehicle:
             after = self.vehicle.step(torque, own, self.timing.steps * self.sample_time)
             self._waiting.append((self._sample + 1 + self.timing.late, after))
         self._sample += 1
+
+
+class ModelVehicle:
+    """A residual vehicle of the product's own as a :class:`modelling.running.plant.Vehicle`, one row.
+
+    Parameters
+    ----------
+    vehicle : SteppedVehicle
+    cuts : sequence of str (k)
+    """
+
+    count = 1
+
+    def __init__(self, vehicle: SteppedVehicle, cuts: Sequence[str]):
+        self._vehicle, self.cuts, self.own = vehicle, tuple(cuts), vehicle.inputs
+        self._x = vehicle.steady[0]
+
+    def begin(self, speed: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """Steady motion at the mean of the wheels' speeds (k, 1)."""
+        wheels = self._vehicle.steady @ self._vehicle.wheel.T @ np.full(len(self.cuts), 1 / len(self.cuts))
+        self._x = np.array([np.interp(float(speed.mean()), wheels, each) for each in self._vehicle.steady.T])
+        return (self._vehicle.wheel @ self._x)[:, None]
+
+    def step(self, torque: np.ndarray, own: np.ndarray, span: float) -> np.ndarray:
+        """See :class:`modelling.running.plant.Vehicle`; ``span`` is a whole number of samples."""
+        for _ in range(max(round(span / self._vehicle.sample_time), 1)):
+            self._x = self._vehicle.step(self._x, torque[:, 0], own[:, 0], self._vehicle.as_planned)
+        return (self._vehicle.wheel @ self._x)[:, None]
 
 
 class SpecimenAndVehicle:
@@ -65,42 +93,33 @@ class SpecimenAndVehicle:
         By cut the specimen's inertia that stands for the vehicle's wheel.
     steps : int
         Samples in one step of the vehicle.
-    run_in : RunIn
-        What brings the vehicle to the specimen's speeds before the motion begins.
-    hold : float
-        s of it.
+    pushes : sequence of str (k)
+        Inputs whose torques act on the vehicle at its cuts beside those of the shafts; none unless given.
     """
 
     commands: tuple[str, ...] = ()
 
     def __init__(
-        self, specimen: BedRows, vehicle: Vehicle, ends: Sequence[str], steps: int, run_in: RunIn, hold: float
+        self, specimen: BedRows, vehicle: Vehicle, ends: Sequence[str], steps: int, pushes: Sequence[str] = ()
     ):
-        self.specimen, self.vehicle, self._steps, self._run_in = specimen, vehicle, steps, run_in
+        self.specimen, self.vehicle, self._steps = specimen, vehicle, steps
         self.sample_time, self.count, self.sensors = specimen.sample_time, specimen.count, specimen.sensors
         self._driven = [specimen.inputs.index(turning_input(name)) for name in ends]
         self._other = [at for at in range(len(specimen.inputs)) if at not in self._driven]
-        self.inputs = (*(specimen.inputs[at] for at in self._other), *vehicle.own)
+        self.inputs = (*(specimen.inputs[at] for at in self._other), *vehicle.own, *pushes)
+        self.beds, self._r = specimen.beds, len(vehicle.own)
         states = list(specimen.beds.model.states)
         self._speed = [states.index(f"speed({name})") for name in ends]
         self._angle = [states.index(f"angle({name})") for name in ends]
         self._trim = specimen.beds.drive_trim[self._driven]
-        self._hold = round(hold / self.sample_time)
 
     def begin(self, torques: np.ndarray) -> None:
-        """See :class:`modelling.running.plant.Plant`; the vehicle is run to the specimen's speeds."""
+        """See :class:`modelling.running.plant.Plant`; the vehicle begins at the specimen's speeds."""
         given = np.zeros((len(self.specimen.inputs), self.count))
         given[self._other] = torques[: len(self._other)]
         self.specimen.begin(given)
-        wanted, steps, h = self.specimen.x[self._speed], self._steps, self.sample_time
-        own, gains = torques[len(self._other) :], self._run_in
-        speeds, integral = self.vehicle.begin(wanted, np.zeros_like(wanted)), np.zeros_like(wanted)
-        for _ in range(self._hold // steps):
-            slower = wanted - speeds
-            asked = gains.proportional[:, None] * slower + integral
-            torque = np.clip(asked, -gains.largest[:, None], gains.largest[:, None])
-            integral += (asked == torque) * gains.integral[:, None] * steps * h * slower
-            speeds = self.vehicle.step(torque, own, steps * h)
+        wanted = self.specimen.x[self._speed]
+        speeds = self.vehicle.begin(wanted, np.zeros_like(wanted))
         self._before = self._now = speeds
         self._momentum, self._at = np.zeros_like(speeds), 0
         self.specimen.x[self._speed] = speeds
@@ -125,7 +144,8 @@ class SpecimenAndVehicle:
         if self._at % self._steps:
             return
         expected = self._now + rate * whole
-        speeds = self.vehicle.step(self._momentum / whole, after[others:], whole)
+        own, pushed = after[others : others + self._r], after[others + self._r :]
+        speeds = self.vehicle.step(self._momentum / whole + (pushed if len(pushed) else 0.0), own, whole)
         self.specimen.x[self._angle] += whole / 2 * (speeds - expected)
         self.specimen.x[self._speed] = speeds
         self._before, self._now, self._momentum = self._now, speeds, np.zeros_like(speeds)

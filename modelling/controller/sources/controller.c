@@ -583,6 +583,9 @@ static void use_wheels(controller *c, const controller_input *in, int32_t at, co
         c->expected_wheel[CONTROLLER_VEHICLE_LATE][j] = row(&WHEEL, j, c->state + OBSERVED);
     }
     c->since_wheel++;
+    for (int32_t i = 0; i < CONTROLLER_LOADS; i++) {
+        c->load[i] *= (controller_real)CONTROLLER_LOAD_STAYS;
+    }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real wheel = in->cut_speed[j];
         const controller_real apart = (in->reading[SPEED_READING[j]] / OVER[j]) - wheel;
