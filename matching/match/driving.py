@@ -10,6 +10,7 @@ import numpy as np
 
 from matching.match.beds import Judge, loop_figures, noise_of_sensors, planned, quantile
 from matching.match.case import Case, Drive
+from matching.match.coupled import controller_rows
 from matching.match.exported import exported_controller
 from matching.match.imperfections import (
     Imperfection,
@@ -24,7 +25,6 @@ from matching.match.loop import compared_sensors, linear_bed, without_limits
 from matching.match.loop_modes import neutral_motions
 from matching.match.operating_range import RANGE, at_speed, at_vehicle_speed, body_speed, grid, law_over_speed
 from matching.match.requirements import requirements
-from matching.match.vehicle_in_the_loop import controller_rows
 from modelling.bed.profile import DrivenTorques, SpeedProfile
 from modelling.controller.law import FAULTS, ExportedController
 from modelling.errors import InputError

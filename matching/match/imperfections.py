@@ -10,8 +10,8 @@ import numpy as np
 from matching.match.beds import noise_of_sensors
 from matching.match.box import of_system
 from matching.match.case import Case
+from matching.match.coupled import controller_rows, run_in_of
 from matching.match.loop import interface_speed, shaft_torque
-from matching.match.vehicle_in_the_loop import controller_rows, run_in_of
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
 from modelling.bed.vehicle import specimen_of
 from modelling.controller.law import ExportedController

@@ -14,6 +14,7 @@ import numpy as np
 
 from matching.match.beds import noise_of_sensors
 from matching.match.case import Case
+from matching.match.coupled import controller_rows
 from matching.match.exported import exported_controller
 from matching.match.findings import Finding
 from matching.match.imperfections import (
@@ -28,7 +29,6 @@ from matching.match.imperfections import (
     with_cut_sensors,
 )
 from matching.match.judgements import Judgement
-from matching.match.vehicle_in_the_loop import controller_rows
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, ExportedController
 from modelling.running.controllers import Schedule
 from modelling.running.run import Motion, run

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from matching.match.case import Case, Drive, OperatingRange, table_of
+from matching.match.coupled import run_in_of
 from matching.match.loop import linear_bed
 from matching.match.requirements import requirements
-from matching.match.vehicle_in_the_loop import run_in_of
 from modelling.bed.bed import Loop
 from modelling.bed.foreign_vehicle import foreign_vehicle_law
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from matching.match.case import Case
+from matching.match.coupled import run_in_of
 from matching.match.operating_range import law_over_speed
-from matching.match.vehicle_in_the_loop import run_in_of
 from modelling.errors import InputError
 from modelling.linear.steady_motion import speeds_of
 from modelling.running.plant import Vehicle

@@ -1,27 +1,18 @@
-"""A case whose vehicle others simulate: its table, the FMU beside controllers, and the FMU as the reference."""
+"""A case whose vehicle others simulate: the table of its file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from modelling.bed.bed import Loop
-from modelling.bed.foreign_vehicle import ForeignVehicleLaw, RunIn, VehicleTiming, run_in_gains
-from modelling.controller.law import ExportedController
+from modelling.bed.foreign_vehicle import RunIn, VehicleTiming
 from modelling.errors import InputError, unknown
 from modelling.fmu.vehicle import FmuVehicle
-from modelling.running.controllers import ControllerRows, Schedule
-from modelling.running.vehicles import TimedVehicle
 from modelling.system import System
 from modelling.units import to_si
-
-if TYPE_CHECKING:
-    from matching.match.case import Case
-
 
 KEYS = ("fmu", "torques", "speeds", "inputs", "step", "late")
 EXAMPLE = 'write fmu = "car.fmu", torques = { left = "T_left" } and speeds = { left = "w_left" }, by dynamometer'
@@ -94,9 +85,7 @@ def read_vehicle_in_the_loop(
     fmu = table.get("fmu")
     if not isinstance(fmu, str) or not fmu:
         raise InputError(f"{place}.fmu", "is missing" if fmu is None else "is no name of a file", EXAMPLE)
-    path = Path(where).parent / fmu
-    if not path.is_file():
-        raise InputError(f"{place}.fmu", f"{path} does not exist", "name the FMU, relative to the case")
+    path = Path(where).parent / fmu  # not looked at before it is needed
     dynamometers = [one.name for one in loop.dynamometers]
     on_rig = {part.name for part in rig.inputs}
     own = [part.name for part in vehicle.inputs if part.name not in on_rig]
@@ -130,30 +119,3 @@ def _pairs(
         if name not in given:
             raise InputError(f"{place}.{key}", f"does not name {name}", EXAMPLE)
     return tuple((name, given[name]) for name in known if name in given)
-
-
-# --- The FMU beside a controller.
-
-
-def run_in_of(case: Case) -> RunIn:
-    """How the vehicle of a case is brought to the rotors' speeds."""
-    loop, residual = case.loop, case.residual_vehicle
-    assert case.vehicle_in_the_loop is not None
-    cuts = [next(cut for cut in residual.interfaces if cut.shaft == one.follows) for one in loop.dynamometers]
-    parts = [residual.part_of(cut) for cut in cuts]
-    shared = [sum(residual.part_of(other) is part for other in cuts) for part in parts]
-    inertia = [part.parameters[f"inertias.{cut.vehicle_end}.J"].value for part, cut in zip(parts, cuts, strict=True)]
-    whole = [
-        sum(each.J.value for each in part.inertias) / number for part, number in zip(parts, shared, strict=True)
-    ]  # fmt: skip
-    timing = case.vehicle_in_the_loop.timing(loop["sample_time"])
-    return run_in_gains(np.array(inertia), np.array(whole), case.limits_of("torque"), timing, loop["sample_time"])
-
-
-def controller_rows(case: Case, controller: ExportedController, schedule: Schedule, count: int) -> ControllerRows:
-    """An exported controller on rows of beds; with a vehicle of others beside it where its law is made for one."""
-    vehicle, law = case.vehicle_in_the_loop, controller.law
-    if vehicle is None or not isinstance(law, ForeignVehicleLaw):
-        return ControllerRows(controller, schedule, count)
-    timed = TimedVehicle(vehicle.started(run_in_of(case), count), law.timing, law.sample_time)
-    return ControllerRows(controller, schedule, count, timed)

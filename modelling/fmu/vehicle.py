@@ -76,10 +76,10 @@ class FmuVehicle:
         self, path: Path, torques: Mapping[str, str], speeds: Mapping[str, str], own: Mapping[str, str], run_in: RunIn,
         step: float, count: int = 1, settings: FmuSettings = FMU,
     ):  # fmt: skip
+        self._processes: list[_Process] = []
         self.path, self.cuts, self.own = Path(path), tuple(torques), tuple(own)
         self.count, self.settings, self._run_in, self._step = count, settings, run_in, step
         self._torques, self._speeds, self._own = dict(torques), [speeds[cut] for cut in self.cuts], dict(own)
-        self._processes: list[_Process] = []
         self.seconds = 0.0  # since it began
         if not self.path.is_file():
             raise InputError(str(self.path), "is no file", "name the FMU of the vehicle")

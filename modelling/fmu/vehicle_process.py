@@ -12,6 +12,7 @@ import os
 import sys
 import threading
 import time
+from ctypes import c_double, c_int, c_size_t, c_uint32, c_void_p
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
@@ -99,6 +100,10 @@ class Vehicles:
         self._real = "Float64" if self.about.fmiVersion == "3.0" else "Real"
         self._unzipped = fmpy.extract(path, unzipdir=folder)
         self._all: list[Any] = []
+        # functions of FMI 2.0 called straight, with arrays that are made once: a fifth of the time
+        self._calls: tuple[Any, Any, Any] | None = None
+        self._set, self._get = ((c_uint32 * len(each))(*each) for each in (self._inputs, self._outputs))
+        self._given, self._read = (c_double * self.width)(), (c_double * self.cuts)()
         self._time = 0.0
         self.begin()
 
@@ -109,6 +114,14 @@ class Vehicles:
             each.freeInstance()
         self._time = 0.0
         self._all = [self._made(number) for number in range(self.count)]
+        if self._real == "Real" and self._calls is None:
+            set_real, do_step, get_real = (
+                self._all[0].dll[name] for name in ("fmi2SetReal", "fmi2DoStep", "fmi2GetReal")
+            )
+            for function in (set_real, get_real):
+                function.argtypes = [c_void_p, c_void_p, c_size_t, c_void_p]
+            do_step.argtypes = [c_void_p, c_double, c_double, c_int]
+            self._calls = set_real, do_step, get_real
 
     def _made(self, number: int) -> Any:
         from fmpy.fmi2 import FMU2Slave
@@ -135,9 +148,18 @@ class Vehicles:
 
     def step(self, span: float, numbers: np.ndarray) -> None:
         """Go on by ``span``, s, with inputs (b, inputs) held."""
-        for each, values in zip(self._all, numbers, strict=True):
-            getattr(each, f"set{self._real}")(self._inputs, values.tolist())
-            each.doStep(currentCommunicationPoint=self._time, communicationStepSize=span)
+        for number, each in enumerate(self._all):
+            if self._calls is None:
+                each.setFloat64(self._inputs, numbers[number].tolist())
+                each.doStep(currentCommunicationPoint=self._time, communicationStepSize=span)
+            else:
+                self._given[:] = numbers[number].tolist()
+                set_real, do_step, _ = self._calls
+                wrong = set_real(each.component, self._set, self.width, self._given) or do_step(
+                    each.component, self._time, span, 1
+                )
+                if wrong > 1:
+                    raise RuntimeError(f"fmi2DoStep answers {wrong}")
         self._time += span
 
     def run_in(self, wanted: np.ndarray) -> np.ndarray:
@@ -158,7 +180,14 @@ class Vehicles:
 
     def speeds(self) -> np.ndarray:
         """Outputs (b, outputs)."""
-        return np.array([getattr(each, f"get{self._real}")(self._outputs) for each in self._all])
+        if self._calls is None:
+            return np.array([each.getFloat64(self._outputs) for each in self._all])
+        found = np.empty((self.count, self.cuts))
+        for number, each in enumerate(self._all):
+            if self._calls[2](each.component, self._get, self.cuts, self._read) > 1:
+                raise RuntimeError("fmi2GetReal fails")
+            found[number] = self._read
+        return found
 
 
 if __name__ == "__main__":

@@ -106,9 +106,12 @@ class ControllerRows:
             sent, _, faults = self._batch.step(
                 readings, known, mode, hold, sample, added, trigger, self.vehicle.read()
             )  # fmt: skip
+            # while the speeds are held the vehicle waits at them: it was brought there before
+            if mode != EMULATION:
+                return sent
             told = [known[self.known.index(name)] for name in self.vehicle.vehicle.own]
             self.vehicle.go_on(self._batch.cut_torque, np.array(told).reshape(-1, rows))
-            first = (faults != 0) & (self.fault_at < 0) if mode == EMULATION else np.zeros(rows, bool)
+            first = (faults != 0) & (self.fault_at < 0)
             self.fault[first], self.fault_at[first] = faults[first], sample
             return sent
         answers = [

