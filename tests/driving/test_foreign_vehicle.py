@@ -23,8 +23,9 @@ from matching.match.vehicle_check import check_vehicle
 from modelling.bed.foreign_vehicle import RunIn, VehicleTiming, foreign_vehicle_law, run_in_gains
 from modelling.controller.batch import ControllerBatch
 from modelling.errors import InputError
-from modelling.fmu.export import controller_fmu
+from modelling.fmu.export import block, controller_fmu, fmu
 from modelling.fmu.vehicle import FmuSettings, FmuVehicle
+from modelling.model_file import load
 from modelling.running.run import run
 from modelling.running.vehicles import TimedVehicle
 from modelling.toml import read_toml
@@ -76,13 +77,14 @@ def errors(made, folder, kmh, outside=(1, 0), dead=0.0025, seed=1, draw=None, **
 
 
 @compiles
-@pytest.mark.parametrize(("outside", "kmh"), [((1, 0), 95), ((5, 4), 60)], ids=["1 ms", "5 ms, late"])
+@pytest.mark.parametrize(("outside", "kmh"), [((1, 0), 60), pytest.param((5, 4), 60, marks=pytest.mark.long)])
 def test_a_vehicle_of_others_drives_on_the_bed(controller, tmp_path, outside, kmh):
     parts, braked = errors(controller, tmp_path, kmh, outside)
     assert max(parts) <= 0.01
     assert braked <= 0.02
 
 
+@pytest.mark.long
 @compiles
 def test_the_design_vehicle_may_be_coarse(controller, tmp_path):
     """It has half the body, twice the wheels and half the slip stiffness of the vehicle that is emulated."""
@@ -129,7 +131,7 @@ def test_drawn_beds_and_coarse_designs(controller, slow, tmp_path):
 
 
 @compiles
-@pytest.mark.parametrize(("steps", "late"), [(1, 0), (3, 2)])
+@pytest.mark.parametrize(("steps", "late"), [(3, 2), pytest.param(1, 0, marks=pytest.mark.long)])
 def test_c_and_python_are_the_same(controller, steps, late):
     """Commands and torques into the vehicle, whatever the wheel speeds are; then one is no number: speeds are held."""
     never = np.full(len(controller.law.sensors), 1e12)
@@ -157,6 +159,7 @@ def test_c_and_python_are_the_same(controller, steps, late):
     assert wanted.mode == HOLD
 
 
+@pytest.mark.long
 def test_the_controllers_fmu_has_the_cut(controller, tmp_path):
     made = of_others(controller)
     exported = controller_fmu(made)
@@ -183,6 +186,7 @@ def test_the_controllers_fmu_has_the_cut(controller, tmp_path):
 # --- An FMU of nobody here's making.
 
 
+@pytest.mark.long
 @compiles
 @by_fmpy
 def test_the_specimen_before_an_fmu_is_the_vehicle_in_one_piece(tmp_path):
@@ -205,16 +209,36 @@ def test_the_specimen_before_an_fmu_is_the_vehicle_in_one_piece(tmp_path):
 
 @compiles
 @by_fmpy
-def test_it_is_run_to_a_speed_and_rows_are_alone(tmp_path):
-    for only_once in (False, True):
-        with started(own_fmu(tmp_path, "once" if only_once else "car", only_once), 3) as vehicle:
-            speed = np.array([[5.0, 10.0, 20.0], [5.0, 10.0, 20.0]])
-            np.testing.assert_allclose(vehicle.begin(speed, 0 * speed), speed, atol=0.06)
-            torque = np.array([[0.0, 300.0, 0.0], [0.0, 0.0, 0.0]])
+@pytest.mark.parametrize("only_once", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_it_is_run_to_a_speed_and_rows_are_alone(tmp_path, only_once):
+    with started(own_fmu(tmp_path, only_once=only_once), 3) as vehicle:
+        speed = np.array([[2.0, 4.0, 6.0], [2.0, 4.0, 6.0]])
+        np.testing.assert_allclose(vehicle.begin(speed, 0 * speed), speed, atol=0.06)
+        torque = np.array([[0.0, 300.0, 0.0], [0.0, 0.0, 0.0]])
+        for _ in range(100):
+            after = vehicle.step(torque, np.zeros((2, 3)), 1e-3)
+        assert after[0, 1] > 4.1
+        assert after[0, 0] < 2.0 > after[1, 0]
+
+
+@pytest.mark.long
+@compiles
+@by_fmpy
+def test_fmi_2_and_3_are_one_vehicle(tmp_path):
+    """The car of the example, exported as both."""
+    found = []
+    car = block([load(EXAMPLE.parent / "foreign_vehicle" / "car.toml")], "car", "car")
+    torques, speeds = ({side: f"{what}_{side}" for side in ("left", "right")} for what in ("torque", "speed"))
+    run_in = RunIn(np.full(2, 230.0), np.full(2, 140.0), np.full(2, 1500.0))
+    for fmi in ("2.0", "3.0"):
+        (tmp_path / "car.fmu").write_bytes(fmu(car, fmi, 1e-3).content)
+        with FmuVehicle(tmp_path / "car.fmu", torques, speeds, {}, run_in, 1e-3) as vehicle:
+            vehicle.begin(np.full((2, 1), 3.0), np.zeros((2, 1)))
             for _ in range(100):
-                after = vehicle.step(torque, np.zeros((2, 3)), 1e-3)
-            assert after[0, 1] > 10.1
-            assert after[0, 0] < 5.0 > after[1, 0]
+                after = vehicle.step(np.array([[100.0], [50.0]]), np.zeros((0, 1)), 1e-3)
+            found.append(after)
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-12)
+    assert found[0][0] > found[0][1] > 3.0
 
 
 @compiles
@@ -234,7 +258,13 @@ def test_steps_and_lateness_are_counted(tmp_path):
 @compiles
 @by_fmpy
 @pytest.mark.parametrize(
-    ("wrong", "said"), [(1, "crashed (SIGABRT)"), (2, "does not answer within 1 s"), (3, "not finite"), (4, "crashed")]
+    ("wrong", "said"),
+    [
+        (1, "crashed (SIGABRT)"),
+        (3, "not finite"),
+        pytest.param(4, "crashed", marks=pytest.mark.long),
+        pytest.param(2, "does not answer within 1 s", marks=pytest.mark.long),
+    ],
 )
 def test_an_fmu_that_fails_is_one_line(tmp_path, wrong, said):
     path = own_fmu(tmp_path)
@@ -327,6 +357,7 @@ def test_it_needs_a_range(tmp_path):
         case_from_tables({**data, "vehicle_in_the_loop": TABLE}, str(tmp_path / "case.toml"))
 
 
+@pytest.mark.long
 @compiles
 @by_fmpy
 def test_driven_alone_it_shows_how_coarse_the_design_is(tmp_path):
