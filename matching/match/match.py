@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
-from matching.match.case import Case, Move, apply, scaled
+from matching.match.case import Case, Move, apply, scaled, whole_loop
 from matching.match.driving import DRIVING, DrivingSettings, driving, not_followed
 from matching.match.findings import Finding, stated
 from matching.match.free_play import FREE_PLAY, FreePlay, lashes
@@ -48,6 +48,7 @@ from matching.match.targets import LEAST_SHARE_TO_MOVE, change_weight
 from matching.match.variables import CONTROLLER, RESIDUAL, SearchSettings
 from matching.match.verify import verify
 from matching.worker_pool import SideProcesses
+from modelling.bed.specimen import UNKNOWN
 from modelling.modal.modes import damped_modes
 
 SHORT = SearchSettings(
@@ -233,6 +234,8 @@ def judged(
     ]
     stands = led_by_dead_time(stands, case, error)
     findings = (*stands, *_both_ways(solution, case), *noted(case, checked, play, judging.drawn_beds))
+    if case.loop.specimen == UNKNOWN and ordering:
+        error = replace(error, specimen_known=_with_specimen_known(tuned, settings))
     tell("bound and curves")
     result = MatchResult(
         findings=findings,
@@ -280,6 +283,15 @@ def judged(
         result = replace(result, remedies=remedies_of(result, again, relaxed.limits, judging.remedies))
         tell("what would make it a match")
     return replace(result, seconds=time.perf_counter() - found.begun)
+
+
+def _with_specimen_known(tuned: Case, settings: SearchSettings) -> tuple[float, float]:
+    """Response errors to measured and unmeasured torques of the controller that knows the specimen, tuned on the same
+    bed from one start: what it costs not to know it."""
+    case = replace(tuned, loop=whole_loop(tuned), moves=())
+    found = attempt(case, starts=1, ordering=False, settings=replace(settings, remedies=False))
+    figures = error_figures(found.solution.tuned)
+    return figures.after, figures.unmeasured
 
 
 def missed_on_purpose(result: MatchResult) -> bool:
