@@ -48,7 +48,7 @@ from matching.match.targets import LEAST_SHARE_TO_MOVE, change_weight
 from matching.match.variables import CONTROLLER, RESIDUAL, SearchSettings
 from matching.match.verify import verify
 from matching.worker_pool import SideProcesses
-from modelling.bed.specimen import UNKNOWN
+from modelling.bed.specimen import KNOWN
 from modelling.modal.modes import damped_modes
 
 SHORT = SearchSettings(
@@ -222,7 +222,8 @@ def judged(
     targets = target_results(problem, checked)
     error = errors_with_bounds(tuned, checked.errors)
     missed = any(not target.met for target in targets)
-    asked = ordering and settings.remedies and (missed or bool(problem.beyond))
+    known = case.loop.specimen == KNOWN  # else what helps is to know it: the errors that it leaves then are worked out
+    asked = ordering and settings.remedies and known and (missed or bool(problem.beyond))
     relaxed = relaxations(problem, solution, SolvedAgain(problem, settings)) if asked else Relaxations()
     stands = limits(problem, solution, targets, relaxed)
     run = standing.result() if standing is not None and checked.stable else minutes_without("it was not asked for")
@@ -234,7 +235,7 @@ def judged(
     ]
     stands = led_by_dead_time(stands, case, error)
     findings = (*stands, *_both_ways(solution, case), *noted(case, checked, play, judging.drawn_beds))
-    if case.loop.specimen == UNKNOWN and ordering:
+    if not known and ordering:
         error = replace(error, specimen_known=_with_specimen_known(tuned, settings))
     tell("bound and curves")
     result = MatchResult(
@@ -296,9 +297,10 @@ def _with_specimen_known(tuned: Case, settings: SearchSettings) -> tuple[float, 
 
 def missed_on_purpose(result: MatchResult) -> bool:
     """Whether no single change is tried: dynamometers without torque, laws that are tried with :mod:`.limits`, a range
-    of speeds, each match of which takes a minute."""
+    of speeds, each match of which takes a minute, a specimen that is not known."""
     loop = result.case.loop
-    return loop.torqueless or not loop.tunes_observer or result.case.operating_range is not None
+    fixed = loop.torqueless or not loop.tunes_observer
+    return fixed or result.case.operating_range is not None or loop.specimen != KNOWN
 
 
 def _solved(

@@ -95,7 +95,7 @@ def _changes(joint: Joint, rig: System) -> bool:
 
 def _ratio(rig: System, end: str, joint: Joint, kept: set[str]) -> float:
     """Speed of the fastest input beyond a cut joint over that of the end that stays, at least 1."""
-    beyond = speed_ratios(end, [joint, *joints(rig, without=[joint.place])])
+    beyond = speed_ratios(end, [joint, *(other for other in joints(rig) if not set(other.ends) & kept)])
     driven = {part.on for part in rig.inputs} - kept
     others = [name for name in beyond if name in driven] or [name for name in joint.ends if name not in kept]
     return max([1.0, *(abs(beyond[name]) for name in others)])
