@@ -26,6 +26,7 @@ from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import KINDS as MANOEUVRES
 from modelling.bed.manoeuvres import UNITS as MANOEUVRE_UNITS
 from modelling.bed.profile import UNITS as DRIVER_UNITS
+from modelling.bed.specimen import SPECIMENS
 from modelling.effects import EFFECTS
 from modelling.errors import InputError
 from modelling.fidelity.measures import ARITHMETICS, DYNAMIC_DOMAINS, MEASUREMENT_DOMAIN, NRMSE_FORMS
@@ -124,6 +125,7 @@ def _loop(structure: str) -> Schema:
     known = {**HARDWARE, **STRUCTURES[structure].quantities}
     keys = {name: quantity(own.unit) | {"description": f"{own.meaning}; {own.unit}"} for name, own in known.items()}
     named = {"structure": {"const": structure}, "knows": NAMES, "measures": NAMES, "fixed": {"type": "boolean"}}
+    named |= {"specimen": {"enum": list(SPECIMENS)}} if STRUCTURES[structure].is_observer else {}
     return table(named | keys, () if structure == DEFAULT else ("structure",))
 
 

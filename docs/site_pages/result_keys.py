@@ -57,6 +57,8 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "limit_cycles": "how many of them swing on where the vehicle comes to rest",
         "largest_swing": "rms torque at a cut in the last half second on the worst bed, N·m",
         "vehicle_swing": "the same of the vehicle",
+        "specimen_known": "response errors to measured and to unmeasured torques of the controller that knows the "
+        "specimen, tuned alike; stands where `loop.specimen` is `unknown`",
         "encoders_at_standstill": "what encoders alone do to the bed at rest after a torque pulse and its opposite; "
         "null where the case has an operating point",
         "command": "what the encoders add to the command in the last two seconds, N·m rms",

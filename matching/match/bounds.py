@@ -6,11 +6,12 @@ import dataclasses
 
 import numpy as np
 
-from matching.match.case import Case
+from matching.match.case import Case, whole_loop
 from matching.match.loop import without_limits
 from matching.match.responses import ComparedBed, ResponseError, Responses, error_figures, figures_of
 from modelling.bed.controllers import ModelBased
 from modelling.bed.observer import FREE_COMMAND_WEIGHT, Observer, design, observer_model
+from modelling.bed.specimen import KNOWN
 from modelling.bed.vehicle import cut
 from modelling.errors import NoDesign
 from modelling.system import Sensor
@@ -50,7 +51,9 @@ def lower_bound(case: Case, refinement: int) -> float:
     structure = ModelBased()
     start = {name: quantity.start for name, quantity in structure.quantities.items()}
     values = {**start, **case.loop.values, "sample_time": case.loop["sample_time"] / refinement}
-    finer = dataclasses.replace(case.loop, structure=structure, measured=on_rig, values=values)
+    finer = dataclasses.replace(
+        case.loop, structure=structure, measured=on_rig, values=values, specimen=KNOWN, beyond=()
+    )
     return error_figures(dataclasses.replace(case, loop=finer)).after
 
 
@@ -80,7 +83,7 @@ def estimator_bound(case: Case) -> float | None:
     weights = {name: quantity.lower for name, quantity in structure.quantities.items()}
     weights |= {name: 1.0 for name in weights if name.endswith(("sensor_noise", "speed_noise"))}
     weights |= {"torque_drift": size * np.sqrt(2 * case.band[1]), "command_weight": FREE_COMMAND_WEIGHT}
-    loop = dataclasses.replace(case.loop, structure=structure, values={**case.loop.values, **weights})
+    loop = dataclasses.replace(whole_loop(case), structure=structure, values={**case.loop.values, **weights})
     ideal = dataclasses.replace(case, loop=loop)
     try:
         controller = design(observer_model(case.rig, cut(case.emulated_vehicle, case.rig), loop), weights)

@@ -17,6 +17,7 @@ from matching.match.vehicle_in_the_loop import VehicleInTheLoop
 from modelling import display
 from modelling.bed.bed import Loop
 from modelling.bed.manoeuvres import Manoeuvre
+from modelling.bed.specimen import KNOWN
 from modelling.bed.vehicle import ResidualVehicle, TorqueCurve
 from modelling.errors import InputError, unknown
 from modelling.system import System
@@ -164,6 +165,12 @@ class Case:
                 f"end it below, or sample faster (loop.sample_time = {self.loop['sample_time']:g} s)",
             )
 
+    @property
+    def error_scales(self) -> ErrorScales:
+        """Scales of both errors; where the specimen is unknown, every response counts as to an unmeasured torque."""
+        known = self.loop.specimen == KNOWN
+        return ERROR_SCALES if known else ErrorScales(ERROR_SCALES.unmeasured, ERROR_SCALES.unmeasured)
+
     def limit_key(self, dynamometer: str, what: str) -> str:
         """The key of ``limits`` that holds for a dynamometer: its own, else that of all; ``torque`` or a figure of the
         loop."""
@@ -211,6 +218,16 @@ class Case:
 
     def _repr_html_(self) -> str:
         return display.html(self)
+
+
+def whole_loop(case: Case) -> Loop:
+    """The loop of a case with the specimen known, and all that its controller then knows and reads."""
+    loop, inputs = case.loop, {part.name for part in case.rig.inputs}
+    return dataclasses.replace(
+        loop, specimen=KNOWN, beyond=(),
+        measured=(*loop.measured, *(name for name in loop.beyond if name in inputs)),
+        further_sensors=(*loop.further_sensors, *(name for name in loop.beyond if name not in inputs)),
+    )  # fmt: skip
 
 
 # --- Limits that one dynamometer has for itself.

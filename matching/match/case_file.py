@@ -14,7 +14,18 @@ import numpy as np
 import tomli_w
 
 from matching.match.box import read_uncertainty, uncertainty_table
-from matching.match.case import ERROR_SCALES, LIMITS_OF_ALL, Case, Compared, Move, Target, own_limit, table_of, text_of
+from matching.match.case import (
+    ERROR_SCALES,
+    LIMITS_OF_ALL,
+    Case,
+    Compared,
+    Move,
+    Target,
+    own_limit,
+    table_of,
+    text_of,
+    whole_loop,
+)
 from matching.match.movable import Movable, movable
 from matching.match.operating_range import (
     in_steady_motion,
@@ -26,11 +37,12 @@ from matching.match.operating_range import (
 )
 from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
 from matching.match.vehicle_in_the_loop import read_vehicle_in_the_loop
-from modelling.bed.bed import HARDWARE, OWN_TIMES, Dynamometer, Loop
+from modelling.bed.bed import HARDWARE, OWN_TIMES, ControlStructure, Dynamometer, Loop, predicted_part
 from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
+from modelling.bed.specimen import KNOWN, SPECIMENS, UNKNOWN
 from modelling.bed.vehicle import ResidualVehicle, cut, own_part, with_residual_vehicle, without_exact_delays
-from modelling.errors import InputError, unknown
+from modelling.errors import InputError, listed, unknown
 from modelling.linear.steady_motion import torques_of
 from modelling.model_file import dumps, load, quantity
 from modelling.system import Effect, System, resistance
@@ -75,11 +87,14 @@ def case_text(case: Case) -> str:
         dyno.name: {key: value for key, value in vars(dyno).items() if key != "name" and value is not None}
         for dyno in loop.dynamometers
     }
-    data["loop"] = {"structure": loop.structure.name, "knows": list(loop.measured)}
-    if loop.further_sensors:
-        data["loop"]["measures"] = list(loop.further_sensors)
+    own = whole_loop(case)  # of the whole rig, whatever the controller knows of it
+    data["loop"] = {"structure": loop.structure.name, "knows": list(own.measured)}
+    if own.further_sensors:
+        data["loop"]["measures"] = list(own.further_sensors)
     if loop.fixed:
         data["loop"]["fixed"] = True
+    if loop.specimen != KNOWN:
+        data["loop"]["specimen"] = loop.specimen
     data["loop"] |= {name: loop[name] for name in loop.quantities}
     data["targets"] = [vars(target) for target in case.targets]
     data["response"] = {"band": list(case.band), "compare": [vars(pair) for pair in case.compared]}
@@ -144,7 +159,7 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
         raise unknown(str(name), sorted(STRUCTURES), f"{where}: loop.structure")
     structure = STRUCTURES[name]
     known = {**HARDWARE, **structure.quantities}
-    of_loop = ["structure", "knows", "measures", "fixed"]
+    of_loop = ["structure", "knows", "measures", "fixed", "specimen"]
     for key in table:
         if key not in known and key not in of_loop:
             raise unknown(key, [*of_loop, *known], f"{where}: loop")
@@ -181,7 +196,43 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
         )  # fmt: skip
     those = {name for one in dynamometers for name in (one.torque_sensor, one.speed_sensor)}
     further = tuple(name for name in measures if name not in those)
-    return Loop(structure, dynamometers, knows, values, further, fixed)
+    return Loop(structure, dynamometers, knows, values, further, fixed, _specimen(table, structure, where))
+
+
+def _specimen(table: Mapping[str, Any], structure: ControlStructure, where: str) -> str:
+    specimen = table.get("specimen", KNOWN)
+    if not isinstance(specimen, str) or specimen not in SPECIMENS:
+        raise unknown(str(specimen), list(SPECIMENS), f"{where}: loop.specimen")
+    if specimen == UNKNOWN and not structure.is_observer:
+        raise InputError(
+            f"{where}: loop.specimen", f"is {specimen!r}, and structure {structure.name!r} has no model of it",
+            'leave it out, or write structure = "observer"',
+        )  # fmt: skip
+    return specimen
+
+
+def _before_the_specimen(loop: Loop, rig: System, residual: ResidualVehicle) -> tuple[Loop, list[str]]:
+    """The loop with what reaches the controller of an unknown specimen, and sentences on where its model ends."""
+    if loop.specimen == KNOWN:
+        return loop, []
+    part = predicted_part(rig, residual, loop)
+    if not part.places:
+        words = 'specimen "unknown": no gear, clutch or converter lies behind the dynamometers: the whole rig is known'
+        return replace(loop, specimen=KNOWN), [words]
+    inputs, sensors = ({one.name for one in parts} for parts in (part.system.inputs, part.system.sensors))
+    known, read = (
+        tuple(name for name in names if name in there)
+        for names, there in ((loop.measured, inputs), (loop.further_sensors, sensors))
+    )
+    lost = [name for name in (*loop.measured, *loop.further_sensors) if name not in (*known, *read)]
+    words = (
+        f'specimen "unknown": the controller\'s model of the rig ends at {listed([*part.places])}, the torque on '
+        f"{listed([*part.torques.values()])} is unmeasured"
+    )
+    if lost:
+        words += f"; it does not use {listed(lost)}"
+    words += "; unmeasured_tolerance holds for every response, since each passes the specimen"
+    return replace(loop, measured=known, further_sensors=read, beyond=tuple(lost)), [words]
 
 
 def _one_for_all(where: str, key: str) -> InputError:
@@ -576,6 +627,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         residual = cut(simple, rig)
     loop = read_loop(data, rig, residual, where)
     loop, of_dynamometers = _with_late_dynamometers(loop, late)
+    loop, of_specimen = _before_the_specimen(loop, rig, residual)
     rig = rig_at_operating_point(vehicle, rig, residual, loop, where)
     covered = read_range(data, vehicle, rig, loop, vehicle_inertias(vehicle, rig), where)
     band = _band(data, where)
@@ -607,8 +659,9 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
             *_in_turns(data),
             *notes,
             *of_dynamometers,
+            *of_specimen,
         ),
-        **{key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()},
+        **_tolerances(data, loop, where),
     )
 
 
@@ -739,6 +792,12 @@ def _band(data: Mapping[str, Any], where: str) -> tuple[float, float]:
         wrong = "begins at 0 Hz, where a free drivetrain has no response" if low == 0 < high else "is empty"
         raise InputError(f"{where}: response.band", f"{low:g} … {high:g} Hz {wrong}", "0 < lower < upper is needed")
     return low, high
+
+
+def _tolerances(data: Mapping[str, Any], loop: Loop, where: str) -> dict[str, float]:
+    """Those of the response errors; where the specimen is unknown, that of unmeasured torques holds for all."""
+    made = {key: _tolerance(data, key, start, where) for key, start in TOLERANCES.items()}
+    return made if loop.specimen == KNOWN else dict.fromkeys(made, made["unmeasured_tolerance"])
 
 
 def _tolerance(data: Mapping[str, Any], key: str, start: float, where: str) -> float:

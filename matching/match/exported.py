@@ -19,7 +19,7 @@ from matching.match.imperfections import DEMAND_FACTOR, DEMAND_LATE_S, count_ang
 from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque, torque_sign
 from matching.match.operating_range import law_over_speed
 from matching.match.requirements import requirements
-from modelling.bed.bed import ControlLaw, delayed_bed, held
+from modelling.bed.bed import ControlLaw, delayed_bed, held, predicted_part
 from modelling.bed.foreign_vehicle import ForeignVehicleLaw, VehicleTiming, foreign_vehicle_law
 from modelling.bed.observer import sensor_noise
 from modelling.bed.stepped import SteppedLaw
@@ -329,13 +329,15 @@ def opened_shaft_rule(case: Case, law: ControlLaw, lost_torque: np.ndarray) -> O
     limited = bool(np.isfinite(limit).all())
     scale = float(lost_torque.max()) if limited else 0.0
     what, unwatched = None, _why_nothing_is_watched(case, law)
+    known = {part.name for part in predicted_part(case.rig, case.residual_vehicle, case.loop).system.shafts}
     rows, weights, least = [], [], []
     for shaft, of_flanges in zip(shafts, carried, strict=True):
         if limited and gone_at_once(beds, shaft, of_flanges):
             rows.append(OpenedShaft(shaft, "lost_torque", float(np.abs(of_flanges) @ lost_torque)))
             continue
-        if unwatched:
-            rows.append(OpenedShaft(shaft, "", None, unwatched))
+        if unwatched or shaft not in known:
+            why = unwatched or "it lies in the unknown specimen, where a clutch may open"
+            rows.append(OpenedShaft(shaft, "", None, why))
             continue
         if what is None:
             what = disturbances(case, beds, scale)

@@ -14,7 +14,7 @@ from matching.match.box import of_system
 from matching.match.case import Case
 from matching.match.damping import asked_damping
 from matching.match.requirements import Requirements
-from modelling.bed.bed import ControlLaw, DelayedBed, Dynamometer, Loop, delayed_beds
+from modelling.bed.bed import ControlLaw, DelayedBed, Dynamometer, Loop, bed_model, delayed_beds
 from modelling.bed.vehicle import FeedForward, Interface, cut
 from modelling.controller.law import law_of_feed_forward, law_of_feedback
 from modelling.equations.casadi_code import compiled
@@ -665,7 +665,7 @@ def controller_on(bed: LinearBed, feed_forward: FeedForward | None = None) -> Sa
     made, r = without_limits(control_law(bed, feed_forward)), len(bed.residual_space.A)
     if made.delayed_commands is not None:
         emulated, of_readings = np.zeros((r, len(made.A))), np.zeros((r, len(made.sensors)))
-        begin = len(bed.bed.A)  # after rig and lags
+        begin = len(bed_model(case.rig, case.residual_vehicle, loop).speed_error[0]) - r  # after rig and lags
     else:
         assert feed_forward is not None, "the structure has one"
         emulated, of_readings = _emulated(bed, len(made.A), made.reached)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from matching.match.beds import quantile
-from matching.match.case import ERROR_SCALES, Case, apply
+from matching.match.case import Case, apply
 from matching.match.case_file import case_files
 from matching.match.match import attempt, judged, match
 from matching.match.movable import Movable, movable
@@ -323,7 +323,7 @@ def _both(result: MatchResult, measured: float | None, unmeasured: float | None)
     """Both errors over their scales as one."""
     if measured is None or unmeasured is None:
         return None
-    return _finite(ERROR_SCALES.both(measured, unmeasured))
+    return _finite(result.case.error_scales.both(measured, unmeasured))
 
 
 def _of_beds(result: MatchResult) -> float | None:

@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
-from matching.match.case import Case, Move, apply, scaled
+from matching.match.case import Case, Move, apply, scaled, whole_loop
 from matching.match.driving import DRIVING, DrivingSettings, driving, not_followed
 from matching.match.findings import Finding, stated
 from matching.match.free_play import FREE_PLAY, FreePlay, lashes
@@ -49,6 +49,7 @@ from matching.match.variables import CONTROLLER, RESIDUAL, SearchSettings
 from matching.match.vehicle_check import check_vehicle
 from matching.match.verify import verify
 from matching.worker_pool import SideProcesses
+from modelling.bed.specimen import KNOWN
 from modelling.modal.modes import damped_modes
 
 SHORT = SearchSettings(
@@ -225,7 +226,8 @@ def judged(
     targets = target_results(problem, checked)
     error = errors_with_bounds(tuned, checked.errors)
     missed = any(not target.met for target in targets)
-    asked = ordering and settings.remedies and (missed or bool(problem.beyond))
+    known = case.loop.specimen == KNOWN  # else what helps is to know it: the errors that it leaves then are worked out
+    asked = ordering and settings.remedies and known and (missed or bool(problem.beyond))
     relaxed = relaxations(problem, solution, SolvedAgain(problem, settings)) if asked else Relaxations()
     stands = limits(problem, solution, targets, relaxed)
     run = standing.result() if standing is not None and checked.stable else minutes_without("it was not asked for")
@@ -237,6 +239,8 @@ def judged(
     ]
     stands = led_by_dead_time(stands, case, error)
     findings = (*stands, *_both_ways(solution, case), *noted(case, checked, play, judging.drawn_beds))
+    if not known and ordering:
+        error = replace(error, specimen_known=_with_specimen_known(tuned, settings))
     tell("bound and curves")
     result = MatchResult(
         findings=findings,
@@ -286,11 +290,21 @@ def judged(
     return replace(result, seconds=time.perf_counter() - found.begun)
 
 
+def _with_specimen_known(tuned: Case, settings: SearchSettings) -> tuple[float, float]:
+    """Response errors to measured and unmeasured torques of the controller that knows the specimen, tuned on the same
+    bed from one start: what it costs not to know it."""
+    case = replace(tuned, loop=whole_loop(tuned), moves=())
+    found = attempt(case, starts=1, ordering=False, settings=replace(settings, remedies=False))
+    figures = error_figures(found.solution.tuned)
+    return figures.after, figures.unmeasured
+
+
 def missed_on_purpose(result: MatchResult) -> bool:
     """Whether no single change is tried: dynamometers without torque, laws that are tried with :mod:`.limits`, a range
-    of speeds, each match of which takes a minute."""
+    of speeds, each match of which takes a minute, a specimen that is not known."""
     loop = result.case.loop
-    return loop.torqueless or not loop.tunes_observer or result.case.operating_range is not None
+    fixed = loop.torqueless or not loop.tunes_observer
+    return fixed or result.case.operating_range is not None or loop.specimen != KNOWN
 
 
 def _solved(

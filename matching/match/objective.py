@@ -22,7 +22,7 @@ from matching.match.beds import (
     offset_figures,
     planned,
 )
-from matching.match.case import ERROR_SCALES, Case, Move, apply
+from matching.match.case import Case, Move, apply
 from matching.match.damping import damping_ratios, decay_rates, rates, without_resting
 from matching.match.demands import Demands, rig_values
 from matching.match.loop import (
@@ -179,8 +179,8 @@ class SpeedSearch:
         self.targets = list(zip(self.case.targets, wanted, strict=True))
         every = np.ones(len(self.case.compared), bool)
         self.compared = (
-            ((), can_be_unmeasured(self.case), ERROR_SCALES.unmeasured),
-            (self.case.loop.measured, every, ERROR_SCALES.measured),
+            ((), can_be_unmeasured(self.case), self.case.error_scales.unmeasured),
+            (self.case.loop.measured, every, self.case.error_scales.measured),
         )
         # of the squares (2,) of the errors over their scales, what the case allows of the bed as planned
         allowed = self.case.unmeasured_tolerance, self.case.tolerance

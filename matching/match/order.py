@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.match.beds import BedVerdicts, Judge, quantile
-from matching.match.case import ERROR_SCALES, Case, apply
+from matching.match.case import Case, apply
 from matching.match.loop import controller_on, linear_bed
 from matching.match.loop_modes import neutral_motions
 from matching.match.objective import Search
@@ -116,7 +116,7 @@ class Fresh:
         bed = linear_bed(case)
         judge = Judge(case, controller_on(bed), neutral_motions(bed), search.required)
         found = judge.verdicts([*(case.uncertainty.at(position) for position in positions), {}])
-        both = ERROR_SCALES.both(found.measured, found.unmeasured)
+        both = case.error_scales.both(found.measured, found.unmeasured)
         errors = np.where(found.stable & found.damped, both, np.inf)[:-1]
         return Delivered(end, errors, not misses(search, end), found)  # within the reserve the judge sees it kept
 

@@ -16,6 +16,7 @@ from matching.match.case import Case, apply
 from matching.match.findings import counts_of
 from matching.match.requirements import OPENED_SHAFTS, TORQUE_OVER_SPEED
 from matching.match.result import MatchResult, Remedy
+from modelling.bed.bed import predicted_part
 from modelling.bed.observer import sensor_noise
 from modelling.errors import InputError, NoDesign
 from modelling.simulation.stepping import SimulationError
@@ -112,7 +113,8 @@ def _known_better(case: Case, factor: float) -> tuple[Case, dict[str, Any], str]
 def _torque_flange(case: Case) -> Iterator[tuple[Case, dict[str, Any], str]]:
     """A torque that is measured in addition, by a sensor that the rig has or by one in a shaft on the specimen."""
     own = set(case.loop.controller_sensors)
-    there = [one for one in case.rig.sensors if one.name not in own and one.measures in ("speed", "torque")]
+    known = predicted_part(case.rig, case.residual_vehicle, case.loop).system.sensors
+    there = [one for one in known if one.name not in own and one.measures in ("speed", "torque")]
     measured = {one.of for one in case.rig.sensors if one.measures == "torque"}
     cut = [one.follows for one in case.loop.dynamometers]
     taken = {one.name for one in case.rig.sensors}

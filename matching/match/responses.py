@@ -139,6 +139,9 @@ class ResponseError:
         is the cost of sampling (:func:`matching.match.bounds.lower_bound`). NaN where it was not worked out.
     unmeasured_bound : float or None
         What the optimal estimator leaves of unmeasured torques (:func:`matching.match.bounds.estimator_bound`).
+    specimen_known : tuple of float, or None
+        Of a controller of an unknown specimen: ``after`` and ``unmeasured`` of the controller that is tuned alike with
+        the specimen's model.
     """
 
     band: tuple[float, float]
@@ -150,6 +153,7 @@ class ResponseError:
     bound: float = np.nan
     bound_unsampled: float = np.nan
     unmeasured_bound: float | None = None
+    specimen_known: tuple[float, float] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
@@ -159,6 +163,7 @@ class ResponseError:
             **{key: getattr(self, key) for key in keys},
             "unmeasured_before": self.before,
             "unmeasured_after": self.unmeasured,
+            **({} if self.specimen_known is None else {"specimen_known": list(self.specimen_known)}),
             "functions": [dict(vars(function)) for function in self.functions],
         }
 

@@ -840,6 +840,9 @@ def key_figures(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
         error_rows(
             "response error, unmeasured torques", error["unmeasured_after"], "unmeasured_tolerance", "unmeasured"
         )
+    if known := error.get("specimen_known"):
+        both = ", ".join(number(one, 2) for one in known)
+        rows.append(("  with the specimen known: measured, unmeasured", "", "", both, ""))
     if beds:
         kept = f", {beds['kept']}" if "kept" in beds else ""  # a result of an older version has none
         what = "drawn beds stable, damped" + (", within all tolerances" if kept else "")

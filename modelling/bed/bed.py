@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag, expm
 
+from modelling.bed.specimen import KNOWN, KnownPart, known_part
 from modelling.bed.vehicle import FeedForward, Interface, ResidualVehicle
 from modelling.linear.state_space import StateSpace, by_tustin, state_space
 from modelling.system import Input, Sensor, Shaft, System
@@ -240,7 +241,8 @@ class Loop:
 
     ``measured`` are the inputs of the rig whose torque is measured, or known as a demand, and reaches the controller;
     ``further_sensors`` those of the rig that reach it in addition to the dynamometers' own. ``fixed``: the controller
-    is given, and no search moves its quantities.
+    is given, and no search moves its quantities. ``specimen`` is one of :data:`modelling.bed.specimen.SPECIMENS`;
+    ``beyond`` are inputs and sensors that only a controller of the known specimen can use.
     """
 
     structure: ControlStructure
@@ -249,6 +251,8 @@ class Loop:
     values: Mapping[str, float]
     further_sensors: tuple[str, ...] = ()
     fixed: bool = False
+    specimen: str = KNOWN
+    beyond: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> float:
         return self.values[name]
@@ -354,14 +358,25 @@ class BedModel:
         return np.vstack([self.space.A[:n, n : n + k], np.zeros((len(self.space.A) - n, k))])
 
 
+def predicted_part(rig: System, residual: ResidualVehicle, loop: Loop) -> KnownPart:
+    """The part of a rig that the controller predicts with: all of it, where the specimen is known."""
+    if loop.specimen == KNOWN:
+        return KnownPart(rig, {}, (), {})
+    on = {part.name: part.on for part in rig.inputs}
+    follows = [one.follows for one in loop.dynamometers]
+    outer = [next(cut.rig_end for cut in residual.interfaces if cut.shaft == name) for name in follows]
+    return known_part(rig, [on[one.torque_input] for one in loop.dynamometers], follows, outer)
+
+
 def bed_model(rig: System, residual: ResidualVehicle, loop: Loop) -> BedModel:
-    """Put rig, lags and residual vehicle together, without dead time.
+    """Put rig, lags and residual vehicle together, without dead time; of an unknown specimen what stands before it.
 
     Raises
     ------
     InputError
         If a model cannot be made linear.
     """
+    rig = predicted_part(rig, residual, loop).system
     rig_space = state_space(_with_interfaces(rig, residual))
     parts = [state_space(part) for part in residual.parts]
     interface_torques = {cut.torque for cut in residual.interfaces}

@@ -17,7 +17,9 @@ from modelling.bed.bed import (
     LoopQuantity,
     bed_model,
     delayed_bed,
+    predicted_part,
 )
+from modelling.bed.specimen import KnownPart, part_of
 from modelling.bed.vehicle import ResidualVehicle
 from modelling.errors import InputError, NoDesign
 from modelling.modal.modes import damped_modes
@@ -156,11 +158,14 @@ def observer_model(
         If a model cannot be made linear or a further sensor reads an angle or an acceleration.
     """
     model = bed_model(rig, residual, loop) if model is None else model
+    part = predicted_part(rig, residual, loop)
+    rig = part.system
     k, step = len(loop.dynamometers), loop["sample_time"]
     driven = {dynamometer.torque_input for dynamometer in loop.dynamometers}
     on_rig = [part.name for part in rig.inputs if part.name not in driven]
     known = tuple(name for name in model.measured if name in loop.measured or name not in on_rig)
-    columns = [model.space.input(name) for name in on_rig] + [*model.rotor_torques.T, *model.shaft_torques.T]
+    columns = [part.ratios.get(name, 1.0) * model.space.input(name) for name in on_rig]
+    columns += [*model.rotor_torques.T, *model.shaft_torques.T]
     columns += [model.space.input(name) for name in known]
     size, first = len(model.space.A), model.rig_states + loop.lag_states
     further = np.eye(size)[:, first:] if remainders else np.zeros((size, 0))
@@ -168,7 +173,7 @@ def observer_model(
     columns += [*further.T]
     bed = delayed_bed(model.space.A, model.space.B[:, :k], np.stack(columns, axis=1), loop.command_delays(), step)
     at_inputs, at_rotors, in_shafts, of_known = np.split(bed.torques, np.cumsum([len(on_rig), k, k]), axis=1)
-    modes = emulated_modes(residual, step) if modes is None else tuple(modes)
+    modes = emulated_modes(residual, step, part) if modes is None else tuple(modes)
     damping = max([SWING_DAMPING, *(-OF_MODES_DAMPING * mode.real / abs(mode) for mode in modes)])
     turns = [_turn(mode, step, damping) for mode in modes for _ in range(k)]
     swinging = np.zeros((len(at_rotors), 2 * len(turns)))
@@ -192,14 +197,18 @@ def observer_model(
     )  # fmt: skip
 
 
-def emulated_modes(residual: ResidualVehicle, step: float) -> tuple[complex, ...]:
+def emulated_modes(residual: ResidualVehicle, step: float, part: KnownPart | None = None) -> tuple[complex, ...]:
     """Eigenvalues (1/s) of the vehicle's modes that a wrong torque of a dynamometer damps or excites most.
 
     A relative error of the torque at a cut changes a mode's damping ratio by up to the share of the mode's energy in
     the cut shaft, so what counts is this share over the damping ratio. At most :data:`MODES`, slow enough for the
-    ``step`` (s) of the controller.
+    ``step`` (s) of the controller. Where only a ``part`` of the rig is known, of the vehicle without the rest.
     """
-    modes, cuts = damped_modes(residual.vehicle), {f"shafts.{interface.shaft}" for interface in residual.interfaces}
+    vehicle = residual.vehicle
+    if part is not None and part.torques:
+        known = part.names | {one.name for system in residual.parts for one in system.inertias}
+        vehicle = part_of(vehicle, known, part.torques)
+    modes, cuts = damped_modes(vehicle), {f"shafts.{interface.shaft}" for interface in residual.interfaces}
     at = [i for i, name in enumerate(modes.springs) if name in cuts]
     share, value = modes.potential[:, at].sum(axis=1), modes.eigenvalues
     swings = (value.imag > 0) & (value.real < 0) & (value.imag * step < FASTEST_SWING_RAD) & (share > SMALLEST_SHARE)

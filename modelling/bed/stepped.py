@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import expm
 
-from modelling.bed.bed import ControlLaw, Loop, bed_model
+from modelling.bed.bed import ControlLaw, Loop, bed_model, predicted_part
 from modelling.bed.observer import (
     FORGETTING_PER_SAMPLE,
     assembled,
@@ -668,7 +668,10 @@ def stepped_law(
     """
     k, vehicle = len(loop.dynamometers), stepped_vehicle(residuals, loop, bodies, radius, settings)
     cuts = [_cut(residuals[0], one.follows) for one in loop.dynamometers]
-    modes = [emulated_modes(residual, loop["sample_time"]) for residual in residuals]
+    modes = [
+        emulated_modes(residual, loop["sample_time"], predicted_part(rig, residual, loop))
+        for rig, residual in zip(rigs, residuals, strict=True)
+    ]
     most = max(map(len, modes))
     full = [number for number, each in enumerate(modes) if len(each) == most]
     nearest = [min(full, key=lambda other: abs(other - number)) for number in range(len(modes))]

@@ -4,6 +4,7 @@ What a command refuses here is a sentence about this input (exit 2), never a fau
 that take minutes are run as far as ``--check`` goes; tests of their own run them whole.
 """
 
+import shutil
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -109,3 +110,15 @@ def test_every_command_answers_every_model(model, tmp_path, capsys, monkeypatch)
 def test_every_command_answers_every_case(case, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     _answers(_calls_of_a_case(case, tmp_path), capsys)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", ["drive_away/case", "road_to_rig/observer"])
+def test_every_command_answers_a_specimen_that_is_not_known(case, tmp_path, capsys, monkeypatch):
+    source = ROOT / "examples" / f"{case}.toml"
+    folder = tmp_path / "example"
+    shutil.copytree(source.parent, folder)
+    text = source.read_text(encoding="utf-8").replace("[loop]", '[loop]\nspecimen = "unknown"')
+    (folder / source.name).write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    _answers(_calls_of_a_case(folder / source.name, tmp_path), capsys)

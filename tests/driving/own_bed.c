@@ -3,7 +3,8 @@
  * Nothing of rigmatch is used but the controller under test. Runge and Kutta's classical method, 32 steps a millisecond;
  * encoders that count, noise, lags, a dead time that is no whole number of samples. Laws from the literature: contact
  * patch with a relaxation length under the Magic Formula or a brush model (Pacejka, Tire and Vehicle Dynamics, 3rd ed.
- * 2012, sections 3.2, 4.3, 7.2), brake after Dahl with a micro-damper. Values come from Python, which reads the files. */
+ * 2012, sections 3.2, 4.3, 7.2), brake after Dahl with a micro-damper. Between gear and differential two clutches may
+ * stand, each with its own ratio, whose friction sticks by the same law. Values come from Python, which reads the files. */
 #include <math.h>
 #include <string.h>
 
@@ -24,20 +25,37 @@ typedef struct {
     double J_adapter[2], J_rotor[2], drag_rotor[2], k_flange[2], c_flange[2];
     double inverter[2], gain[2], flange_lag[2], flange_gain[2], delay;
     double noise_torque, noise_speed, noise_motor;
+    double gear[2], J_out, give; /* ratios of two clutches, 0: none; inertia behind them, rad that a stuck one gives */
 } plant;
 
 /* what acts on the car: motor, brakes, friction of each tyre over planned, mass over planned, torque at each body */
-enum { U_MOTOR, U_BRAKE, U_MU = 3, U_MASS = 5, U_ROAD = 6, INPUTS = 8 };
-enum { MOTOR, GEAR, DIFF, MESH, OUT, SIDE, WHEEL = 7, TYRE = 9, BODY = 11, BELT = 13, Z = 15, PAD = 17, CAR = 19 };
-enum { ADAPTER = 7, ROTOR = 9, FLANGE = 11, AIR = 13, READ = 15, ANGLE = 17, MOTOR_ANGLE = 19, BED = 20 };
+enum { U_MOTOR, U_BRAKE, U_MU = 3, U_MASS = 5, U_ROAD = 6, U_CLUTCH = 8, INPUTS = 10 }; /* N·m that each clutch carries */
+enum { MOTOR, GEAR, DIFF, MESH, OUT, BEHIND, STUCK, SIDE = 8, WHEEL = 10, TYRE = 12, BODY = 14, BELT = 16, Z = 18, PAD = 20, CAR = 22 };
+enum { ADAPTER = 10, ROTOR = 12, FLANGE = 14, AIR = 16, READ = 18, ANGLE = 20, MOTOR_ANGLE = 22, BED = 23 };
+#define CLUTCH_SETTLES 2e-5 /* s */
 
-static double front(const plant *p, const double *s, double motor, double *d)
+static double front(const plant *p, const double *s, double motor, const double *carries, double *d)
 {
     const double mesh = p->k_mesh * s[MESH] + p->c_mesh * (s[MOTOR] - s[GEAR]);
-    const double rate = s[GEAR] / p->ratio - s[DIFF];
+    const int shifts = p->gear[0] > 0.0;
+    const double rate = (shifts ? s[BEHIND] : s[GEAR] / p->ratio) - s[DIFF];
     const double out = p->k_out * s[OUT] + p->c_out * rate;
+    double through = out / p->ratio;
+    d[BEHIND] = d[STUCK] = d[STUCK + 1] = 0.0;
+    if (shifts) {
+        through = 0.0;
+        d[BEHIND] = -out / p->J_out;
+        for (int i = 0; i < 2; i++) {
+            const double slip = s[GEAR] - p->gear[i] * s[BEHIND];
+            const double stuck = slip - fabs(slip) * s[STUCK + i] / p->give;
+            const double torque = carries[i] * (s[STUCK + i] + CLUTCH_SETTLES * stuck) / p->give;
+            d[STUCK + i] = stuck;
+            d[BEHIND] += p->gear[i] * torque / p->J_out;
+            through += torque;
+        }
+    }
     d[MOTOR] = (motor - mesh - p->drag_motor * s[MOTOR]) / p->J_motor;
-    d[GEAR] = (mesh - out / p->ratio - p->drag_gear * s[GEAR]) / p->J_gear;
+    d[GEAR] = (mesh - through - p->drag_gear * s[GEAR]) / p->J_gear;
     d[MESH] = s[MOTOR] - s[GEAR];
     d[OUT] = rate;
     return out;
@@ -69,7 +87,7 @@ static void car_rates(const plant *p, const double *s, const double *u, int pinn
 {
     double into = 0.0;
     if (given) memset(d, 0, CAR * sizeof *d);
-    else into = front(p, s, u[U_MOTOR], d);
+    else into = front(p, s, u[U_MOTOR], u + U_CLUTCH, d);
     for (int i = 0; i < 2; i++) {
         const double w = s[WHEEL + i], body = s[BODY + i], torque = given ? given[i] : side_torque(p, s, i, w);
         const double belt = p->k_belt[i] * s[BELT + i] + p->c_belt[i] * (w - s[TYRE + i]);
@@ -91,9 +109,10 @@ static void car_rates(const plant *p, const double *s, const double *u, int pinn
     d[DIFF] = given ? 0.0 : into / p->J_diff;
 }
 
-static void bed_rates(const plant *p, const double *s, double motor, const double *acting, double *d)
+static void bed_rates(const plant *p, const double *s, double motor, const double *carries, const double *acting,
+                      double *d)
 {
-    double into = front(p, s, motor, d);
+    double into = front(p, s, motor, carries, d);
     for (int i = 0; i < 2; i++) {
         const double torque = side_torque(p, s, i, s[ADAPTER + i]);
         const double flange = p->k_flange[i] * s[FLANGE + i] + p->c_flange[i] * (s[ADAPTER + i] - s[ROTOR + i]);
@@ -123,16 +142,16 @@ static void car_step(const plant *p, double *s, const double *u, int pinned, con
     for (int i = 0; i < CAR; i++) s[i] += h / 6 * (a[i] + 2 * b[i] + 2 * c[i] + d[i]);
 }
 
-static void bed_step(const plant *p, double *s, double motor, const double *acting, double h)
+static void bed_step(const plant *p, double *s, double motor, const double *carries, const double *acting, double h)
 {
     double a[BED], b[BED], c[BED], d[BED], x[BED];
-    bed_rates(p, s, motor, acting, a);
+    bed_rates(p, s, motor, carries, acting, a);
     for (int i = 0; i < BED; i++) x[i] = s[i] + h / 2 * a[i];
-    bed_rates(p, x, motor, acting, b);
+    bed_rates(p, x, motor, carries, acting, b);
     for (int i = 0; i < BED; i++) x[i] = s[i] + h / 2 * b[i];
-    bed_rates(p, x, motor, acting, c);
+    bed_rates(p, x, motor, carries, acting, c);
     for (int i = 0; i < BED; i++) x[i] = s[i] + h * c[i];
-    bed_rates(p, x, motor, acting, d);
+    bed_rates(p, x, motor, carries, acting, d);
     for (int i = 0; i < BED; i++) s[i] += h / 6 * (a[i] + 2 * b[i] + 2 * c[i] + d[i]);
 }
 
@@ -167,7 +186,7 @@ void run_car(const double *values, double speed, const double *u, int samples, i
     double s[CAR] = {0};
     memcpy(&p, values, sizeof p);
     s[MOTOR] = s[GEAR] = speed * p.ratio;
-    s[DIFF] = speed;
+    s[DIFF] = s[BEHIND] = speed;
     for (int i = 0; i < 2; i++) {
         s[WHEEL + i] = s[TYRE + i] = s[BODY + i] = speed;
         s[PAD + i] = speed > 0.0 ? p.pad[i] : 0.0;
@@ -241,7 +260,7 @@ void run_bed(const double *values, double speed, double held_motor, const double
     seeded = seed * 2654435761ull + 12345ull;
     controller_init(&c);
     s[MOTOR] = s[GEAR] = speed * p.ratio;
-    s[DIFF] = speed;
+    s[DIFF] = s[BEHIND] = speed;
     for (int i = 0; i < 2; i++) s[ADAPTER + i] = s[ROTOR + i] = speed;
     s[MOTOR_ANGLE] = even();
     s[ANGLE] = even();
@@ -354,7 +373,12 @@ void run_bed(const double *values, double speed, double held_motor, const double
             while (t + ago * step < 0.0 && ago < LONGEST - 1) ago++;
             for (int i = 0; i < 2; i++) acting[i] = queue[ago][i];
             const double motor = now[U_MOTOR] + (after[U_MOTOR] - now[U_MOTOR]) * (q + 0.5) / pieces;
-            bed_step(&p, s, motor * motor_share, acting, step / pieces);
+            double carries[2];
+            for (int i = 0; i < 2; i++) {
+                const double from = now[U_CLUTCH + i], to = after[U_CLUTCH + i];
+                carries[i] = from + (to - from) * (q + 0.5) / pieces;
+            }
+            bed_step(&p, s, motor * motor_share, carries, acting, step / pieces);
         }
     }
 }

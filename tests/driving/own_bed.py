@@ -40,6 +40,7 @@ class Plant(ctypes.Structure):
         *each(TWO, "air", "roll", "pad", "J_adapter", "J_rotor", "drag_rotor", "k_flange", "c_flange"),
         *each(TWO, "inverter", "gain", "flange_lag", "flange_gain"),
         *each(ONE, "delay", "noise_torque", "noise_speed", "noise_motor"),
+        ("gear", TWO), *each(ONE, "J_out", "give"),
     ]  # fmt: skip
 
 
@@ -181,7 +182,7 @@ class Beside:
         self, of: Plant, speed: float, u: np.ndarray, hold=1.0, wrong=(), seed=1, bed: Plant | None = None,
         motor_share=1.0, missing=0.0, sent_share=(1e9, 1.0), outside=(1, 0),
     ):  # fmt: skip
-        """Car and bed under inputs u (t, 8), from a speed of the bodies, rad/s.
+        """Car and bed under inputs u (t, 10), from a speed of the bodies, rad/s.
 
         With a law for a vehicle of others the car beyond the cuts is stepped outside: ``outside`` (steps, late).
         """
@@ -208,8 +209,8 @@ class Beside:
 
 
 def inputs(time: np.ndarray, motor, brakes=0.0, mu=(1.0, 1.0), mass=1.0, road=0.0) -> np.ndarray:
-    """Inputs (t, 8); brakes and road a side alike."""
-    u = np.zeros((len(time), 8))
+    """Inputs (t, 10); brakes and road a side alike; the last two are what the clutches carry, if there are any."""
+    u = np.zeros((len(time), 10))
     u[:, 0], u[:, 1:3] = motor, np.broadcast_to(np.asarray(brakes, float).reshape(-1, 1), (len(time), 2))
     u[:, 3], u[:, 4], u[:, 5] = mu[0], mu[1], mass
     u[:, 6:8] = np.broadcast_to(np.asarray(road, float).reshape(-1, 1), (len(time), 2))

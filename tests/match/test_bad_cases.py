@@ -65,6 +65,8 @@ BAD = {
     "knows no list": (("loop", "knows"), "motor_torque", "loop.knows: is no list of names"),
     "knows a stranger": (("loop", "knows"), ["motor_torqe"], "motor_torque"),
     "fixed neither true nor false": (("loop", "fixed"), 1, "loop.fixed: is neither true nor false"),
+    "specimen neither known nor unknown": (("loop", "specimen"), "shifts", "loop.specimen"),
+    "specimen true": (("loop", "specimen"), True, "loop.specimen"),
     "fixed and moved": (("loop", "fixed"), True, "belongs to a fixed controller"),
     "no targets": (("targets",), [], "the case has none"),
     "target no number": (("targets", 0, "mode"), "shuffle", "is no mode number"),
