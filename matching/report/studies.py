@@ -45,6 +45,8 @@ LIMITS = {  # what limits the match at a point, in words
     "targets": "target mode not met",
     "twist": "shaft twist above its limit",
     "torque": "shaft torque above its limit",
+    "shear_stress": "shear stress above its limit",
+    "shear_stress_amplitude": "amplitude of the shear stress above its limit",
     "dynamometer_torque": "dynamometer torque above its limit",
     "dynamometer_speed": "dynamometer speed above its limit",
     "dynamometer_power": "dynamometer power above its limit",
