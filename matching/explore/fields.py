@@ -16,8 +16,10 @@ from modelling.errors import InputError
 # --- Text fields that stay while what they show changes: what somebody is typing is never replaced.
 
 WRONG = "wrong"  # CSS class of a field whose text was not taken
+# one line, which hides no value; above its field a label is drawn at three quarters of its size
+ONE_LINE = "label { max-width: calc(133% - 32px); white-space: nowrap; overflow: hidden; text-overflow: ellipsis; }"
 STYLE = f"""
-label {{ max-width: 100%; overflow-wrap: anywhere; white-space: normal; }}
+{ONE_LINE}
 :host(.{WRONG}) :is(input, select) {{ border: 2px solid #a00000; background: #fff4f4; }}
 """
 

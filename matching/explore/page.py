@@ -554,9 +554,10 @@ def validity(workspace: Workspace, example: Callable[[], Any]) -> Any:
 
 
 class FilesBar:
-    """Files of the folder that the page was started in; ``opened`` is called when another file is open."""
+    """Files of the folder that the page was started in; ``opened`` is called when another file is open, with the step
+    that stays open (empty: the first)."""
 
-    def __init__(self, workspace: Workspace, opened: Callable[[], None]):
+    def __init__(self, workspace: Workspace, opened: Callable[[str], None]):
         self.workspace, self._opened = workspace, opened
         self.file = pn.widgets.Select(name="File of this folder", options=listed(workspace.home), width=225)
         self.kind = pn.widgets.Select(name="Kind", options=[*TEMPLATES, EMPTY], width=225)
@@ -578,9 +579,10 @@ class FilesBar:
         return pn.Column(heading("Files"), paragraph(", ".join(names) or "none is open"), fields, sizing_mode=WIDE)
 
     def example(self, kind: str) -> Any:
-        """A button that opens the example of a kind, a new file of this folder."""
+        """A button that opens the example of a kind, a new file of this folder; its step stays open."""
         button = pn.widgets.Button(name="Open the example", button_type="primary", width=190)
-        button.on_click(lambda _: self._do(lambda: self._example(kind)))
+        step = "Match" if kind == "case" else "Validity"
+        button.on_click(lambda _: self._do(lambda: self._example(kind), step))
         return button
 
     def _example(self, kind: str) -> Path:
@@ -588,13 +590,13 @@ class FilesBar:
         there = (self.workspace.home / name / TEMPLATES[kind], self.workspace.home / f"{name}.toml")
         return next((path for path in there if path.is_file()), None) or new_file(self.workspace.home, kind, name)
 
-    def _do(self, make: Callable[[], Path]) -> None:
+    def _do(self, make: Callable[[], Path], step: str = "") -> None:
         try:
             self.workspace.open(make())
         except InputError as error:
             self.message.say(str(error), wrong=True)
             return
-        self._opened()
+        self._opened(step)
 
 
 # --- Server
@@ -608,7 +610,10 @@ LOOK = {
     "palette": {"primary": {"main": "#00598c"}},
     "typography": {"fontFamily": "system-ui, 'Segoe UI', Arial, sans-serif"},
 }
-TASKS = {"Measurement": ("Diagnose", "Simulate"), "Match": ("Run the match", "Run the map", "Compute exactly")}
+TASKS = {
+    "Measurement": ("Identify", "Diagnose", "Simulate"),
+    "Match": ("Run the match", "Run the map", "Compute exactly"),
+}
 SHOWN_FIRST_MS = 30  # until the browser has drawn that a tab is being prepared
 
 
@@ -657,10 +662,10 @@ def page(workspace: Workspace) -> Any:
         main=[],
     )
 
-    def show_files() -> None:
-        """Everything anew, as the open files are."""
+    def show_files(first: str = "") -> None:
+        """Everything anew, as the open files are, with a step open."""
         bar = FilesBar(workspace, show_files)
-        steps, content = _steps(workspace, bar)
+        steps, content = _steps(workspace, bar, first, partial(show_files, "Match"))
         shell.title = f"rigmatch: {_project(workspace)}"
         shell.sidebar, shell.main = [pn.Column(steps, bar.panel(), sizing_mode=WIDE, margin=8)], [alive, content]
 
@@ -691,11 +696,15 @@ def _project(workspace: Workspace) -> str:
     return str(first.content.get("title") or first.path.stem)
 
 
-def _steps(workspace: Workspace, files_bar: FilesBar) -> tuple[StepBar, Any]:
-    """The steps, and the content of the one that is open."""
-    makers = _makers(workspace, files_bar)
+def _steps(
+    workspace: Workspace, files_bar: FilesBar, first: str, to_match: Callable[[], None]
+) -> tuple[StepBar, Any]:  # fmt: skip
+    """The steps, and the content of the one that is open: the ``first`` one that is named, else the first of all."""
+    makers = _makers(workspace, files_bar, to_match)
     names, made, own = list(makers), dict[str, Any](), pn.state.curdoc
-    bar, content = StepBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE, styles={"padding": "6px 2vw"})
+    begin = names.index(first) if first in names else 0
+    bar = StepBar(names=names, active=begin, sizing_mode=WIDE)
+    content = pn.Column(sizing_mode=WIDE, styles={"padding": "6px 2vw"})
 
     def show(number: int) -> None:
         """Put a tab's content on the page; it is made when it is first opened, and until then the page says so."""
@@ -720,7 +729,7 @@ def _steps(workspace: Workspace, files_bar: FilesBar) -> tuple[StepBar, Any]:
             bar.states = states
 
     bar.param.watch(lambda event: show(event.new), "active")
-    show(0)
+    show(begin)
     tell_states()
     if own is not None:
         own.add_periodic_callback(tell_states, TICK_MS)
@@ -739,6 +748,8 @@ def _state_of(step: str, workspace: Workspace) -> str:
         return f"{counted(changes, 'change')}, not saved" if changes else "saved"
     if step == "Measurement":
         waits = workspace.recordings[0].name if workspace.recordings else "needs a recording"
+        if done is not None and "vehicle" in done.result:
+            return "done: identified"
         return f"done: {done.result['verdict']}" if done is not None and "verdict" in done.result else waits
     if step == "Match":
         waits = "not run yet" if workspace.case is not None else "needs a case"
@@ -749,7 +760,9 @@ def _state_of(step: str, workspace: Workspace) -> str:
     return "ready"
 
 
-def _makers(workspace: Workspace, files_bar: FilesBar) -> dict[str, Callable[[], Any]]:
+def _makers(
+    workspace: Workspace, files_bar: FilesBar, to_match: Callable[[], None] = lambda: None
+) -> dict[str, Callable[[], Any]]:  # fmt: skip
     """What makes the content of each tab; a change of a model is told to the tabs that are there."""
     opened: list[MatchTab] = []
     makers: dict[str, Callable[[], Any]] = {}
@@ -781,7 +794,7 @@ def _makers(workspace: Workspace, files_bar: FilesBar) -> dict[str, Callable[[],
         return opened[0].panel()
 
     return makers | {
-        "Measurement": partial(measurement_tab, workspace),
+        "Measurement": partial(measurement_tab, workspace, to_match),
         "Match": match,
         "Validity": partial(validity, workspace, partial(files_bar.example, "budget")),
     }
