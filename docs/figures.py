@@ -75,6 +75,9 @@ def moving_modes(result: Any) -> bytes:
             name.removeprefix("inertias."): (amplitude / rigid.shape[name]).real
             for name, amplitude in mode.shape.items() if not name.endswith("_right")
         }  # fmt: skip
+        if title == "matched rig":  # its shape has the vehicle's name behind a cut, where an adapter turns like it
+            ends = {cut.vehicle_end: cut.rig_end for cut in result.case.residual_vehicle.interfaces}
+            reduced = {ends.get(name, name): amplitude for name, amplitude in reduced.items()}
         largest = max(reduced.values(), key=abs)
         top, seconds = place * ROW, SECONDS * target.vehicle / hertz
         drawn.append(
