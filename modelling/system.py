@@ -364,6 +364,11 @@ class Components:
         return {name: imposing[place] for name, place in places.items() if place in imposing}
 
     @property
+    def held(self) -> frozenset[str]:
+        """Places of inertias whose motion is imposed: by a recording, or held still."""
+        return frozenset(effect.at for effect in self.effects if effect.law.imposes_motion)
+
+    @property
     def brakes(self) -> tuple[str, ...]:
         """Inputs that are the torque of a brake."""
         braked = {place for effect in self.effects if effect.law.brakes for place in effect.places}
