@@ -49,8 +49,16 @@ def name_outside(_app, page: str, source: list[str]) -> None:
     source[0] = UPWARD.sub(named, source[0])
 
 
+def with_levels(_app, _page: str, _template: str, context: dict, _tree) -> None:
+    """Captions of the navigation are headings: a screen reader has to know of which level."""
+    for name, part in context.items():
+        if isinstance(part, str) and 'role="heading"' in part:
+            context[name] = part.replace('role="heading"', 'role="heading" aria-level="2"')
+
+
 def setup(app) -> None:
     """Generated pages, and equations as MathML, which browsers show without a script."""
     app.connect("builder-inited", lambda app: reference.write(Path(app.srcdir) / "reference"))
     app.connect("source-read", name_outside)
+    app.connect("html-page-context", with_levels, priority=900)  # behind the theme, which makes the navigation
     mathml.register(app)

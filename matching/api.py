@@ -6,6 +6,7 @@ raises ``InputError``: one line with file and key, what is wrong, and what would
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from os import PathLike
@@ -471,14 +472,15 @@ def order_response(
         As in campbell.
     torques : mapping of str to float, str or function
         Amplitude (N·m) by input and order, e.g. --torques "engine_torque:2=100"; or a table over speed, and over load
-        where it has one, e.g. "engine_torque:2=order_2.csv" with the columns speed, torque, phase and load. An input
-        that imposes a speed or an angle takes rad/s or rad. In Python also a function of speeds in rad/s.
+        where it has one, e.g. "engine_torque:2=order_2.csv" with the columns speed, torque, phase and load; or a
+        formula in rpm (1/min) and load (a share), e.g. "engine_torque:2=load*(100 + rpm/50)". An input that imposes a
+        speed or an angle takes rad/s or rad. In Python also a function of speeds in rad/s.
     of : str, optional
         As in campbell.
     phases : mapping of str to float or str
         Phase (rad, or "30 deg") by input and order; 0 unless stated.
     load : float or str, optional
-        At which tables over load are read, e.g. "80 %".
+        At which tables and formulas over load are taken, e.g. "80 %".
     settings : CriticalSettings, optional
         Numbers by which a speed is called critical.
 
@@ -515,15 +517,47 @@ def order_response(
         (source, order): _amplitude(torques[name], name, system.input_units[source], phases.get(name, 0.0), load)
         for (source, order), name in named.items()
     }
-    if load is not None and not any(isinstance(one, str) and _is_table(one) for one in torques.values()):
+    over_load = (isinstance(one, str) and (_is_table(one) or "load" in _names_of(one)) for one in torques.values())
+    if load is not None and not any(over_load):
         raise InputError(
-            "load", "no table over load is named", 'name one, e.g. --torques "engine_torque:2=order_2.csv"'
+            "load", "no torque over load is named", 'name one, e.g. --torques "engine_torque:2=order_2.csv"'
         )
     for each in acting.values():
         if callable(each):
             each(speeds)  # what a table does not cover is told before anything is computed
     computing()
     return find(system, speeds, of or _first_driven(system), acting, settings)
+
+
+OF_FORMULA = ("rpm", "load")  # what a torque may be a formula of: speed in 1/min, load as a share
+
+
+def _names_of(stated: str) -> set[str]:
+    return set(re.findall(r"[A-Za-z_]\w*", stated))
+
+
+def _formula(stated: str, where: str, load: float | None) -> Callable[[np.ndarray], np.ndarray]:
+    """A torque (SI) as a function of speeds (rad/s), from its formula."""
+    import numpy as np
+    import sympy
+
+    from matching.uncertainty.budget import parse_formula
+
+    expression = parse_formula(stated, OF_FORMULA, where)
+    rpm, share = (sympy.Symbol(name, real=True) for name in OF_FORMULA)
+    if share in expression.free_symbols and load is None:
+        raise InputError("load", f"{stated!r} is a formula over load", 'state one, e.g. --load "80 %"')
+    found = sympy.lambdify((rpm, share), expression, "numpy")
+
+    def torque(speeds: np.ndarray) -> np.ndarray:
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(np.asarray(found(speeds * 30 / np.pi, load), complex), np.shape(speeds))
+        if not np.isfinite(values).all():
+            at = 30 / np.pi * float(speeds[~np.isfinite(values)][0])
+            raise InputError(where, f"{stated!r} has no value at {at:.4g} 1/min", "check the formula")
+        return values
+
+    return torque
 
 
 def _is_table(stated: str) -> bool:
@@ -540,6 +574,9 @@ def _amplitude(stated: Any, name: str, unit: str, phase: float | str, load: floa
     if isinstance(stated, str) and _is_table(stated):
         table = torque_table(Path(stated), unit, None if load is None else in_si(load, "1", "load"))
         return lambda speeds: turned * table(speeds)
+    if isinstance(stated, str) and not _names_of(stated).isdisjoint(OF_FORMULA):
+        formula = _formula(stated, f"torques {name}", None if load is None else in_si(load, "1", "load"))
+        return lambda speeds: turned * formula(speeds)
     if callable(stated):
         return lambda speeds: turned * np.asarray(stated(speeds), complex)
     return complex(in_si(stated, unit, f"torques {name}") * turned)

@@ -524,6 +524,7 @@ def export_summary(result: dict[str, Any]) -> str:
 ALWAYS = {"inertias": ("J", "drag"), "shafts": ("stiffness", "damping"), "gears": ("ratio",),
           "planetary_gears": ("ratio",)}  # fmt: skip
 WHERE_GIVEN = {"shafts": ("ratio",)}
+OF_A_DRAWING = ("length", "diameter", "inner_diameter")  # of a shaft of the rig
 LOOP = ("dead_time", "inverter_lag", "torque_sensor_lag", "sample_time")  # of every control structure
 SPEED_CONTROLLER = (
     "proportional_gain", "integral_gain", "torque_feed_forward", "acceleration_feed_forward", "lead_time",
@@ -546,12 +547,18 @@ def quantities_of_case(path: str | Path) -> list[str]:
     data = read_toml(path)
     own = data.get("residual_vehicle", {}).get("model")
     files = [data["vehicle"], data["rig"], *([own] if own else [])]
-    vehicle, rig, *simple = (_completed_parameters(read_toml(Path(path).parent / file)) for file in files)
+    tables = [read_toml(Path(path).parent / file) for file in files]
+    vehicle, rig, *simple = map(_completed_parameters, tables)
+    drawn = [
+        name for name, shaft in tables[1].get("shafts", {}).items()
+        if "length" in shaft and name not in tables[0].get("shafts", {})
+    ]  # fmt: skip
     loop = data["loop"]
     of_loop = dict.fromkeys((*LOOP, *STRUCTURES.get(loop["structure"], ())))
     return [
         *(f"residual_vehicle.{name}" for name in (simple[0] if simple else vehicle) if name not in rig),
         *(f"rig.{name}" for name in rig if name not in vehicle),
+        *(f"rig.shafts.{name}.{key}" for name in drawn for key in OF_A_DRAWING),
         *(f"loop.{name}" for name in of_loop),
     ]
 

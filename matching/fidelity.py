@@ -15,7 +15,7 @@ import scipy
 from matching.uncertainty.budget import read_budget, read_coverage_factor
 from matching.uncertainty.evaluate import evaluate
 from modelling.display import Displayed
-from modelling.errors import InputError
+from modelling.errors import InputError, listed
 from modelling.escape import single_line
 from modelling.fidelity.delay import Delay
 from modelling.fidelity.measures import (
@@ -41,6 +41,7 @@ from modelling.fidelity.measures import (
     signal_range,
 )
 from modelling.recordings.read import Channel, read_channels, read_signals
+from modelling.recordings.readers import read_table
 from modelling.recordings.recording import GAP_STEPS, Recording
 from modelling.toml import check_file, check_keys, no_pipe, number, one_of, read_toml, text, title
 from modelling.units import Unit, signal_quantity, signal_unit, to_si
@@ -173,11 +174,7 @@ class RecordingPair:
         units = []
         for name, recording in ((reference, self.reference), (test, self.test)):
             if name not in recording.channels:
-                raise InputError(
-                    where,
-                    f"{recording.source} has no column '{name}'",
-                    f"choose {', '.join(recording.channels) or 'another file'}",
-                )
+                raise unknown_column(recording, name, where)
             unit = recording.units[name]
             units.append(signal_unit(unit, f"{recording.source}: column {name!r}") if unit else NO_UNIT)
         dimensions = [unit.dimension for unit in units]
@@ -186,6 +183,12 @@ class RecordingPair:
                 where, f"reference is in {units[0].text}, test in {units[1].text}", "give both the same dimension"
             )
         return MeasuredPair(self.reference[reference], self.test[test], units[0])
+
+
+def unknown_column(recording: Recording, name: str, where: str) -> InputError:
+    """The error for a column that a recording lacks: with the columns that its file has."""
+    columns = [*recording.channels] or read_table(Path(recording.source)).names[1:]
+    return InputError(where, f"{recording.source} has no column {name!r}", f"it has {listed(columns)}")
 
 
 def read_recordings(

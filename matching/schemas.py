@@ -161,7 +161,7 @@ def _case() -> Schema:
         "response": table(response, ("compare",)),
         "manoeuvre": by_name(_manoeuvre()),
         "limits": table(limits | {TORQUE_OVER_SPEED: {"type": "array"}},
-                        patternProperties={r"^shafts\..+\.(torque|twist)$": VALUE,
+                        patternProperties={r"^shafts\..+\.(torque|twist|shear_stress|shear_stress_amplitude)$": VALUE,
                                            rf"^dynamometers\..+\.({'|'.join(LIMITS_OF_ALL)})$": VALUE}),
         "move": by_name(table(
             dict.fromkeys(sorted(case_file.MOVE_KEYS), VALUE)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
-from modelling.dimensions import OF_A_GEAR, OF_A_SHAFT, without_dimensions
+from modelling.dimensions import OF_A_GEAR, OF_A_SHAFT, with_dimensions, without_dimensions
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind, place_in_file, shared_place
 from modelling.errors import InputError, unknown
@@ -75,11 +76,13 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
         One line that names file and key.
     """
     check_file(data, TOP, where, "model")
-    data = without_dimensions(data, where, quantity)
+    data, drawings = without_dimensions(data, where, quantity)
     try:
         system = System(
             inertias=tuple(_parts(data, "inertias", where, _inertia)),
-            shafts=tuple(_parts(data, "shafts", where, _shaft)),
+            shafts=tuple(
+                replace(shaft, drawing=drawings.get(shaft.name)) for shaft in _parts(data, "shafts", where, _shaft)
+            ),
             gears=tuple(_parts(data, "gears", where, _gear)),
             differentials=tuple(_parts(data, "differentials", where, _differential)),
             planetary_gears=tuple(_parts(data, "planetary_gears", where, _planetary_gear)),
@@ -341,7 +344,7 @@ def to_dict(system: System) -> dict[str, Any]:
         data["effects"] = [
             {"kind": effect.kind, "at": place_in_file(effect.at)} | _joined(effect) for effect in system.effects
         ]
-    return data
+    return with_dimensions(data, system)
 
 
 def dumps(system: System) -> str:

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -97,11 +97,96 @@ class Inertia:
     drag: Quantity = Quantity(0.0)
 
 
+MOVABLE_DIMENSIONS = ("length", "diameter", "inner_diameter")  # of a drawing; its material stays
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A shaft by its drawing: a round bar or tube, sizes in m, ``shear_modulus`` in Pa, ``density`` in kg/m³.
+
+    Half of its inertia is part of the ``J`` of each end of the shaft.
+    """
+
+    length: Quantity
+    diameter: Quantity
+    inner_diameter: Quantity
+    shear_modulus: Quantity
+    density: Quantity
+
+    @property
+    def sizes(self) -> dict[str, Quantity]:
+        """Every quantity by its key."""
+        return dict(vars(self))
+
+    @property
+    def stiffness(self) -> Quantity:
+        """N·m/rad: shear modulus times polar moment of area over length."""
+        return self._over_range(
+            lambda at: at["shear_modulus"] * _polar_moment(at) / at["length"], rising=("diameter", "shear_modulus")
+        )
+
+    @property
+    def inertia(self) -> Quantity:
+        """kg·m² of all of it about its axis."""
+        return self._over_range(
+            lambda at: at["density"] * at["length"] * _polar_moment(at), rising=("diameter", "density", "length")
+        )
+
+    @property
+    def stress_per_torque(self) -> float:
+        """Largest shear stress, at the outer diameter, of a torque of 1 N·m, Pa: 16/(π·d³) of a solid bar."""
+        return self.diameter.value / 2 / _polar_moment({key: size.value for key, size in self.sizes.items()})
+
+    def with_sizes(self, values: Mapping[str, float], *, designed: bool = False) -> Drawing:
+        """The same part with other sizes by their keys, SI; ``designed`` so, their ranges go with them.
+
+        Raises
+        ------
+        InputError
+            If a size is impossible.
+        """
+        moved = Quantity.designed if designed else Quantity.at
+        made = dataclasses.replace(self, **{key: moved(getattr(self, key), value) for key, value in values.items()})
+        made.check("")
+        return made
+
+    def check(self, place: str) -> None:
+        """Refuse impossible sizes.
+
+        Raises
+        ------
+        InputError
+            That names the key at ``place``.
+        """
+        for key, size in self.sizes.items():
+            least = size.ends[0]
+            if least < 0 or (least == 0 and key not in ("inner_diameter", "density")):
+                raise InputError(f"{place}.{key}".lstrip("."), f"{least:g} is not possible", "greater than 0 is needed")
+        if self.inner_diameter.ends[1] >= self.diameter.ends[0]:
+            raise InputError(f"{place}.inner_diameter".lstrip("."), "is not smaller than the diameter", "exchange them")
+
+    def _over_range(self, law: Callable[[Mapping[str, float]], float], rising: tuple[str, ...]) -> Quantity:
+        """What a law gives, and over which range: it rises with the sizes named, and falls with the others."""
+        sizes = self.sizes
+        value = law({key: size.value for key, size in sizes.items()})
+        if not any(size.uncertain for size in sizes.values()):
+            return Quantity(value)
+        low, high = (
+            law({key: size.ends[end if key in rising else 1 - end] for key, size in sizes.items()}) for end in (0, 1)
+        )
+        return Quantity(value, low, high)
+
+
+def _polar_moment(at: Mapping[str, float]) -> float:
+    """m⁴, of the cross-section of a round bar or tube."""
+    return math.pi / 32 * (at["diameter"] ** 4 - at["inner_diameter"] ** 4)
+
+
 @dataclass(frozen=True)
 class Shaft:
     """A spring and damper: twist = angle(first)/ratio − angle(second), stiffness and torque on the second's side.
 
-    ``stiffness`` in N·m/rad, ``damping`` in N·m·s/rad.
+    ``stiffness`` in N·m/rad, ``damping`` in N·m·s/rad; ``drawing`` where the file states the shaft by its drawing.
     """
 
     name: str
@@ -109,6 +194,7 @@ class Shaft:
     stiffness: Quantity
     damping: Quantity = Quantity(0.0)
     ratio: Quantity | None = None
+    drawing: Drawing | None = None
 
 
 @dataclass(frozen=True)
@@ -276,6 +362,11 @@ class Components:
         imposing = {effect.at: effect.law for effect in self.effects if effect.law.imposes_motion}
         places = {part.name: f"inertias.{part.on}" for part in self.inputs if part.measures != "torque"}
         return {name: imposing[place] for name, place in places.items() if place in imposing}
+
+    @property
+    def held(self) -> frozenset[str]:
+        """Places of inertias whose motion is imposed: by a recording, or held still."""
+        return frozenset(effect.at for effect in self.effects if effect.law.imposes_motion)
 
     @property
     def brakes(self) -> tuple[str, ...]:
@@ -648,25 +739,66 @@ class System(Components):
             return self.parameters[place]
         raise unknown(place, [*self.places(), *self.parameters], "")
 
-    def in_si(self, values: Mapping[str, float | str]) -> dict[str, float]:
-        """Values of parameters by name, SI or texts with a unit, all in SI; raises as :meth:`with_values`."""
-        for name in values:
-            if name not in self.parameters:
-                raise unknown(name, list(self.parameters), "")
+    @functools.cached_property
+    def dimensions(self) -> dict[str, Quantity]:
+        """Length and diameters (m) of the shafts that are stated by their drawing, as ``shafts.NAME.diameter``."""
         return {
-            name: to_si(value, self.units[name], name) if isinstance(value, str) else value
+            f"shafts.{shaft.name}.{key}": getattr(shaft.drawing, key)
+            for shaft in self.shafts
+            if shaft.drawing is not None
+            for key in MOVABLE_DIMENSIONS
+        }
+
+    def in_si(self, values: Mapping[str, float | str]) -> dict[str, float]:
+        """Values of parameters and dimensions by name, SI or texts with a unit, all in SI; raises as
+        :meth:`with_values`."""
+        for name in values:
+            if name not in self.parameters and name not in self.dimensions:
+                raise unknown(name, [*self.parameters, *self.dimensions], "")
+        return {
+            name: to_si(value, self.units.get(name, "m"), name) if isinstance(value, str) else value
             for name, value in values.items()
         }
 
+    def with_sizes(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values by name, SI, and next to them the stiffness and inertias that dimensions among them make.
+
+        A stiffness or inertia that is stated itself stays as it is stated.
+
+        Raises
+        ------
+        InputError
+            If a dimension is impossible.
+        """
+        if self.dimensions.keys().isdisjoint(values):
+            return dict(values)
+        made: dict[str, float] = {}
+        for shaft in self.shafts:
+            place = f"shafts.{shaft.name}"
+            own = {key: values[name] for key in MOVABLE_DIMENSIONS if (name := f"{place}.{key}") in values}
+            if shaft.drawing is None or not own:
+                continue
+            try:
+                drawn = shaft.drawing.with_sizes(own)
+            except InputError as fault:
+                raise InputError(f"{place}.{fault.where}", fault.wrong, fault.right) from None
+            made[f"{place}.stiffness"] = drawn.stiffness.value
+            for end in (f"inertias.{name}.J" for name in shaft.between):
+                more = (drawn.inertia.value - shaft.drawing.inertia.value) / 2
+                made[end] = made.get(end, self.parameters[end].value) + more
+        return {**made, **values}
+
     def with_values(self, values: Mapping[str, float | str], *, designed: bool = False) -> System:
         """The same system at other parameter values (as :meth:`in_si`); ``designed`` so, their ranges go with them.
+
+        With a dimension of a shaft its stiffness and the inertias of its ends change, see :meth:`with_sizes`.
 
         Raises
         ------
         InputError
             If a name is unknown or a value impossible.
         """
-        values = self.in_si(values)
+        values = self.with_sizes(self.in_si(values))
         tables: dict[str, Any] = {
             table: tuple(_with_values(part, f"{table}.{part.name}", values, designed) for part in getattr(self, table))
             for table in TABLES_WITH_QUANTITIES
@@ -702,11 +834,15 @@ class System(Components):
 
 def _with_values(part: Any, place: str, values: Mapping[str, float], designed: bool) -> Any:
     moved = Quantity.designed if designed else Quantity.at
-    changed = {
+    changed: dict[str, Any] = {
         key: moved(getattr(part, key), float(values[f"{place}.{key}"]))
         for key in QUANTITY_UNITS
         if f"{place}.{key}" in values
     }
+    drawing = getattr(part, "drawing", None)
+    sizes = {key: float(values[f"{place}.{key}"]) for key in MOVABLE_DIMENSIONS if f"{place}.{key}" in values}
+    if drawing is not None and sizes:
+        changed["drawing"] = drawing.with_sizes(sizes, designed=designed)
     return dataclasses.replace(part, **changed) if changed else part
 
 

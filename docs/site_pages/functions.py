@@ -8,6 +8,20 @@ FUNCTIONS = """# Functions
 `import rigmatch as rm`. Paths or loaded objects go in, results come out. Every result has `to_dict()` (what the command
 writes as JSON) and shows itself in a notebook, most with `plot()`. The examples are run as tests.
 """
+TASKS = {  # every public name, by what one wants to do
+    "Match": ["match", "map", "sweep", "tolerance", "load_case", "Case", "SearchSettings", "JudgeSettings"],
+    "Manoeuvres of a case": ["BackOut", "DriveAway", "Step", "Sweep", "TipIn"],
+    "Understand a model": ["load", "modes", "response", "campbell", "order_response", "simulate", "to_ss", "System",
+                           "CriticalSettings"],
+    "Find what a model lacks": ["diagnose", "read_recording", "Recording", "DiagnosisSettings"],
+    "Go onto the bed": ["identify", "export", "excite", "verify", "commission", "learn"],
+    "Step beds and controllers by yourself": ["bed", "controller", "run", "Plant", "Controller"],
+    "Say how far it can be trusted": ["uncertainty", "fidelity"],
+    "Begin, look, and load what was saved": ["new", "show", "explore", "load_result"],
+    "Results": ["MatchResult", "Map", "Tolerance", "Modes", "Response", "Campbell", "OrderResponse", "StateSpace",
+                "Simulation", "Diagnosis", "Uncertainty", "XilFidelity"],
+    "Errors": ["InputError", "SimulationError"],
+}  # fmt: skip
 RESULTS = """# Results
 
 What the functions return, and what stands in the JSON files under the same names: `result.json` of a match,
@@ -52,8 +66,13 @@ CLASSES = {
 
 
 def functions_page() -> str:
-    """Every public function."""
-    return _page(FUNCTIONS, [f".. autofunction:: rigmatch.{name}\n" for name in rigmatch.__all__])
+    """Every public name, by task."""
+    listed = [name for names in TASKS.values() for name in names]
+    assert sorted(listed) == sorted(rigmatch.__all__), set(listed) ^ set(rigmatch.__all__)
+    parts = [FUNCTIONS]
+    for task, names in TASKS.items():
+        parts.append(_page(f"## {task}\n", [f".. autofunction:: rigmatch.{name}\n" for name in names]))
+    return "\n".join(parts)
 
 
 def results_page() -> str:

@@ -58,6 +58,7 @@ def keys_page() -> str:
             *_quantities(HARDWARE), "", *structures,
             _table("[limits]", [*LIMIT_UNITS, OPENED_SHAFTS], LIMITS, LIMIT_UNITS),
             'Also `"shafts.NAME.torque"` (N·m) and `"shafts.NAME.twist"` (rad) of every shaft of the rig, '
+            '`"shafts.NAME.shear_stress"` and `"shafts.NAME.shear_stress_amplitude"` (Pa) of one by its drawing, '
             '`"dynamometers.NAME.torque"` and `"dynamometers.NAME.command_noise"` (N·m) of one dynamometer, and '
             "`dynamometer_torque_over_speed`, pairs of speed and torque.", "",
             _table("[operating_point]", OPERATING_POINT, OPERATING),

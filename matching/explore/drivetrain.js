@@ -1,3 +1,5 @@
+const STILL_READ = 0.4  // scale down to which a drawing is fitted to the page
+const SCROLLED = 0.8  // scale of a longer one, which scrolls
 const FRAMES = 16  // of one period of a swinging mode, which lasts 2 s
 
 const made = (name, attributes, parent) => {
@@ -32,7 +34,8 @@ export function render({ model }) {
   let zoom = 1  // times the width of the page
   const fit = () => {
     for (const svg of box.querySelectorAll('svg')) {
-      svg.style.width = `${100 * zoom}%`
+      const least = box.clientWidth < STILL_READ * svg.width.baseVal.value ? SCROLLED * svg.width.baseVal.value : 0
+      svg.style.width = `max(${100 * zoom}%, ${zoom * least}px)`
       svg.style.maxWidth = `${zoom * svg.width.baseVal.value}px`
     }
   }
@@ -59,6 +62,16 @@ export function render({ model }) {
   box.setAttribute('aria-label', `Drawing of ${model.label}, scrolls when larger`)
 
   const parts = {}  // groups by name
+  let shown = ''  // the part that was chosen last
+  const bringIntoView = () => {
+    const [name] = Object.entries(model.marks).find(([, own]) => own.class.includes('selected')) || ['']
+    if (name === shown || !parts[name]) return
+    shown = name
+    const part = parts[name].getBoundingClientRect()
+    const whole = box.getBoundingClientRect()
+    if (part.left >= whole.left && part.right <= whole.right) return
+    box.scrollLeft += (part.left + part.right) / 2 - (whole.left + whole.right) / 2
+  }
   const mark = () => {
     box.querySelectorAll('.swing').forEach(each => each.remove())
     for (const [name, own] of Object.entries(model.marks)) {
@@ -75,6 +88,7 @@ export function render({ model }) {
       svg.setCurrentTime(performance.now() / 1000 % 2)
       if (still.matches) svg.pauseAnimations()
     }
+    requestAnimationFrame(bringIntoView)
   }
   const draw = () => {
     const root = box.getRootNode()
@@ -115,6 +129,24 @@ export function render({ model }) {
   }
   box.addEventListener('click', pick)
   box.addEventListener('keydown', (event) => { if (event.key === 'Enter' || event.key === ' ') pick(event) })
+  // By the keyboard the discs come first, then what connects them; on the drawing the discs lie above.
+  box.addEventListener('keydown', (event) => {
+    if (event.key !== 'Tab' || !model.reacts) return
+    const all = Object.values(parts)
+    const isDisc = (part) => part.dataset.part.startsWith('inertias.')
+    const order = [...all.filter(isDisc), ...all.filter(part => !isDisc(part))]
+    const here = order.indexOf(event.target.closest('[data-part]'))
+    if (here < 0 && event.shiftKey) return
+    const next = order[here + (event.shiftKey ? -1 : 1)]
+    if (next || event.shiftKey) {
+      event.preventDefault()
+      ;(next || box).focus()
+      return
+    }
+    const others = order.filter((_, number) => number !== here)  // the browser goes on behind the drawing
+    for (const part of others) part.setAttribute('tabindex', -1)
+    setTimeout(() => { for (const part of others) part.setAttribute('tabindex', 0) })
+  })
   // A shaft is drawn by dragging from a disc: to another disc, or into the open, where a new inertia begins.
   const disc = (x, y) => {
     const under = box.getRootNode().elementsFromPoint(x, y).map(each => each.closest('[data-part^="inertias."]'))
@@ -169,5 +201,6 @@ export function render({ model }) {
   model.on('marks', mark)
   draw()
   whole.append(bar, box)
+  new ResizeObserver(fit).observe(box)
   return whole
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -159,9 +160,25 @@ class Message(pn.pane.HTML):
         super().__init__('<p role="status"></p>', sizing_mode=WIDE, margin=(0, 5), stylesheets=[PANE_STYLE])
 
     def say(self, text: str, *, wrong: bool = False) -> None:
-        """Show a line."""
+        """Show a line; files in it by their names from the folder that the page was started in."""
+        text = with_short_paths(text)
         kind = ' class="wrong"' if wrong else ""
         self.object = f'<p role="status"{kind}>{html(text)}</p>'
+
+
+_ABSOLUTE = re.compile(r"(?<![\w·²³)])(?:/[^\s/:'\",;]+){2,}")  # a path from the root
+
+
+def with_short_paths(text: str) -> str:
+    """A text whose files and folders are named from the folder that the page was started in, others by their name."""
+
+    def short(found: re.Match[str]) -> str:
+        path = Path(found[0])
+        if not path.exists() and not path.parent.is_dir():
+            return found[0]
+        return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else path.name
+
+    return _ABSOLUTE.sub(short, text)
 
 
 def table(rows: Sequence[Mapping[str, str]], caption: str) -> str:

@@ -1,4 +1,4 @@
-"""Files that are edited in fields: what is being typed is never replaced; *Undo* and *Save*."""
+"""Files that are edited in fields: what is being typed is never replaced; *Undo*, *Redo* and *Save*."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from modelling.errors import InputError
 # --- Text fields that stay while what they show changes: what somebody is typing is never replaced.
 
 WRONG = "wrong"  # CSS class of a field whose text was not taken
+# one line, which hides no value; above its field a label is drawn at three quarters of its size
+ONE_LINE = "label { max-width: calc(133% - 32px); white-space: nowrap; overflow: hidden; text-overflow: ellipsis; }"
 STYLE = f"""
-label {{ max-width: 100%; overflow-wrap: anywhere; white-space: normal; }}
+{ONE_LINE}
 :host(.{WRONG}) :is(input, select) {{ border: 2px solid #a00000; background: #fff4f4; }}
 """
 
@@ -137,8 +139,8 @@ class Editing:
     ----------
     enter : callable
         Writes a text into a field of the file and returns what to say; raises ``InputError`` where it is wrong.
-    undo : callable
-        Takes the last change back; whether there was one.
+    undo, redo : callable
+        Take the last change back, and make it again; whether there was one.
     documents : callable
         The files that *Save* writes.
     changed : callable
@@ -151,21 +153,24 @@ class Editing:
         self,
         enter: Callable[[Any, str], str],
         undo: Callable[[], bool],
+        redo: Callable[[], bool],
         documents: Callable[[], Sequence[Document]],
         changed: Callable[[], None],
         width: int,
     ):
-        self._write, self._take_back, self._documents, self._changed = enter, undo, documents, changed
+        self._write, self._take_back, self._make_again = enter, undo, redo
+        self._documents, self._changed = documents, changed
         self.message = Message()
         self.entries = Entries(self._enter, width)
-        self.undo = plain_button("Undo")
+        self.undo, self.redo = plain_button("Undo"), plain_button("Redo")
         self.save = pn.widgets.Button(name="Save", button_type="primary", width=100)
         self.undo.on_click(lambda _: self.undo_last())
+        self.redo.on_click(lambda _: self.do(self._redo))
         self.save.on_click(lambda _: self.do(self._save))
 
     def buttons(self) -> Any:
-        """*Undo* and *Save* beside each other."""
-        return pn.FlexBox(self.undo, self.save)
+        """*Undo*, *Redo* and *Save* beside each other."""
+        return pn.FlexBox(self.undo, self.redo, self.save)
 
     def do(self, act: Callable[[], str]) -> bool:
         """Do something that changes the files, say what it answers, show the files; whether it went well."""
@@ -194,6 +199,9 @@ class Editing:
         if self.entries.put_back():
             return "The value in the file is shown again"
         return "The last change is taken back" if self._take_back() else "There is no change to take back"
+
+    def _redo(self) -> str:
+        return "The change is made again" if self._make_again() else "There is no change to make again"
 
     def _save(self) -> str:
         self.all_taken()

@@ -20,7 +20,7 @@ from modelling.effects.effect import shared_place
 from modelling.errors import InputError, unknown
 from modelling.model_file import from_dict
 from modelling.recordings.readers import READERS
-from modelling.system import TABLES_WITH_QUANTITIES
+from modelling.system import TABLES_WITH_QUANTITIES, Quantity
 from modelling.toml import kind_of, read_toml
 from modelling.units import factor
 from modelling.writing import write_all
@@ -46,6 +46,7 @@ class Document:
         self._texts = [self.path.read_bytes().decode()]
 
         self._together: list[list[Document]] = [[]]  # documents that each text was changed with
+        self._undone: list[tuple[str, list[Document]]] = []  # texts that were taken back, and those with them
 
     @property
     def text(self) -> str:
@@ -61,6 +62,16 @@ class Document:
     def changed(self) -> bool:
         """Whether something is not saved."""
         return self.text != self._texts[0]
+
+    @property
+    def unsaved(self) -> int:
+        """How many changes are not saved."""
+        return len(self._texts) - 1 if self.changed else 0
+
+    @property
+    def was_undone(self) -> bool:
+        """Whether there is a change to make again."""
+        return bool(self._undone)
 
     def value(self, keys: Keys) -> Any:
         """The value at a place, as the file writes it (number, text with unit, table)."""
@@ -85,6 +96,7 @@ class Document:
         if text != self.text:
             self._texts.append(text)
             self._together.append([] if together is None else together)
+            self._undone = []
 
     def undo(self) -> bool:
         """Take the last change back, that of other documents made together with it, too; whether there was one."""
@@ -93,10 +105,28 @@ class Document:
         together = self._together[-1]
         for document in together or [self]:
             if document is self or (together and document._together[-1] is together):
-                document._texts.pop()
-                document._together.pop()
+                document._undone.append((document._texts.pop(), document._together.pop()))
                 document.read_again()
         return True
+
+    def redo(self) -> bool:
+        """Make the change again that was taken back last, in other documents too; whether there was one."""
+        if not self._undone:
+            return False
+        together = self._undone[-1][1]
+        for document in together or [self]:
+            if document._undone and (document is self or document._undone[-1][1] is together):
+                text, others = document._undone.pop()
+                document._texts.append(text)
+                document._together.append(others)
+                document.read_again()
+        return True
+
+    def drop_last(self) -> None:
+        """Forget the last change, as if it had not been made: what it made could not be read."""
+        self._texts.pop()
+        self._together.pop()
+        self.read_again()
 
     def read_again(self) -> None:
         """Follow the text after it was taken back."""
@@ -106,7 +136,7 @@ class Document:
         if self.path.read_bytes().decode() != self._texts[0]:
             raise InputError(str(self.path), "was changed by another program since it was opened", "open it again")
         write_all(self.path.parent, {self.path.name: self.text.encode()})
-        self._texts, self._together = [self.text], [[]]
+        self._texts, self._together, self._undone = [self.text], [[]], []
 
 
 def edited(text: str, values: Mapping[Keys, Any]) -> str:
@@ -153,7 +183,7 @@ class ModelDocument(Document):
     @property
     def changes(self) -> dict[str, tuple[float, float]]:
         """Saved and present value (SI) of every quantity that differs, by name."""
-        before, after = self._saved.parameters, self.system.parameters
+        before, after = (system.parameters | system.dimensions for system in (self._saved, self.system))
         both = [name for name in after if name in before]
         return {name: (before[name].value, after[name].value) for name in both if before[name] != after[name]}
 
@@ -195,9 +225,22 @@ class ModelDocument(Document):
         """Set a quantity to a value in SI; it is written in the unit that the file has for it."""
         before = self._bare(name)
         unit = before.strip().lstrip("+-0123456789.eE").strip() if isinstance(before, str) else ""
-        scale = factor(unit, self.system.units[name]) if unit else 1.0
+        scale = factor(unit, self.unit_of(name)) if unit else 1.0
         rounded = float(f"{value / scale:.{DIGITS}g}")
         self._set(name, f"{rounded:g} {unit}" if unit else rounded)
+
+    def unit_of(self, name: str) -> str:
+        """SI unit of a quantity or dimension."""
+        return self.system.units.get(name, "m")
+
+    def values_of(self, part: str) -> dict[str, Quantity]:
+        """Quantities of a part that can be set, by name: of a shaft by its drawing no stiffness but dimensions."""
+        system = self.system
+        known = {name: one for name, one in (system.dimensions | system.parameters).items() if part_of(name) == part}
+        return {
+            name: one for name, one in known.items()
+            if not (name.endswith(".stiffness") and name.replace(".stiffness", ".diameter") in system.dimensions)
+        }  # fmt: skip
 
     def read_again(self) -> None:
         """Follow the text after it was taken back."""
@@ -229,7 +272,7 @@ class ModelDocument(Document):
     def _bare(self, name: str) -> Any:
         value = self._value_in_file(self._keys(name))
         if value is None:
-            return self.system.parameters[name].value
+            return (self.system.parameters | self.system.dimensions)[name].value
         return value["value"] if isinstance(value, Mapping) else value
 
     def _value_in_file(self, keys: Keys) -> Any:
@@ -241,8 +284,9 @@ class ModelDocument(Document):
 
     def _keys(self, name: str) -> Keys:
         """Where a quantity stands in the file."""
-        if name not in self.system.parameters:
-            raise unknown(name, list(self.system.parameters), str(self.path))
+        known = self.system.parameters | self.system.dimensions
+        if name not in known:
+            raise unknown(name, list(known), str(self.path))
         for number, effect in enumerate(self.content.get("effects", ())):
             at = effect["at"]
             place = shared_place(at) if isinstance(at, list) else at
@@ -581,11 +625,13 @@ def set_field(document: Document, keys: Keys, text: str, check: Callable[[dict[s
         value = float(value)
     if isinstance(before, str) and isinstance(value, str) is False and not _is_quantity(before):
         raise InputError(".".join(map(str, keys)), f"{text!r} is a number", "write a text")
+    before_change = document.text
     document.change(keys, value)
     try:
         return check(document.content)
     except InputError:
-        document.undo()
+        if document.text != before_change:
+            document.drop_last()
         raise
 
 
@@ -674,6 +720,12 @@ class CaseForm:
         self.read_again()
         return undone
 
+    def redo(self) -> bool:
+        """Make the change again that was taken back last; whether there was one."""
+        redone = self.document.redo()
+        self.read_again()
+        return redone
+
     def read_again(self) -> None:
         """Take the models as they are by now; raises ``InputError`` where the case is wrong with them."""
         self.case = self._read(self.document.content)
@@ -684,11 +736,13 @@ class CaseForm:
         self._take(self.document.replaced((table,), {key: value}) if first else self.document.replaced(keys, value))
 
     def _take(self, text: str) -> None:
+        before = self.document.text
         self.document.change_text(text)
         try:
             self.case = self._read(self.document.content)
         except BaseException:
-            self.document.undo()
+            if self.document.text != before:
+                self.document.drop_last()
             raise
 
     def _read(self, content: dict[str, Any]) -> Case:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,8 @@ from matching.explore.elements import (
     report_frame,
     same,
 )
-from matching.explore.files import Workspace, write_model
+from matching.explore.fields import ONE_LINE
+from matching.explore.files import Workspace, within, write_case, write_model
 from matching.explore.jobs import Ended, Runner, address_of
 from matching.explore.signals import Measurement, in_units_of, opened_measurement
 from matching.report.common import RIG, VEHICLE
@@ -34,15 +37,17 @@ from modelling.units import factor
 from modelling.writing import write_all
 
 LARGEST_UPLOAD = "2000MB"  # of a dropped file; a larger one is opened by its path
+IDENTIFIED = "identify"  # folder of its results
+CASE_FILES = (".toml", ".csv")  # of them
 NOT_RECORDED = "not recorded"
 COLUMN_PX, UNIT_PX = 215, 125  # of two fields that stand beside each other, on a screen of 400 px too
 
 
 class MeasurementTab:
-    """A recording beside one of the open models; ``opened`` is called when another file is open."""
+    """A recording beside one of the open models; ``to_match`` is called when the identified case is open."""
 
-    def __init__(self, workspace: Workspace):
-        self.workspace = workspace
+    def __init__(self, workspace: Workspace, to_match: Callable[[], None] = lambda: None):
+        self.workspace, self._to_match = workspace, to_match
         self.file: Measurement | None = None
         self.role = pn.widgets.Select(name="Model", options=list(workspace.models), width=200)
         self.drop = pn.widgets.FileDropper(
@@ -60,6 +65,11 @@ class MeasurementTab:
         self.result = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
         self.compare = Runner("Simulate", workspace.tasks, self._simulate_words, self._show_simulated)
         self.diagnose = Runner("Diagnose", workspace.tasks, self._diagnose_words, self._show_diagnosis)
+        self.identify = Runner("Identify", workspace.tasks, self._identify_words, self._show_identified)
+        self.identified = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
+        self.case_as = pn.widgets.TextInput(name="Folder for the case with these values", width=340, visible=False)
+        self.hand_over = plain_button("Go on to Match", visible=False)
+        self.handed = Message()
         self.keep_as = pn.widgets.TextInput(name="Keep the extended model as", width=340, visible=False)
         self.keep = plain_button("Keep", visible=False)
         self.kept = Message()
@@ -69,6 +79,7 @@ class MeasurementTab:
         self.role.param.watch(self._other_model, "value")
         self.signal.param.watch(lambda _: self.show_signal(), "value")
         self.keep.on_click(lambda _: self._keep())
+        self.hand_over.on_click(lambda _: self._hand_over())
         if workspace.recordings:
             self.open(workspace.recordings[0])
 
@@ -77,12 +88,18 @@ class MeasurementTab:
         return pn.Column(
             opening(
                 "Measurement",
-                "A recording beside the model: simulate its inputs, or let the diagnosis name what the model lacks.",
+                "A recording beside the model: simulate its inputs, let the diagnosis name what the model lacks, or "
+                "identify the values of the case.",
                 self.compare.run,
                 self.diagnose.run,
+                *([self.identify.run] if self.workspace.case is not None else []),
             ),
             self.compare.panel(),
             self.diagnose.panel(),
+            self.identify.panel(),
+            self.identified,
+            pn.FlexBox(self.case_as, self.hand_over, align_items="end"),
+            self.handed,
             heading("Recording"),
             pn.FlexBox(self.role, self.path, align_items="end"),
             self.drop,
@@ -113,10 +130,17 @@ class MeasurementTab:
             options = {NOT_RECORDED: ""} | {name: name for name in file.columns}
             label = f"{wanted.name.replace('_', ' ')} ({'input, ' if wanted.needed else ''}{wanted.kind})"
             column = pn.widgets.Select(
-                name=label, options=options, value=suggested[wanted.name].column, width=COLUMN_PX
+                name=label,
+                options=options,
+                value=suggested[wanted.name].column,
+                width=COLUMN_PX,
+                stylesheets=[ONE_LINE],
             )
             unit = pn.widgets.TextInput(
-                name=f"unit of {wanted.name.replace('_', ' ')}", value=suggested[wanted.name].unit, width=UNIT_PX
+                name=f"unit of {wanted.name.replace('_', ' ')}",
+                value=suggested[wanted.name].unit,
+                width=UNIT_PX,
+                stylesheets=[ONE_LINE],
             )
             for chooser in (column, unit):
                 chooser.param.watch(lambda _: self._name_files(), "value")
@@ -221,6 +245,35 @@ class MeasurementTab:
     def _diagnose_words(self) -> list[str]:
         return ["diagnose", *self._arguments("diagnosis")]
 
+    def _identify_words(self) -> list[str]:
+        channels, file = self._write_channels(), self.file
+        assert file is not None
+        recorded = "--bed" if self.role.value == "rig" else "--vehicle"
+        case, out = str(write_case(self.workspace)), str(self.workspace.out / IDENTIFIED)
+        return ["identify", case, recorded, str(file.path), "--channels", str(channels), "--out", out]
+
+    def _show_identified(self, _: Ended) -> None:
+        address = address_of(self.workspace.out / IDENTIFIED / "report.html", self.workspace.out)
+        self.identified.object = report_frame("Identification", address=address)
+        taken = (f"identified{number or ''}" for number in itertools.count())
+        free = next(name for name in taken if not (self.workspace.home / name).exists())
+        self.case_as.param.update(value=free, visible=True)
+        self.hand_over.visible = True
+
+    def _hand_over(self) -> None:
+        """Write the identified case into a folder of its own, open it, and go on to the step Match."""
+        try:
+            folder = within(self.workspace.home, self.case_as.value)
+            if folder.exists():
+                raise InputError(self.case_as.value, "exists", "name a new folder")
+            found = self.workspace.out / IDENTIFIED
+            write_all(folder, {file.name: file.read_bytes() for file in found.iterdir() if file.suffix in CASE_FILES})
+            self.workspace.open(folder / "case.toml")
+        except InputError as error:
+            self.handed.say(str(error), wrong=True)
+            return
+        self._to_match()
+
     def _show_simulated(self, _: Ended) -> None:
         self._table = read_table(self.workspace.out / "simulated" / "simulated.csv")
         self.show_signal()
@@ -261,8 +314,8 @@ class MeasurementTab:
         self.kept.say(f"written: {target}")
 
 
-def measurement_tab(workspace: Workspace) -> Any:
+def measurement_tab(workspace: Workspace, to_match: Callable[[], None]) -> Any:
     """The tab's content, also without a model."""
     if workspace.models:
-        return MeasurementTab(workspace).panel()
+        return MeasurementTab(workspace, to_match).panel()
     return pn.Column(heading("Measurement"), paragraph("Open a model under Files first."))

@@ -84,7 +84,7 @@ class DrivetrainTab:
             for role in workspace.models
         }
         self.titles = {role: heading(self._title(role)) for role in workspace.models}
-        self.editing = Editing(self._enter, self._undo, self._documents, self._after_change, width=300)
+        self.editing = Editing(self._enter, self._undo, self._redo, self._documents, self._after_change, width=300)
         self.chooser = pn.widgets.Select(name="Part", groups=self._groups(), width=300)
         self.values = pn.Column(sizing_mode=WIDE)
         self.changes = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
@@ -97,6 +97,7 @@ class DrivetrainTab:
         self.kind = pn.widgets.Select(name="Add", options=list(ADDABLE), width=250)
         self.named = pn.widgets.TextInput(name="called", width=180)
         self.other = pn.widgets.Select(name="and, for a shaft or gear", width=250)
+        self.third = pn.widgets.Select(name="and, for a gear of three members", width=250)
         self.new_name = pn.widgets.TextInput(name="New name", width=180)
         self.effect = pn.widgets.Select(name="Effect to add", width=250)
         self.effect_values = pn.Column(sizing_mode=WIDE)
@@ -119,12 +120,13 @@ class DrivetrainTab:
             "Drivetrain",
             "What turns, and what connects it. Click a part to change its values; save them to its file. Drag from a "
             "disc to another one for a shaft between them, or into the open for a new inertia.",
-            self.editing.undo, self.editing.save,
+            self.editing.undo, self.editing.redo, self.editing.save,
         )  # fmt: skip
         fields = [
             heading("Values", 2), self.chooser, self.values, self.editing.message, self.changes,
             heading("Parts", 2), paragraph("A new part sits at the chosen part. With a part goes what hangs on it."),
-            self.kind, self.named, self.other, self.add, self.new_name, pn.FlexBox(self.rename, self.remove),
+            self.kind, self.named, self.other, self.third, self.add, self.new_name,
+            pn.FlexBox(self.rename, self.remove),
             heading("Effects", 2), paragraph("Free play, friction, delays and others, at the chosen part."),
             self.effect, self.effect_values, self.add_effect, self.there, self.remove_effect,
         ]  # fmt: skip
@@ -134,6 +136,12 @@ class DrivetrainTab:
         button = plain_button(name)
         button.on_click(lambda _: self.editing.do(act))
         return button
+
+    def _offer_ends(self) -> None:
+        """The inertias that a new part may connect."""
+        names = {spaced(own.name): own.name for own in self.workspace.models[self._role].system.inertias}
+        for chooser in (self.other, self.third):
+            offer(chooser, names)
 
     def _offer_effects(self) -> None:
         """The effects that the chosen part may get, and those that it has."""
@@ -166,7 +174,8 @@ class DrivetrainTab:
 
     def _add(self) -> str:
         at = self._part.partition(".")[2]
-        add_part(self.workspace.models[self._role], self.kind.value, self.named.value, at, self.other.value or "")
+        ends = self.other.value or "", self.third.value or ""
+        add_part(self.workspace.models[self._role], self.kind.value, self.named.value, at, *ends)
         return f"{self.named.value} was added to {self._role}; not saved yet"
 
     def _remove(self) -> str:
@@ -184,7 +193,7 @@ class DrivetrainTab:
         if self.chooser.value != (role, part):
             self.chooser.value = (role, part)
             return
-        offer(self.other, {spaced(own.name): own.name for own in self.workspace.models[role].system.inertias})
+        self._offer_ends()
         self._offer_effects()
         lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
@@ -199,8 +208,8 @@ class DrivetrainTab:
             self.titles[role].object = f"<h2>{html(self._title(role))}</h2>"
         rows = [
             html(
-                f"{spaced(role)}: {name}: {amount(before, document.system.units[name])} → "
-                f"{amount(after, document.system.units[name])}"
+                f"{spaced(role)}: {name}: {amount(before, document.unit_of(name))} → "
+                f"{amount(after, document.unit_of(name))}"
             )
             for role, document in self.workspace.models.items()
             for name, (before, after) in document.changes.items()
@@ -212,7 +221,9 @@ class DrivetrainTab:
                 rows.append(html(f"{spaced(role)}: its text"))
         listed = "".join(f"<li>{row}</li>" for row in rows)
         self.same.set(self._equivalent())
-        self.changes.object = f"<p>Not saved:</p><ul>{listed}</ul>" if rows else "<p>Everything is saved.</p>"
+        case = self.workspace.case
+        saved = "Everything is saved." if case is None or not case.changed else "The models are saved, the case is not."
+        self.changes.object = f"<p>Not saved:</p><ul>{listed}</ul>" if rows else f"<p>{saved}</p>"
 
     def after_change(self) -> None:
         """Show values that were changed here or elsewhere."""
@@ -224,7 +235,7 @@ class DrivetrainTab:
             with param.parameterized.discard_events(self.chooser):
                 self.chooser.param.update(groups=groups, value=(self._role, self._part))
             self.chooser.param.trigger("groups", "value")
-            offer(self.other, {spaced(own.name): own.name for own in self.workspace.models[self._role].system.inertias})
+            self._offer_ends()
         self._offer_effects()
         lay_out(self.values, self.editing.entries.show(self._entries()))
         self.refresh()
@@ -248,10 +259,10 @@ class DrivetrainTab:
     def _entries(self) -> list[Entry]:
         document = self.workspace.models[self._role]
         entries = []
-        for name in (name for name in document.system.parameters if part_of(name) == self._part):
-            quantity, si = document.system.parameters[name], unit(document.system.units[name])
+        for name, quantity in document.values_of(self._part).items():
+            si = unit(document.unit_of(name))
             between = (
-                f", uncertain: {amount(quantity.lower, '1')} … {amount(quantity.upper, document.system.units[name])}"
+                f", uncertain: {amount(quantity.lower, '1')} … {amount(quantity.upper, document.unit_of(name))}"
                 if quantity.uncertain
                 else ""
             )
@@ -292,6 +303,11 @@ class DrivetrainTab:
         changed = [role for role, document in self.workspace.models.items() if document.changed]
         role = self._role if self._role in changed else (changed or [self._role])[0]
         return self.workspace.models[role].undo()
+
+    def _redo(self) -> bool:
+        undone = [role for role, document in self.workspace.models.items() if document.was_undone]
+        role = self._role if self._role in undone else (undone or [self._role])[0]
+        return self.workspace.models[role].redo()
 
     def _documents(self) -> list[Document]:
         return list(self.workspace.models.values())

@@ -70,7 +70,7 @@ from matching.explore.modes import DrivetrainTab, ModesTab
 from matching.fidelity import fidelity_from_tables, xil_fidelity
 from matching.match.case import Case
 from matching.match.map import axis, quantities
-from matching.report.common import component, number, spaced, unit
+from matching.report.common import component, number, practical, spaced, unit
 from matching.report.match import PEAK_UNITS, answer
 from matching.uncertainty.budget import budget_from_tables
 from matching.uncertainty.evaluate import evaluate
@@ -241,8 +241,8 @@ class MatchTab:
         self.workspace, self._rig_changed = workspace, rig_changed
         self._ordered: dict[str, float] = {}  # of the match that is shown, SI
         self.form = CaseForm(document, partial(case_tables, workspace))
-        self.editing = Editing(self._enter, self.form.undo, lambda: [document], self.refresh, width=320)
-        self.tables, self._cards = pn.Column(sizing_mode=WIDE), dict[str, Any]()
+        self.editing = Editing(self._enter, self.form.undo, self.form.redo, lambda: [document], self.refresh, width=320)
+        self.tables, self._cards, self._plans = pn.Column(sizing_mode=WIDE), dict[str, Any](), dict[str, Any]()
         self.added = pn.widgets.Select(name="Let another quantity move", width=340)
         self.held = pn.widgets.Select(name="Hold a quantity that moves", width=340)
         self.add, self.hold = (plain_button(name) for name in ("Add", "Hold"))
@@ -271,6 +271,7 @@ class MatchTab:
         self.take.on_click(lambda _: self.editing.do(self._take))
         for number in (self.starts, self.seed):
             number.param.watch(lambda _: self.same.set(self._equivalent()), "value")
+        self.unsaved = paragraph("")
         self._ran: list[str] = []  # texts of the files when they were run last
         self.refresh()
 
@@ -287,7 +288,8 @@ class MatchTab:
             self.result,
             self.way_on,
             heading("Case"),
-            pn.FlexBox(self.starts, self.seed, self.editing.undo, self.editing.save, align_items="end"),
+            pn.FlexBox(self.starts, self.seed, self.editing.buttons(), align_items="end"),
+            self.unsaved,
             self.editing.message,
             self.tables,
             pn.FlexBox(self.added, self.add, self.held, self.hold, align_items="end"),
@@ -304,8 +306,13 @@ class MatchTab:
         shown = [(_card_of(field), field) for table in TITLES for field in by_table.get(table, ())]
         members: dict[str, list[Any]] = {}
         widgets = self.editing.entries.show(self._entry(field) for _, field in shown)
-        for (table, _), widget in zip(shown, widgets, strict=True):
-            members.setdefault(table, []).append(widget)
+        begun = set[str]()
+        for (table, field), widget in zip(shown, widgets, strict=True):
+            inside = members.setdefault(table, [])
+            if table == "move" and (name := str(field.keys[1])) not in begun:
+                begun.add(name)
+                inside.append(self._plan(name))
+            inside.append(widget)
         for table in members.keys() - self._cards.keys():
             self._cards[table] = pn.Card(
                 pn.FlexBox(styles=PAIRS if table == "move" else {}),
@@ -325,10 +332,23 @@ class MatchTab:
             self.limit,
             {f"{spaced(key.replace('.', ' '))} [{unit(si) or '1'}]": key for key, si in self.form.statable.items()},
         )
+        changes = self.form.document.unsaved
+        self.unsaved.object = f"<p>{counted(changes, 'change')}, not saved.</p>" if changes else ""
         self.same.set(self._equivalent())
         self.map.refresh()
         if self.result.object and self._texts() != self._ran:
             self.runner.message.say("The report is of the case before the last change")
+
+    def _plan(self, name: str) -> Any:
+        """A line above the bounds of a quantity: its planned value between them."""
+        move = next(one for one in self.form.case.moves if one.name == name)
+        words = f"{component(name)}: planned {practical(move.planned, move.unit)}"
+        if not move.lower < move.planned < move.upper:
+            words += ", at a bound"
+        if name not in self._plans:
+            self._plans[name] = paragraph("")
+        self._plans[name].object = f"<p><b>{html(words)}</b></p>"
+        return self._plans[name]
 
     def models_changed(self) -> None:
         """Follow changes of the models in other tabs."""
@@ -349,16 +369,18 @@ class MatchTab:
     def _state(self) -> str:
         key = self.limit.value
         self.form.limit(key, self.limit_text.value)
-        return f"limits.{key} is {self.limit_text.value}. {self._changed_words()}"
+        return f"{component(key)} is limited to {self.limit_text.value}. {self._changed_words()}"
 
     def _take(self) -> str:
         rig = self.workspace.models["rig"]
-        ordered = {name: value for name, value in self._ordered.items() if name in rig.system.parameters}
+        known = rig.system.parameters | rig.system.dimensions
+        ordered = {name: value for name, value in self._ordered.items() if name in known}
         for name, value in ordered.items():
             rig.set_value(name, value)
         self._rig_changed()
         self.form.read_again()
-        return f"Taken into {rig.path.name}, not saved yet: {', '.join(ordered)}. Save it in the tab Drivetrain"
+        names = "; ".join(map(component, ordered))
+        return f"Taken into {rig.path.name}, not saved yet: {names}. Save it in the tab Drivetrain"
 
     def _changed_words(self) -> str:
         return "Changed; not saved yet" if self.form.document.changed else "As in the file"
@@ -397,7 +419,8 @@ class MatchTab:
 
     def _enter(self, keys: Keys, text: str) -> str:
         self.form.set(keys, text)
-        return f"{'.'.join(map(str, keys))} is {text}. {self._changed_words()}"
+        field = next(each for own in self.form.fields.values() for each in own if each.keys == keys)
+        return f"{self._entry(field).label.partition(' [')[0]} is {text}. {self._changed_words()}"
 
     def _equivalent(self) -> Equivalent:
         starts, seed = (
@@ -476,7 +499,7 @@ class EditedTable:
 
     def __init__(self, title: str, document: Document, same: Equivalent, judge: Callable[[dict[str, Any]], str]):
         self.title, self.document, self._judge = title, document, judge
-        self.editing = Editing(self._enter, document.undo, lambda: [document], self.refresh, width=230)
+        self.editing = Editing(self._enter, document.undo, document.redo, lambda: [document], self.refresh, width=230)
         self.rows, self._boxes = pn.Column(sizing_mode=WIDE), dict[str, Any]()
         self.answer = pn.pane.HTML(sizing_mode=WIDE, stylesheets=[PANE_STYLE])
         self.same = EquivalentBox(same)
@@ -554,9 +577,10 @@ def validity(workspace: Workspace, example: Callable[[], Any]) -> Any:
 
 
 class FilesBar:
-    """Files of the folder that the page was started in; ``opened`` is called when another file is open."""
+    """Files of the folder that the page was started in; ``opened`` is called when another file is open, with the step
+    that stays open (empty: the first)."""
 
-    def __init__(self, workspace: Workspace, opened: Callable[[], None]):
+    def __init__(self, workspace: Workspace, opened: Callable[[str], None]):
         self.workspace, self._opened = workspace, opened
         self.file = pn.widgets.Select(name="File of this folder", options=listed(workspace.home), width=225)
         self.kind = pn.widgets.Select(name="Kind", options=[*TEMPLATES, EMPTY], width=225)
@@ -578,9 +602,10 @@ class FilesBar:
         return pn.Column(heading("Files"), paragraph(", ".join(names) or "none is open"), fields, sizing_mode=WIDE)
 
     def example(self, kind: str) -> Any:
-        """A button that opens the example of a kind, a new file of this folder."""
+        """A button that opens the example of a kind, a new file of this folder; its step stays open."""
         button = pn.widgets.Button(name="Open the example", button_type="primary", width=190)
-        button.on_click(lambda _: self._do(lambda: self._example(kind)))
+        step = "Match" if kind == "case" else "Validity"
+        button.on_click(lambda _: self._do(lambda: self._example(kind), step))
         return button
 
     def _example(self, kind: str) -> Path:
@@ -588,13 +613,13 @@ class FilesBar:
         there = (self.workspace.home / name / TEMPLATES[kind], self.workspace.home / f"{name}.toml")
         return next((path for path in there if path.is_file()), None) or new_file(self.workspace.home, kind, name)
 
-    def _do(self, make: Callable[[], Path]) -> None:
+    def _do(self, make: Callable[[], Path], step: str = "") -> None:
         try:
             self.workspace.open(make())
         except InputError as error:
             self.message.say(str(error), wrong=True)
             return
-        self._opened()
+        self._opened(step)
 
 
 # --- Server
@@ -608,7 +633,10 @@ LOOK = {
     "palette": {"primary": {"main": "#00598c"}},
     "typography": {"fontFamily": "system-ui, 'Segoe UI', Arial, sans-serif"},
 }
-TASKS = {"Measurement": ("Diagnose", "Simulate"), "Match": ("Run the match", "Run the map", "Compute exactly")}
+TASKS = {
+    "Measurement": ("Identify", "Diagnose", "Simulate"),
+    "Match": ("Run the match", "Run the map", "Compute exactly"),
+}
 SHOWN_FIRST_MS = 30  # until the browser has drawn that a tab is being prepared
 
 
@@ -657,10 +685,10 @@ def page(workspace: Workspace) -> Any:
         main=[],
     )
 
-    def show_files() -> None:
-        """Everything anew, as the open files are."""
+    def show_files(first: str = "") -> None:
+        """Everything anew, as the open files are, with a step open."""
         bar = FilesBar(workspace, show_files)
-        steps, content = _steps(workspace, bar)
+        steps, content = _steps(workspace, bar, first, partial(show_files, "Match"))
         shell.title = f"rigmatch: {_project(workspace)}"
         shell.sidebar, shell.main = [pn.Column(steps, bar.panel(), sizing_mode=WIDE, margin=8)], [alive, content]
 
@@ -691,11 +719,15 @@ def _project(workspace: Workspace) -> str:
     return str(first.content.get("title") or first.path.stem)
 
 
-def _steps(workspace: Workspace, files_bar: FilesBar) -> tuple[StepBar, Any]:
-    """The steps, and the content of the one that is open."""
-    makers = _makers(workspace, files_bar)
+def _steps(
+    workspace: Workspace, files_bar: FilesBar, first: str, to_match: Callable[[], None]
+) -> tuple[StepBar, Any]:  # fmt: skip
+    """The steps, and the content of the one that is open: the ``first`` one that is named, else the first of all."""
+    makers = _makers(workspace, files_bar, to_match)
     names, made, own = list(makers), dict[str, Any](), pn.state.curdoc
-    bar, content = StepBar(names=names, sizing_mode=WIDE), pn.Column(sizing_mode=WIDE, styles={"padding": "6px 2vw"})
+    begin = names.index(first) if first in names else 0
+    bar = StepBar(names=names, active=begin, sizing_mode=WIDE)
+    content = pn.Column(sizing_mode=WIDE, styles={"padding": "6px 2vw"})
 
     def show(number: int) -> None:
         """Put a tab's content on the page; it is made when it is first opened, and until then the page says so."""
@@ -720,7 +752,7 @@ def _steps(workspace: Workspace, files_bar: FilesBar) -> tuple[StepBar, Any]:
             bar.states = states
 
     bar.param.watch(lambda event: show(event.new), "active")
-    show(0)
+    show(begin)
     tell_states()
     if own is not None:
         own.add_periodic_callback(tell_states, TICK_MS)
@@ -739,9 +771,13 @@ def _state_of(step: str, workspace: Workspace) -> str:
         return f"{counted(changes, 'change')}, not saved" if changes else "saved"
     if step == "Measurement":
         waits = workspace.recordings[0].name if workspace.recordings else "needs a recording"
+        if done is not None and "vehicle" in done.result:
+            return "done: identified"
         return f"done: {done.result['verdict']}" if done is not None and "verdict" in done.result else waits
     if step == "Match":
         waits = "not run yet" if workspace.case is not None else "needs a case"
+        if workspace.case is not None and workspace.case.changed:
+            return f"{counted(workspace.case.unsaved, 'change')}, not saved"
         return f"done: {done.result['status']}" if done is not None and "status" in done.result else waits
     if step == "Validity":
         open_files = [file.path.name for file in (workspace.budget, workspace.fidelity) if file is not None]
@@ -749,7 +785,9 @@ def _state_of(step: str, workspace: Workspace) -> str:
     return "ready"
 
 
-def _makers(workspace: Workspace, files_bar: FilesBar) -> dict[str, Callable[[], Any]]:
+def _makers(
+    workspace: Workspace, files_bar: FilesBar, to_match: Callable[[], None] = lambda: None
+) -> dict[str, Callable[[], Any]]:  # fmt: skip
     """What makes the content of each tab; a change of a model is told to the tabs that are there."""
     opened: list[MatchTab] = []
     makers: dict[str, Callable[[], Any]] = {}
@@ -781,7 +819,7 @@ def _makers(workspace: Workspace, files_bar: FilesBar) -> dict[str, Callable[[],
         return opened[0].panel()
 
     return makers | {
-        "Measurement": partial(measurement_tab, workspace),
+        "Measurement": partial(measurement_tab, workspace, to_match),
         "Match": match,
         "Validity": partial(validity, workspace, partial(files_bar.example, "budget")),
     }

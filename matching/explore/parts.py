@@ -18,16 +18,23 @@ from modelling.topology import DIVIDING, joints
 
 # What can be added: table of the new part, and what it sits at
 ADDABLE = {
-    "inertia on a shaft": "inertias", "shaft between inertias": "shafts", "gear between inertias": "gears",
+    "inertia on a shaft": "inertias", "shaft between inertias": "shafts", "shaft by its drawing": "shafts",
+    "gear between inertias": "gears", "differential": "differentials", "planetary gear": "planetary_gears",
     "torque on an inertia": "inputs", "speed sensor of an inertia": "sensors", "torque sensor of a shaft": "sensors",
 }  # fmt: skip
 
 
-def add_part(document: ModelDocument, kind: str, name: str, at: str, other: str = "") -> None:
+MEMBERS = {  # of what divides a torque: keys of the inertia it sits at, and of the second and third
+    "differential": ("cage", "left", "right"), "planetary gear": ("sun", "carrier", "ring"),
+}  # fmt: skip
+BEGUN_LENGTH, BEGUN_DIAMETER, BEGUN_RATIO = "300 mm", "30 mm", 2.0  # of a shaft and a planetary gear, to begin with
+
+
+def add_part(document: ModelDocument, kind: str, name: str, at: str, other: str = "", third: str = "") -> None:
     """Add a part.
 
     An inertia and the shaft that it comes with get the values of ``at`` and of the model's first shaft to begin with, a
-    gear the ratio 1.
+    gear the ratio 1, a planetary gear the ratio 2, a shaft by its drawing a steel bar of 300 mm and 30 mm.
 
     Parameters
     ----------
@@ -35,8 +42,9 @@ def add_part(document: ModelDocument, kind: str, name: str, at: str, other: str 
         One of :data:`ADDABLE`.
     name : str
         Of the new part; the shaft of an inertia is called ``NAME_shaft``.
-    at, other : str
-        The inertia or shaft it sits at, and the second inertia of a shaft or gear.
+    at, other, third : str
+        The inertia or shaft it sits at, the second inertia of a shaft or gear, and the third one of a differential
+        (cage, left, right) or planetary gear (sun, carrier, ring).
 
     Raises
     ------
@@ -44,7 +52,7 @@ def add_part(document: ModelDocument, kind: str, name: str, at: str, other: str 
         If the name is none or taken, or the model is none with the part; then nothing changes.
     """
     name, system = _name(name), document.system
-    new = {f"{ADDABLE[kind]}.{name}": _content(kind, at, other, system)}
+    new = {f"{ADDABLE[kind]}.{name}": _content(kind, at, other, third, system)}
     if kind == "inertia on a shaft":
         new[f"shafts.{name}_shaft"] = _shaft(at, name, system)
     text = tomlkit.parse(document.text)
@@ -69,11 +77,18 @@ def _name(name: str) -> str:
     return bare
 
 
-def _content(kind: str, at: str, other: str, system: System) -> dict[str, Any]:
+def _content(kind: str, at: str, other: str, third: str, system: System) -> dict[str, Any]:
     if kind == "inertia on a shaft":
         return {"J": next((part.J.value for part in system.inertias if part.name == at), 1.0)}
     if kind == "shaft between inertias":
         return _shaft(at, other, system)
+    if kind == "shaft by its drawing":
+        like = _shaft(at, other, system)
+        return {"between": like["between"], "length": BEGUN_LENGTH, "diameter": BEGUN_DIAMETER,
+                "damping": like["damping"]}  # fmt: skip
+    if kind in MEMBERS:
+        ends = dict(zip(MEMBERS[kind], (at, other, third), strict=True))
+        return ends | ({"ratio": BEGUN_RATIO} if kind == "planetary gear" else {})
     if kind == "gear between inertias":
         return {"between": [at, other], "ratio": 1.0}
     if kind == "torque on an inertia":

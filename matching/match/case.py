@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from matching.match.box import Box
-from matching.match.movable import movable
+from matching.match.movable import movable, with_sizes
 from matching.match.vehicle_in_the_loop import VehicleInTheLoop
 from modelling import display
 from modelling.bed.bed import Loop
@@ -315,8 +315,10 @@ def is_logarithmic(move: Move) -> bool:
 def apply(case: Case, values: Mapping[str, float]) -> Case:
     """The case with quantities ``rig.…``, ``residual_vehicle.…`` and ``loop.…`` changed, SI.
 
-    What is uncertain goes with them: beds are drawn about the changed values.
+    What is uncertain goes with them: beds are drawn about the changed values. Stiffness and inertias follow the
+    dimensions of a shaft.
     """
+    values = with_sizes(case.rig, values)
     rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
     emulated = {
         name.removeprefix("residual_vehicle."): value

@@ -26,7 +26,7 @@ from matching.match.case import (
     text_of,
     whole_loop,
 )
-from matching.match.movable import Movable, movable
+from matching.match.movable import Movable, changed_by, movable
 from matching.match.operating_range import (
     in_steady_motion,
     range_tables,
@@ -134,7 +134,7 @@ def value_of(case: Case, name: str) -> float:
     if whose == "loop":
         return case.loop[rest]
     if whose == "rig":
-        return case.rig.parameters[rest].value
+        return (case.rig.parameters | case.rig.dimensions)[rest].value
     return next(part.parameters[rest].value for part in case.residual_vehicle.parts if rest in part.parameters)
 
 
@@ -357,14 +357,34 @@ def read_moves(
                 f"bounds {low:g} … {high:g} with start {begin:g} cross",
                 "lower ≤ start ≤ upper and lower < upper is needed",
             )
-        if low < _floor(name, loop) or (low == 0 and name.rsplit(".", 1)[1] in ("J", "ratio")):
+        if low < _floor(name, loop) or (low == 0 and name.rsplit(".", 1)[1] in ("J", "ratio", "length", "diameter")):
             raise InputError(f"{place}.lower", f"{low:g} is not possible", "a physical bound is needed")
         taken = {other for move in made for other in move.together}
         if name in taken:
             raise InputError(place, "moves already with its mirror image", "name one of the pair")
         parts = _catalogue(name, entry, (low, high), planned, unit, place)
         made.append(Move(name, together, begin, low, high, unit, planned, parts))
+    _check_dimensions(rig, made, where)
     return tuple(made)
+
+
+def _check_dimensions(rig: System, moves: Sequence[Move], where: str) -> None:
+    """Refuse what moves next to the dimensions that it follows from, and a bore as wide as its tube."""
+    moved = {name.removeprefix("rig."): move for move in moves for name in move.together}
+    for name in rig.dimensions.keys() & moved.keys():
+        shaft = name.rpartition(".")[0]
+        place = f"{where}: move.{moved[name].name!r}"
+        changed = changed_by(rig, [f"rig.{name}"]) - {f"rig.{name}"}
+        if both := sorted({one.removeprefix("rig.") for one in changed} & moved.keys()):
+            raise InputError(place, f"changes {both[0]}, which moves as well", "name one of both")
+        bore, outside = f"{shaft}.inner_diameter", f"{shaft}.diameter"
+        widest = moved[bore].upper if bore in moved else rig.dimensions[bore].ends[1]
+        least = moved[outside].lower if outside in moved else rig.dimensions[outside].ends[0]
+        if widest >= least:
+            raise InputError(
+                place, f"lets the diameter of {widest:g} m inside reach the one outside, {least:g} m",
+                "bounds that leave a wall",
+            )  # fmt: skip
 
 
 SIDES = {"left": "right", "right": "left", "l": "r", "r": "l", "fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl",

@@ -9,7 +9,7 @@ and speeds are absolute: the vehicle begins at its operating point, at standstil
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -17,12 +17,12 @@ import numpy as np
 from scipy.linalg import null_space
 
 from matching.match.case import LIMITS_OF_ALL, Case, own_limit
-from matching.match.requirements import TORQUE_OVER_SPEED
+from matching.match.requirements import STRESSES, TORQUE_OVER_SPEED
 from modelling.bed.vehicle import TorqueCurve
 from modelling.linear.state_space import discretise
 from modelling.linear.steady_motion import operating_motion, torques_of
 from modelling.simulation.simulate import simulate
-from modelling.system import Sensor
+from modelling.system import MOVABLE_DIMENSIONS, Drawing, Sensor
 from modelling.topology import Joint, connected_parts, joints, path
 
 SAMPLING_RATE = 1000.0  # Hz, of the manoeuvre: twenty samples a period of 50 Hz, above what moves a driveline by much
@@ -177,6 +177,7 @@ class Demands:
     behind: tuple[BehindCut, ...]
     limits: Mapping[str, float]
     torque_curve: TorqueCurve | None = None
+    drawings: Mapping[str, Drawing] = field(default_factory=dict)
 
     def taken(self, values: Mapping[str, float]) -> list[ExceededLimit]:
         """Every limit with what the manoeuvre takes of it, whether it is exceeded or not."""
@@ -193,6 +194,9 @@ class Demands:
             yield one(dynamometer, f"shafts.{shaft}.torque", torque)
             stiffness = max(values[f"rig.shafts.{shaft}.stiffness"], LEAST_STIFFNESS)
             yield one(dynamometer, f"shafts.{shaft}.twist", torque / stiffness)
+            if shaft in self.drawings:
+                for what, stress in stresses(self.drawings[shaft], torque, shaft, values).items():
+                    yield one(dynamometer, f"shafts.{shaft}.{what}", np.array([stress]))
         for dynamometer, torque in loads.torques.items():
             speed = loads.speeds[dynamometer]
             own = own_limit(dynamometer, "torque")
@@ -231,9 +235,23 @@ class Demands:
         }
 
 
+def stresses(
+    drawing: Drawing, torque: np.ndarray, shaft: str = "", values: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """Largest shear stress that a torque (t,) makes in a shaft, and half of the range in which it varies, Pa.
+
+    ``values`` may hold other dimensions of the shaft, as ``rig.shafts.NAME.diameter``.
+    """
+    given = values or {}
+    sizes = {key: given[name] for key in MOVABLE_DIMENSIONS if (name := f"rig.shafts.{shaft}.{key}") in given}
+    per_torque = drawing.with_sizes(sizes).stress_per_torque if sizes else drawing.stress_per_torque
+    found = float(np.abs(torque).max()), float(np.ptp(torque)) / 2
+    return {what: per_torque * value for what, value in zip(STRESSES, found, strict=True)}
+
+
 def rig_values(case: Case) -> dict[str, float]:
-    """Every quantity of the rig, SI, by its name in a case."""
-    return {f"rig.{name}": quantity.value for name, quantity in case.rig.parameters.items()}
+    """Every quantity and dimension of the rig, SI, by its name in a case."""
+    return {f"rig.{name}": quantity.value for name, quantity in (case.rig.parameters | case.rig.dimensions).items()}
 
 
 def demands(case: Case) -> Demands:
@@ -267,4 +285,5 @@ def demands(case: Case) -> Demands:
         inside = tuple(joint for joint in every if joint.ends[0] in part)
         rotors = {dyno.name: on[dyno.torque_input] for dyno in here}
         behind.append(BehindCut(tuple(part), inside, tuple(motions), rotors))
-    return Demands(tuple(behind), case.limits, case.torque_curve)
+    drawings = {shaft.name: shaft.drawing for shaft in case.rig.shafts if shaft.drawing is not None}
+    return Demands(tuple(behind), case.limits, case.torque_curve, drawings)

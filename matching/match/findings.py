@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from matching.match.case import limit_of_all
-from matching.match.requirements import OPENED_SHAFTS, TORQUE_OVER_SPEED
+from matching.match.requirements import OPENED_SHAFTS, STRESSES, TORQUE_OVER_SPEED
 
 # --- A finding
 
@@ -96,13 +96,16 @@ def limited_quantity(limit: str, dynamometer: str) -> str:
     if limit_of_all(limit) in LIMIT_WORDS:
         return f"a {LIMIT_WORDS[limit_of_all(limit)][0]} at dynamometer {dynamometer}"
     shaft, _, what = limit.removeprefix("shafts.").rpartition(".")
-    return f"a {what} in {shaft}"
+    words = {"shear_stress": "a shear stress", "shear_stress_amplitude": "an amplitude of the shear stress"}
+    return f"{words.get(what, f'a {what}')} in {shaft}"
 
 
 def with_unit(limit: str, value: float) -> str:
     """A value (SI) of a limit of a case with its unit."""
     if limit_of_all(limit) in LIMIT_WORDS:
         return f"{value:.4g} {LIMIT_WORDS[limit_of_all(limit)][1]}".rstrip()
+    if limit.rpartition(".")[2] in STRESSES:
+        return f"{value / 1e6:.4g} MPa"
     return f"{value:.4g} N·m" if limit.endswith("torque") else f"{np.degrees(value):.3g}°"
 
 

@@ -203,11 +203,12 @@ def _wider_bounds(problem: MatchProblem, solution: Solution, again: SolvedAgain)
 
 
 def _out_of(move: Move, value: float, factor: float) -> Move | None:
-    """A move with the bound that a value is at moved out; None where it is at none, or at 0, which is physical."""
+    """A move with the bound that a value is at moved out; None where it is at none, or at one that is physical: at 0,
+    or towards the wall of a tube."""
     part = scaled(value, move)
-    if part >= 1 - AT_BOUND:
+    if part >= 1 - AT_BOUND and not move.name.endswith(".inner_diameter"):
         return replace(move, upper=factor * move.upper)
-    if part <= AT_BOUND and move.lower > 0:
+    if part <= AT_BOUND and move.lower > 0 and not move.name.endswith(".diameter"):
         return replace(move, lower=move.lower / factor)
     return None
 

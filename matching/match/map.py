@@ -129,7 +129,7 @@ def _check(case: Case, name: str, low: float, high: float, where: str) -> None:
     if name.startswith("loop."):
         knob = case.loop.quantities[name.removeprefix("loop.")]
         lower, upper = knob.lower, knob.upper
-    if low < lower or high > upper or (low <= 0 and name.rsplit(".", 1)[1] in ("J", "ratio")):
+    if low < lower or high > upper or (low <= 0 and name.rsplit(".", 1)[1] in ("J", "ratio", "length", "diameter")):
         raise InputError(where, f"{low:g} … {high:g} of {name} is not possible", f"{lower:g} … {upper:g} is")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from modelling.bed.bed import Loop
@@ -42,6 +43,30 @@ def movable(rig: System, residual: ResidualVehicle, loop: Loop) -> dict[str, Mov
         full, image = f"rig.{name}", mirror_image(name, rig)
         together = (full,) if image == name else (full, f"rig.{image}")
         quantities[full] = Movable(value.value, rig.units[name], together)
+    for name, size in rig.dimensions.items():
+        if f"{name.rpartition('.')[0]}.stiffness" in specimen or name.rpartition(".")[0] in specimen:
+            continue
+        image = mirror_image(name, rig)
+        together = (f"rig.{name}",) if image == name or image not in rig.dimensions else (f"rig.{name}", f"rig.{image}")
+        quantities[f"rig.{name}"] = Movable(size.value, "m", together)
     for name, spec in loop.quantities.items():
         quantities[f"loop.{name}"] = Movable(loop.values[name], spec.unit, (f"loop.{name}",))
     return quantities
+
+
+# --- Dimensions of the rig's shafts: what they change.
+
+
+def with_sizes(rig: System, values: Mapping[str, float]) -> dict[str, float]:
+    """Values of a case by name, SI, and next to them the stiffness and inertias that dimensions among them make.
+
+    See :meth:`modelling.system.System.with_sizes`.
+    """
+    of_rig = {name.removeprefix("rig."): value for name, value in values.items() if name.startswith("rig.")}
+    return {**{f"rig.{name}": value for name, value in rig.with_sizes(of_rig).items()}, **values}
+
+
+def changed_by(rig: System, names: Iterable[str]) -> set[str]:
+    """Names of quantities that change with some, these themselves too: of a dimension stiffness and inertias."""
+    sizes = {name: rig.dimensions[name].value for one in names if (name := one.removeprefix("rig.")) in rig.dimensions}
+    return {*names, *(f"rig.{name}" for name in rig.with_sizes(sizes))}

@@ -44,6 +44,7 @@ from matching.match.loop import (
     return_difference,
 )
 from matching.match.loop_modes import eigenvalue_of, neutral_motions
+from matching.match.movable import with_sizes
 from matching.match.opened import CLOSED, OPENED, Opened, openings
 from matching.match.operating_range import at_speed, ends_of
 from matching.match.requirements import Requirements, requirements
@@ -207,11 +208,12 @@ class SpeedSearch:
         return np.array([one.at(given.get(one.name, one.move.start)) for one in self.variables])
 
     def values(self, x: np.ndarray) -> dict[str, float]:
-        """Values by name, SI, mirror images too, at a point (m,)."""
-        return {
+        """Values by name, SI, mirror images and what follows from dimensions too, at a point (m,)."""
+        moved = {
             name: one.value(part) for one, part in zip(self.variables, x.tolist(), strict=True)
             for name in one.move.together
         }  # fmt: skip
+        return with_sizes(self.case.rig, moved)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest coordinates (m,)."""

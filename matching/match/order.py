@@ -22,6 +22,7 @@ from matching.match.search import Found
 from matching.match.variables import CONTROLLER, RIG, Variable
 from matching.match.verify import FRESH
 from modelling.errors import NoDesign
+from modelling.system import MOVABLE_DIMENSIONS
 from modelling.units import printed
 
 
@@ -340,7 +341,7 @@ def _trade(
         tried(variable.at(value), settled)
     if as_planned is not None and not is_better(settled, as_planned):
         ends = [min(ends[0], planned[number]), max(ends[1], planned[number])]
-    torque = _rated_torque(search.case, move.name)
+    torque, stiffness = _rated_torque(search.case, move.name), _stiffness(search, settled, move.name)
     shown = {
         place: one
         for place, one in curve.items()
@@ -354,7 +355,7 @@ def _trade(
         error_as_ordered=settled.error,
         curve=tuple((variable.value(place), one.error) for place, one in sorted(shown.items())),
         rated_torque=torque,
-        twist=None if torque is None else torque / variable.value(here),
+        twist=None if torque is None or stiffness is None else torque / stiffness,
         reason=_reason(variable, curve, here, planned[number]),
     )  # fmt: skip
 
@@ -428,13 +429,23 @@ def _end_of_no_worse(
     return good
 
 
+def _stiffness(search: Search, settled: Delivered, name: str) -> float | None:
+    """N·m/rad, as ordered, of the shaft that a quantity belongs to; None of others."""
+    place = f"{name.removeprefix(RIG).rpartition('.')[0]}.stiffness"
+    if place not in search.case.rig.parameters:
+        return None
+    values = search.values(settled.end.x)
+    return values.get(f"{RIG}{place}", search.case.rig.parameters[place].value)
+
+
 INWARD = 0.15  # of a bracket, by which the next value lies at least within it
 
 
 def _rated_torque(case: Case, name: str) -> float | None:
-    """N·m that a shaft whose stiffness has this name has to carry: its own limit, else that of the dynamometers."""
+    """N·m that a shaft has to carry whose stiffness or dimension has this name: its own limit, else that of the
+    dynamometers."""
     place, _, quantity = name.removeprefix(RIG).rpartition(".")
-    if quantity != "stiffness" or not place.startswith("shafts."):
+    if quantity not in ("stiffness", *MOVABLE_DIMENSIONS) or not place.startswith("shafts."):
         return None
     largest = float(case.limits_of("torque").max())
     return case.limits.get(f"{place}.torque", largest if np.isfinite(largest) else None)

@@ -10,6 +10,7 @@ import scipy
 
 from matching.match.case import Case, Move, unscaled
 from matching.match.demands import Demands, ExceededLimit, demands, rig_values
+from matching.match.movable import changed_by, with_sizes
 from matching.match.requirements import TORQUE_OVER_SPEED
 from matching.match.result import TargetResult
 from matching.match.targets import on_rig, released_moves, shares_of, target_modes
@@ -110,7 +111,8 @@ def infeasible_limits(case: Case, moves: Sequence[Move], asked: Demands) -> list
 
     def values(at: np.ndarray) -> dict[str, float]:
         parts = zip(of_rig, np.clip(at, 0, 1).tolist(), strict=True)
-        return planned | {name: float(unscaled(part, move)) for move, part in parts for name in move.together}
+        moved = {name: float(unscaled(part, move)) for move, part in parts for name in move.together}
+        return planned | with_sizes(case.rig, moved)
 
     def worst(at: np.ndarray) -> float:
         return float(asked.shares(values(at)).max(initial=0.0))
@@ -133,7 +135,7 @@ def needed_to_keep(case: Case, free: Sequence[Move], asked: Demands) -> dict[str
     """Names of fixed moves, each with a limit on it that no setting of the free ones keeps."""
     planned = rig_values(case)
     out_of_reach = {limit for _, limit, _, _ in infeasible_limits(case, free, asked)}
-    names = {name for move in free for name in move.together}
+    names = changed_by(case.rig, [name for move in free for name in move.together])
     for limit in [exceeded.limit for exceeded in asked.broken(planned)]:
         if not names & asked.quantities(limit, planned):
             out_of_reach.add(limit)
@@ -141,7 +143,7 @@ def needed_to_keep(case: Case, free: Sequence[Move], asked: Demands) -> dict[str
     for limit in sorted(out_of_reach):
         behind = asked.quantities(limit, planned)
         for move in case.moves:
-            if move not in free and behind & set(move.together):
+            if move not in free and behind & changed_by(case.rig, move.together):
                 released.setdefault(move.name, limit)
     return released
 

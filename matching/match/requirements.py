@@ -31,6 +31,7 @@ LIMIT_UNITS = {
     "dynamometer_speed": "rad/s",
     "dynamometer_power": "W",
 }
+STRESSES = ("shear_stress", "shear_stress_amplitude")  # of a shaft by its drawing: largest, and half of its range
 OPENED_SHAFTS = "opened_shafts"  # as a limit: whether cut shafts that free play opens have to leave a bed stable
 DEFAULT_LIMITS: dict[str, float] = {
     "modulus_margin": 0.5,
@@ -53,6 +54,7 @@ def limit_units(rig: System, dynamometers: Iterable[str] = ()) -> dict[str, str]
         | {own_limit(name, what): LIMIT_UNITS[key] for name in dynamometers for what, key in LIMITS_OF_ALL.items()}
         | {f"shafts.{part.name}.torque": "N*m" for part in rig.shafts}
         | {f"shafts.{part.name}.twist": "rad" for part in rig.shafts}
+        | {f"shafts.{part.name}.{what}": "Pa" for part in rig.shafts if part.drawing for what in STRESSES}
     )
 
 
@@ -72,6 +74,7 @@ def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[
             limits[key] = value
             continue
         if key not in units:
+            _check_drawn(key, rig, f"{where}: limits.{key}")
             raise unknown(key, [*units, OPENED_SHAFTS, TORQUE_OVER_SPEED], f"{where}: limits")
         limits[key] = to_si(value, units[key], f"{where}: limits.{key}")
         if not limits[key] > 0:
@@ -84,6 +87,13 @@ def read_limits(data: Mapping[str, Any], rig: System, where: str) -> tuple[dict[
         limits[TORQUE_OVER_SPEED] = 1.0
         limits["dynamometer_speed"] = min(limits.get("dynamometer_speed", curve.speeds[-1]), curve.speeds[-1])
     return limits, curve
+
+
+def _check_drawn(key: str, rig: System, place: str) -> None:
+    """Refuse a shear stress of a shaft whose diameters no file states."""
+    shaft, _, what = key.removeprefix("shafts.").rpartition(".")
+    if what in STRESSES and key.startswith("shafts.") and shaft in {part.name for part in rig.shafts}:
+        raise InputError(place, "needs the diameter of the shaft", "state the shaft by its drawing: length, diameter")
 
 
 # --- What every bed and the loop have to keep, for a controller to count as robust.

@@ -105,5 +105,15 @@ def share(case: Case, move: Move, vehicle: Modes, rig_modes: list[Mode | None]) 
         for name in move.together:
             place, _, key = name.split(".", 1)[1].rpartition(".")
             total += (mode.kinetic if key in ("J", "drag") else mode.potential).get(place, 0.0)
+            if name.removeprefix("rig.") in case.rig.dimensions:
+                total += _of_its_inertia(case.rig, place.removeprefix("shafts."), mode)
         best = max(best, total)
     return best
+
+
+def _of_its_inertia(rig: System, name: str, mode: Mode) -> float:
+    """Share of a mode's energy that moves the inertia of a shaft itself, half of it at each end."""
+    shaft = next(part for part in rig.shafts if part.name == name)
+    half = 0.0 if shaft.drawing is None else shaft.drawing.inertia.value / 2
+    places = [f"inertias.{end}" for end in shaft.between]
+    return sum(mode.kinetic.get(place, 0.0) * half / rig.parameters[f"{place}.J"].value for place in places)

@@ -21,6 +21,7 @@ from matching.match.beds import (
 )
 from matching.match.case import Case
 from matching.match.damping import decay_rates, is_stable_loop, rates, stable_loops, without_resting
+from matching.match.demands import stresses
 from matching.match.kept import ReachedTarget, candidates_of, target_modes_of
 from matching.match.loop import (
     Body,
@@ -451,11 +452,16 @@ class LeastDamped(NamedTuple):
 def peaks_of(parts: LinearBed, traces: Traces) -> dict[str, float]:
     """Largest magnitudes of the matched rig's dynamometer and shaft traces, operating point included, by name.
 
+    Of a shaft by its drawing shear stresses as well, see :func:`matching.match.demands.stresses`;
     ``dynamometers.NAME.torque_over_speed`` is the largest share of the torque that the dynamometer has at its speed.
     """
     names = [f"dynamometers.{dyno.name}.{what}" for dyno in parts.dynamometers for what in ("torque", "speed", "power")]
     names += [f"shafts.{shaft.name}.{what}" for shaft in parts.case.rig.shafts for what in ("torque", "twist")]
     peaks = {name: float(np.abs(traces.absolute(name)).max()) for name in names if name in traces.matched}
+    for shaft in parts.case.rig.shafts:
+        if shaft.drawing is not None and f"shafts.{shaft.name}.torque" in peaks:
+            found = stresses(shaft.drawing, traces.absolute(f"shafts.{shaft.name}.torque"))
+            peaks |= {f"shafts.{shaft.name}.{what}": stress for what, stress in found.items()}
     curve = parts.case.torque_curve
     if curve is not None:
         for place in (f"dynamometers.{dyno.name}" for dyno in parts.dynamometers):

@@ -35,6 +35,7 @@ from matching.report.common import (
     styled,
     unit,
 )
+from matching.report.drivetrain import MOST_INERTIAS, noted_figure
 from matching.report.page import Fold, Picture, Provenance, Report, Step, Table, View, register
 
 # --- The curves of a verification's figure as a table (CSV), to be calculated with.
@@ -650,6 +651,10 @@ def torques_figure(inputs: Sequence[str], torques: np.ndarray, step: float) -> F
 
 EXCITATION = "Torques over time; below, the part of each quantity in the response error, now and after the recording."
 IDENTIFIED = "What the recordings change of each quantity that they tell, with the half-width that stays (k = 2)."
+ON_DRIVETRAIN = (
+    "What the recordings tell of each part, with the half-width that stays (k = 2), in SI: k stiffness, d damping, "
+    "i ratio."
+)
 PROOF = "The last period of the torques."
 PULSES = "Torques of the check of the channels: every one alone, then all at once."
 
@@ -691,6 +696,35 @@ def identified_figure(content: Mapping[str, Any]) -> Figure:
         ax.invert_yaxis()
         ax.set_xlabel("change by the recordings in %")
     return fig
+
+
+SIGNS = {"J": "J", "stiffness": "k", "damping": "d", "drag": "drag", "ratio": "i"}
+
+
+def found_on_drivetrain(known: FromRecordings) -> Figure:
+    """Vehicle and bed with what the recordings tell of each part, and with what they do not tell."""
+    content, vehicle, rig = known.to_dict(), dict[str, list[str]](), dict[str, list[str]]()
+    of_vehicle, of_rig = ({*case.places()} for case in (known.case.vehicle, known.case.rig))
+    for recorded in ("bed", "vehicle"):
+        for own in (content[recorded] or {}).get("values", ()):
+            place, _, key = own["name"].partition(".")[2].rpartition(".")
+            if key not in SIGNS or own["name"].partition(".")[0] not in ("rig", "vehicle"):
+                continue
+            told = plus_minus(own["after"], own["half_width"]) if own.get("found", True) else "not told"
+            for lines, places in ((vehicle, of_vehicle), (rig, of_rig)):
+                if place in places and (recorded == "vehicle") == (lines is vehicle):
+                    lines.setdefault(place, []).append(f"{SIGNS[key]}: {told}")
+    return noted_figure(known.case, vehicle, rig)
+
+
+def _identified_pictures(known: FromRecordings) -> dict[str, Picture]:
+    content = known.to_dict()
+    made = {"identified": Picture(lambda: identified_figure(content), IDENTIFIED)}
+    small = max(len(system.inertias) for system in (known.case.vehicle, known.case.rig)) <= MOST_INERTIAS
+    named = (own["name"].partition(".")[0] for part in content.values() if part for own in part["values"])
+    if small and not {"rig", "vehicle"}.isdisjoint(named):
+        made["drivetrain"] = Picture(lambda: found_on_drivetrain(known), ON_DRIVETRAIN)
+    return made
 
 
 def excitation_report(
@@ -793,7 +827,7 @@ def proof_report(content: Mapping[str, Any], folder: str = "OUT", made: Provenan
 
 register(FromRecordings, View(
     "identification.json", identification_report,
-    lambda known: {"identified": Picture(lambda: identified_figure(known.to_dict()), IDENTIFIED)},
+    _identified_pictures,
     others=lambda known: {name: text for name, text in known.files().items() if name != "identification.json"},
 ))  # fmt: skip
 register(ExcitationPlan, View(

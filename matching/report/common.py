@@ -82,6 +82,8 @@ _PRACTICAL_UNITS = {  # factor and unit by SI unit
     "rad": (180 / math.pi, "°"),
     "rad/s": (30 / math.pi, "1/min"),
     "W": (1e-3, "kW"),
+    "m": (1e3, "mm"),
+    "Pa": (1e-6, "MPa"),
 }
 _PLAIN_POWERS = range(-4, 7)  # powers of ten that are written without exponent
 UNCHANGED_PERCENT = 0.05  # a smaller change would be printed as 0.0 %
@@ -149,7 +151,7 @@ def amount(value: float | None, si: str, digits: int = 4) -> str:
 
 
 def practical(value: float | None, si: str, digits: int = 3) -> str:
-    """The same in the unit that test benches use: ms, °, 1/min, kW.
+    """The same in the unit that test benches use: ms, °, 1/min, kW, mm, MPa.
 
     Parameters
     ----------

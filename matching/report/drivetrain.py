@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -378,15 +378,22 @@ class Drawing:
         return max(TALLEST * (part.J.value / self.largest) ** 0.25, LEAST_HEIGHT)
 
 
-def drawing(system: System, emphasis: Emphasis | None = None, largest: float | None = None) -> Drawing:
+def drawing(
+    system: System, emphasis: Emphasis | None = None, largest: float | None = None,
+    lines: Mapping[str, Sequence[str]] | None = None,
+) -> Drawing:  # fmt: skip
     """Lay out a drivetrain to be drawn.
 
     Parameters
     ----------
     largest : float, optional
         Inertia of the tallest disc, kg·m²; default the system's largest.
+    lines : mapping, optional
+        Further lines below parts.
     """
     notes = _notes(system)
+    for part, more in (lines or {}).items():
+        notes[part] = [*more, *notes.get(part, [])]
     most = max((len(lines) for lines in notes.values()), default=0)
     largest = largest or max(part.J.value for part in system.inertias)
     emphasis = emphasis or Emphasis()
@@ -547,24 +554,38 @@ def case_figure(case: Case) -> Figure:
     )
 
 
-def case_drawings(case: Case) -> tuple[Drawing, Drawing]:
-    """Vehicle and rig laid out, with what the case says of them."""
+def noted_figure(case: Case, of_vehicle: Mapping[str, Sequence[str]], of_rig: Mapping[str, Sequence[str]]) -> Figure:
+    """Vehicle above rig with lines at their parts, by ``shafts.NAME``; a system without any line is left out."""
+    titles = f"Vehicle: {case.vehicle.title}", f"Rig: {case.rig.title}"
+    shown = []
+    for drawn, notes, title, colour in zip(
+        case_drawings(case, of_vehicle, of_rig), (of_vehicle, of_rig), titles, (VEHICLE, RIG), strict=True
+    ):
+        if notes:
+            shown.append((title, colour, drawn))
+    return _figure(shown, CASE_LEGEND)
+
+
+def case_drawings(
+    case: Case, of_vehicle: Mapping[str, Sequence[str]] | None = None, of_rig: Mapping[str, Sequence[str]] | None = None
+) -> tuple[Drawing, Drawing]:  # fmt: skip
+    """Vehicle and rig laid out, with what the case says of them, and with further lines by part."""
     vehicle, rig = ({part.name for part in system.inertias} for system in (case.vehicle, case.rig))
     interfaces = case.residual_vehicle.interfaces
     rotors = {source.name: source.on for source in case.rig.inputs}
     machines = {rotors[machine.torque_input]: machine.name for machine in case.loop.dynamometers}
-    of_vehicle = Emphasis(
+    vehicle_look = Emphasis(
         dict.fromkeys(vehicle - rig, VEHICLE),
         frozenset(vehicle - rig),
         cuts={interface.shaft: interface.vehicle_end for interface in interfaces},
     )
-    of_rig = Emphasis(
+    rig_look = Emphasis(
         dict.fromkeys(rig - vehicle, RIG),
         machines=machines,
         cuts={interface.shaft: interface.rig_end for interface in interfaces},
     )
     largest = max(part.J.value for system in (case.vehicle, case.rig) for part in system.inertias)
-    both = drawing(case.vehicle, of_vehicle, largest), drawing(case.rig, of_rig, largest)
+    both = drawing(case.vehicle, vehicle_look, largest, of_vehicle), drawing(case.rig, rig_look, largest, of_rig)
     column = max(drawn.column for drawn in both)  # parts of both stand below each other
     return replace(both[0], column=column), replace(both[1], column=column)
 

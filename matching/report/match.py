@@ -22,6 +22,7 @@ from matching.match.loop_modes import LoopMode
 from matching.match.result import AdapterTrade, MatchResult, TargetResult
 from matching.match.verify import DISAGREEMENT, Deviation, Verification
 from matching.report import driving as driving_report
+from matching.report import order_sheet
 from matching.report.common import (
     BAND,
     INK,
@@ -330,7 +331,8 @@ def _reaching(low: float, high: float, limit: float) -> tuple[float, float]:
 
 IDENTIFIED_WITHIN_PERCENT = 2  # of the vehicle's frequency; the identification itself is good to about 0.1 %
 ROUNDING = 1e-6  # relative, by which a solution at a limit may miss it
-PEAK_UNITS = {"torque": "N*m", "speed": "rad/s", "power": "W", "twist": "rad", "torque_over_speed": "1"}
+PEAK_UNITS = {"torque": "N*m", "speed": "rad/s", "power": "W", "twist": "rad", "torque_over_speed": "1",
+              "shear_stress": "Pa", "shear_stress_amplitude": "Pa"}  # fmt: skip
 
 
 def signals(result: MatchResult) -> list[Signal]:
@@ -1103,12 +1105,15 @@ def to_do(result: MatchResult, folder: str) -> list[Step]:
         return [*points, Step("See over two quantities where the match would hold", command=command)]
     orders = [trade for trade in result.adapters if trade.changes]
     for trade in orders:
-        low, high = (amount(value, trade.unit, 3) for value in trade.acceptable)
+        shown = practical if trade.unit == "m" else amount
+        low, high = (shown(value, trade.unit, 3) for value in trade.acceptable)
         points.append(
-            Step(f"Order {component(trade.name)} {amount(trade.ordered, trade.unit)} instead of "
-                        f"{amount(trade.planned, trade.unit)}",
+            Step(f"Order {component(trade.name)} {shown(trade.ordered, trade.unit)} instead of "
+                        f"{shown(trade.planned, trade.unit)}",
                  f"{trade.reason}; {low} to {high} serves as well{_twist(trade)}")
         )  # fmt: skip
+    if result.adapters:
+        points.append(Step("Give the order sheet to the workshop; a browser prints it to PDF", file=order_sheet.FILE))
     if not orders:
         reason = "no change of them gains 2 %" if result.adapters else "none of them may change under [move]"
         points.append(Step("Order the adapters as planned", reason))
@@ -1234,10 +1239,15 @@ def curve_data(result: MatchResult) -> dict[str, str]:
     return tables
 
 
+def _other_files(result: MatchResult) -> dict[str, str | bytes]:
+    sheet = order_sheet.page(result, provenance(result.case))
+    return {**case_files(result.tuned), **({order_sheet.FILE: sheet} if sheet else {})}
+
+
 register(
     MatchResult,
     View(
-        "result.json", report, pictures, content, others=lambda result: dict(case_files(result.tuned)),
+        "result.json", report, pictures, content, others=_other_files,
         origin=lambda result: provenance(result.case), tells_origin=True,
     ),
 )  # fmt: skip

@@ -32,11 +32,12 @@ from modelling.toml import read_toml
 
 
 class Step(NamedTuple):
-    """A line of a list: what to do or to know, why, and the command that does it."""
+    """A line of a list: what to do or to know, why, the command that does it, and a file next to the page."""
 
     text: str
     reason: str = ""
     command: str = ""
+    file: str = ""
 
 
 @dataclass(frozen=True)
@@ -318,7 +319,7 @@ def in_terminal(report: Report) -> str:
             lines += ["", f"{heading}:"]
         for step in steps:
             reason = f" ({step.reason})" if step.reason else ""
-            lines += [f"  {step.text}{reason}", *([f"    {step.command}"] if step.command else [])]
+            lines += [f"  {step.text}{reason}", *(f"    {more}" for more in (step.command, step.file) if more)]
     for fold in report.folds:
         if fold.told and fold.blocks:
             lines += ["", f"{fold.heading}:", *(line for block in fold.blocks for line in _told(block))]

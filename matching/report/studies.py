@@ -29,6 +29,7 @@ from matching.report.common import (
     number,
     percent,
     practical,
+    sentence,
     spaced,
     styled,
     unit,
@@ -45,6 +46,8 @@ LIMITS = {  # what limits the match at a point, in words
     "targets": "target mode not met",
     "twist": "shaft twist above its limit",
     "torque": "shaft torque above its limit",
+    "shear_stress": "shear stress above its limit",
+    "shear_stress_amplitude": "amplitude of the shear stress above its limit",
     "dynamometer_torque": "dynamometer torque above its limit",
     "dynamometer_speed": "dynamometer speed above its limit",
     "dynamometer_power": "dynamometer power above its limit",
@@ -403,24 +406,27 @@ register(
 
 # --- Figure of a tolerance study: distributions with nominal value and limit, and the drivers of each.
 
+ROUNDING = 1e-9  # relative standard deviation of a result up to which it does not spread
+LEAST_DRAWN = 0.005  # share of a variance whose bar is seen
 DRIVERS_DRAWN = 5  # quantities with the largest shares of the variance
 
 
 def plot_tolerance(study: Tolerance) -> Figure:
-    """One row a result: its distribution, and the quantities that it comes from."""
+    """One row a result that spreads: its distribution, and the quantities that it comes from."""
+    spreads = _spreading(study) or study.spreads
     with styled():
-        fig = figure(8.0, 0.8 + 1.75 * len(study.spreads))
-        rows = fig.subplots(len(study.spreads), 2, squeeze=False, width_ratios=[3, 2])
-        for (left, right), spread in zip(rows, study.spreads, strict=True):
+        fig = figure(8.0, 0.8 + 1.75 * len(spreads))
+        rows = fig.subplots(len(spreads), 2, squeeze=False, width_ratios=[3, 2])
+        for (left, right), spread in zip(rows, spreads, strict=True):
             left.stairs(100 * spread.counts / spread.draws, spread.edges, fill=True, color=common.MATCHED, alpha=0.6)
             left.axvline(spread.nominal, color="black", linewidth=1.2, label="nominal")
             for place, label in zip(_required_values(study, spread), ("required", "_"), strict=False):
                 left.axvline(place, color=common.LIMIT, linestyle="--", linewidth=1.2, label=label)
-            left.set_xlabel(result_words(spread.name) + (f" in {spread.unit}" if spread.unit else ""))
-            left.set_ylabel("share of draws\nin %")
+            left.set_xlabel(axis_words(spread.name, spread.unit))
+            left.set_ylabel("share of beds\nin %")
             left.locator_params(axis="x", nbins=6)
             left.legend(fontsize=7, loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0)
-            drivers = spread.drivers[:DRIVERS_DRAWN][::-1]
+            drivers = [one for one in spread.drivers[:DRIVERS_DRAWN] if one[1] >= LEAST_DRAWN][::-1]
             right.barh(range(len(drivers)), [100 * share for _, share in drivers], color=common.VEHICLE)
             right.set_yticks(range(len(drivers)), [component(name) for name, _ in drivers], fontsize=7)
             right.set_xlim(0, 100)
@@ -429,12 +435,31 @@ def plot_tolerance(study: Tolerance) -> Figure:
     return fig
 
 
+def _spreading(study: Tolerance) -> list[Spread]:
+    """Results that differ from bed to bed by more than rounding."""
+    return [one for one in study.spreads if one.standard_deviation > ROUNDING * abs(one.mean)]
+
+
 def _required_values(study: Tolerance, spread: Spread) -> list[float]:
     """Ends of what is required of a result: the margin, and those of a target mode that a draw comes near."""
     if spread.name == "modulus_margin":
         return [study.asked]
     low, high = spread.edges[0], spread.edges[-1]
     return [end for end in required_range(spread.name, study.allowed, study.asked) if low <= end <= high]
+
+
+OF_TARGET = {  # of a target mode, on an axis
+    "frequency_error": "frequency over that of the vehicle, less 1",
+    "damping_error": "damping ratio less the vehicle's",
+}  # fmt: skip
+
+
+def axis_words(name: str, unit_: str) -> str:
+    """A result of the study at an axis: in words, with its unit."""
+    for ending, words in OF_TARGET.items():
+        if name.startswith("target_mode_") and name.endswith(f"_{ending}"):
+            return f"{result_words(name.removesuffix(f'_{ending}'))}: {words}"
+    return result_words(name) + (f" in {unit_}" if unit_ else "")
 
 
 def result_words(name: str) -> str:
@@ -569,7 +594,9 @@ def _named(spread: Mapping[str, Any]) -> str:
 
 def tolerance_pictures(study: Tolerance) -> dict[str, Picture]:
     """Distributions and drivers."""
-    return {"tolerance": Picture(lambda: plot_tolerance(study), TOLERANCE_CAPTION, histogram_data(study))}
+    same = [axis_words(one.name, "") for one in study.spreads if one not in _spreading(study)]
+    of_all = f" The same on every bed, and so not drawn: {sentence(same)}." if same else ""
+    return {"tolerance": Picture(lambda: plot_tolerance(study), TOLERANCE_CAPTION + of_all, histogram_data(study))}
 
 
 register(Tolerance, View("tolerance.json", tolerance_report, tolerance_pictures, folder=""))

@@ -132,7 +132,7 @@ def damped_modes_of(linear: Linear) -> Modes:
     return Modes(
         frequencies, ratios, symmetries, speed, mass, stiffness, kinetic.T, potential.T, turns,
         parts.masses, parts.springs, tuple(model.coordinates), eigenvalues,
-    )  # fmt: skip
+    ).without_held(model.system.held)  # fmt: skip
 
 
 def _damped_eigen(linear: Linear, parts: Elements, wide: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -296,7 +296,7 @@ def modes(system: System, values: Mapping[str, float] | None = None, state: np.n
     model = compiled(system)
     p = model.vector(values)
     if model.n <= LARGEST_WITH_ALL_MODES:
-        return modes_of(model, p[None], state).case(0)
+        return modes_of(model, p[None], state).case(0).without_held(system.held)
     if not np.isfinite(p).all():
         raise InputError("values", "a parameter is not finite", "give finite numbers")
     if state is None and system.operating_point is not None and not is_linear(system):
@@ -309,7 +309,7 @@ def modes(system: System, values: Mapping[str, float] | None = None, state: np.n
             wrong = "frequencies over so many decades are not found in so large a model"
             raise InputError("", wrong, "join inertias at very stiff shafts to one")
         squares, shapes = (found[None, ..., :LOWEST_MODES] for found in _by_singular_values(parts, 0))
-    return _completed(model, parts, squares, shapes).case(0)
+    return _completed(model, parts, squares, shapes).case(0).without_held(system.held)
 
 
 def modes_batch(
@@ -404,10 +404,22 @@ def _completed(model: Model, parts: Elements | SparseElements, squares: np.ndarr
     """Modes from ω² (b, m) and mass-normalised shapes (b, n, m)."""
     rigid = np.arange(squares.shape[1]) < parts.rigid()[:, None]
     squares = np.where(rigid, 0.0, np.maximum(squares, 0.0))
+    _part_from_held(model, shapes, parts)
     image = images(model.system, parts.masses)
     if image is not None:
         _split_repeated(squares, shapes, parts, image)
     return _shares(squares, shapes, parts, image, tuple(model.coordinates))
+
+
+def _part_from_held(model: Model, shapes: np.ndarray, parts: Elements | SparseElements) -> None:
+    """Rotate the shapes of rigid motions, in place: inertias with an imposed motion turn in as few as can be."""
+    rows = [number for number, place in enumerate(parts.masses) if place in model.system.held]
+    for case in range(len(shapes)) if rows else ():
+        turns = parts.mass_transformation
+        own = (turns if turns.ndim == 2 else turns[case])[rows]
+        rigid = shapes[case][:, : int(parts.rigid()[case])]
+        across = np.linalg.svd(np.asarray(own @ rigid))[2]
+        shapes[case][:, : rigid.shape[1]] = rigid @ across.T
 
 
 def _eigen(parts: Elements) -> tuple[np.ndarray, np.ndarray]:

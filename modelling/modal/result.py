@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,9 @@ class Mode:
     def animate(self) -> Any:
         """The chain swinging in this mode, slowed: a drawing for a notebook, with ``save(path)`` for a file (SVG)."""
         return display.animation(self)
+
+
+OF_HELD = 0.5  # share of the kinetic energy from which a motion is that of an imposed inertia; others have none of it
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,20 @@ class Modes(Displayed):
         return Modes(
             masses=self.masses, springs=self.springs, coordinates=self.coordinates, damped=self.damped, **arrays
         )  # fmt: skip
+
+    def without_held(self, held: Collection[str]) -> Modes:
+        """The same without the motions of inertias whose motion is imposed: what is held or driven is no mode.
+
+        ``held`` are their places, ``inertias.NAME``; they stand still in every other mode.
+        """
+        rows = [number for number, place in enumerate(self.masses) if place in held]
+        keep = self.kinetic[:, rows].sum(axis=1) < OF_HELD
+        if keep.all():
+            return self
+        last = ("shapes", "mass_amplitudes")
+        arrays = {name: getattr(self, name)[..., keep] if name in last else getattr(self, name)[keep]
+                  for name in self._ARRAYS}  # fmt: skip
+        return replace(self, **arrays)
 
     def __len__(self) -> int:
         return self.frequencies.shape[-1]

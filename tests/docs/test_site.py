@@ -24,6 +24,8 @@ def test_the_site_builds_without_a_warning_and_loads_nothing_from_elsewhere(tmp_
     assert done.returncode == 0, done.stderr
     pages = sorted((tmp_path / "html").rglob("*.html"))
     assert len(pages) > 20
+    start = (tmp_path / "html" / "index.html").read_text(encoding="utf-8")
+    assert start.count('role="heading" aria-level="2"') == start.count('role="heading"') > 2
     for page in pages:  # no script, style, font or picture of theirs has an address on the internet; links may
         text = page.read_text(encoding="utf-8")
         loaded = re.findall(r"<(?:script|img|link|iframe|source)\b[^>]*?(?:src|href)=\"((?:https?:)?//[^\"]*)", text)

@@ -333,3 +333,45 @@ def test_a_match_is_seen_after_a_reload_and_in_a_second_window_until_its_report(
         step(second, "Match")
         second.get_by_role("link", name="Open the report").wait_for()
         assert complaints == []
+
+
+FOCUSED = """() => { let found = document.activeElement;
+    while (found && found.shadowRoot && found.shadowRoot.activeElement) found = found.shadowRoot.activeElement;
+    return (found && found.dataset && found.dataset.part) || ''; }"""
+
+
+@pytest.mark.long
+def test_a_chain_of_thirty_is_large_enough_to_read_and_its_discs_come_first_for_the_keyboard(tmp_path):
+    """The drawing scrolls to the part that is chosen; behind the last shaft the keyboard leaves it."""
+    browser_path()
+    count = 30
+    text = "".join(f"[inertias.i{k}]\nJ = 0.1\n" for k in range(count))
+    text += "".join(f'[shafts.s{k}]\nbetween = ["i{k}", "i{k + 1}"]\nstiffness = 1000\n' for k in range(count - 1))
+    (tmp_path / "chain.toml").write_text(text + '[inputs.pull]\non = "i0"\n')
+    with (
+        served(explored(tmp_path / "chain.toml"), out=tmp_path / "out") as address,
+        opened_page(address) as (page, complaints),
+    ):
+        disc = page.locator("[data-part='inertias.i0']")
+        disc.wait_for()
+        assert disc.bounding_box()["height"] > 50  # px: with the page's width it was 28
+        page.locator(".drawing").focus()
+        wanted = [f"inertias.i{k}" for k in range(count)] + [f"shafts.s{k}" for k in range(count - 1)]
+        reached = []
+        for _ in (*wanted, "behind"):
+            page.keyboard.press("Tab")
+            reached.append(page.evaluate(FOCUSED))
+        assert reached == [*wanted, ""]
+        page.locator("[data-part='shafts.s1']").focus()
+        page.keyboard.press("Shift+Tab")
+        assert page.evaluate(FOCUSED) == "shafts.s0"
+        page.get_by_label("Part", exact=True).select_option(label="model: inertias i25")
+        page.wait_for_function(
+            """() => { const walk = (root) => [...root.querySelectorAll('*')].flatMap(one =>
+                [one, ...(one.shadowRoot ? walk(one.shadowRoot) : [])]);
+                const all = walk(document), chosen = (one) => one.dataset && one.dataset.part === 'inertias.i25';
+                const box = all.find(one => one.className === 'drawing').getBoundingClientRect();
+                const part = all.find(chosen).getBoundingClientRect();
+                return part.left >= box.left && part.right <= box.right; }"""
+        )
+        assert complaints == []

@@ -169,3 +169,63 @@ def test_files_are_made_opened_and_copied_within_the_folder_only(folder, tmp_pat
 ])  # fmt: skip
 def test_decimal_commas_are_understood_where_they_are_one(text, value):
     assert number_or_text(text) == value
+
+
+def test_gears_of_three_members_and_a_shaft_by_its_drawing(folder, tmp_path):
+    """The stiffness is GJ/L, and a dimension is written in the unit that the file has for it."""
+    names = ("motor", "ring", "carrier", "left", "right")
+    text = "".join(f'[inertias.{name}]\nJ = 0.1\n[inputs.on_{name}]\non = "{name}"\n' for name in names)
+    (tmp_path / "drawn.toml").write_text(text, encoding="utf-8")
+    drawn = ModelDocument(tmp_path / "drawn.toml")
+    before = drawn.text
+    add_part(drawn, "shaft by its drawing", "bar", "left", "right")
+    assert drawn.system.parameters["shafts.bar.stiffness"].value == pytest.approx(79.3e9 * math.pi / 32 * 0.03**4 / 0.3)
+    assert "shafts.bar.diameter" in drawn.values_of("shafts.bar")
+    assert "shafts.bar.stiffness" not in drawn.values_of("shafts.bar")
+    drawn.set_text("shafts.bar.diameter", "40 mm")
+    assert drawn.written("shafts.bar.diameter") == "40 mm"
+    drawn.set_value("shafts.bar.diameter", 0.05)
+    assert drawn.written("shafts.bar.diameter") == "50 mm"
+    assert drawn.system.parameters["shafts.bar.stiffness"].value == pytest.approx(79.3e9 * math.pi / 32 * 0.05**4 / 0.3)
+    assert drawn.other_parts[0] == ["shafts.bar"]
+    while drawn.text != before:
+        assert drawn.undo()
+    add_part(drawn, "planetary gear", "gear", "motor", "carrier", "ring")
+    part = drawn.system["planetary_gears.gear"]
+    assert (part.sun, part.carrier, part.ring, part.ratio.value) == ("motor", "carrier", "ring", 2.0)
+    with pytest.raises(InputError):
+        add_part(drawn, "differential", "other", "carrier", "carrier", "left")
+    add_part(drawn, "differential", "split", "carrier", "left", "right")
+    assert drawn.system["differentials.split"].ends == ("carrier", "left", "right")
+
+
+def test_what_was_taken_back_is_made_again(rig, folder):
+    """Several changes, one of them in two files at once; a new change ends what could be made again."""
+    texts = [rig.text]
+    for value in ("300000", "310000", "320000"):
+        rig.set_text("shafts.flange.damping", value[:2])
+        rig.set_text("inertias.rotor.J", f"1.{value[1]}")
+        texts.append(rig.text)
+    assert not rig.redo()
+    for _ in range(4):
+        rig.undo()
+    assert rig.text == texts[1]
+    assert rig.system.parameters["inertias.rotor.J"].value == 1.0
+    while rig.redo():
+        pass
+    assert rig.text == texts[3]
+    assert rig.system.parameters["inertias.rotor.J"].value == 1.2
+    rig.undo()
+    rig.set_text("inertias.rotor.J", "1.5")
+    assert not rig.was_undone
+    with pytest.raises(InputError):
+        rig.set_text("inertias.rotor.J", "-1")
+    assert rig.system.parameters["inertias.rotor.J"].value == 1.5
+    workspace = opened([folder / "case.toml"], folder / "out")
+    before = [document.text for document in workspace.documents]
+    rename_part(workspace, "rig", "shafts.side_shafts", "half_shafts")
+    after = [document.text for document in workspace.documents]
+    assert workspace.models["rig"].undo()
+    assert [document.text for document in workspace.documents] == before
+    assert workspace.case.redo()
+    assert [document.text for document in workspace.documents] == after

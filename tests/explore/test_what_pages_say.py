@@ -9,6 +9,7 @@ pytest.importorskip("panel")
 
 from structure.imports import ROOT
 
+import rigmatch as rm
 from matching.explore.files import opened, starter
 from matching.explore.measurement import MeasurementTab
 from matching.explore.page import FilesBar, MapView, MatchTab, _makers
@@ -107,3 +108,54 @@ def test_what_is_dropped_and_is_no_recording_is_not_kept(tmp_path, name):
     tab._dropped(SimpleNamespace(new={name: "time [s],motor_torque\n0,0\n1,1\n"}))
     assert "is no recording; known are .csv" in tab.message.object
     assert not (tmp_path / "recordings").exists()
+
+
+def test_an_unsaved_case_is_told_after_a_reload_too(tmp_path, monkeypatch):
+    """In the step Match, at its name, and in the step Drivetrain."""
+    from matching.explore.modes import DrivetrainTab
+    from matching.explore.page import _state_of
+
+    rm.new(tmp_path / "first")
+    monkeypatch.chdir(tmp_path)
+    workspace = opened([tmp_path / "first" / "case.toml"], tmp_path / "out")
+    tab = MatchTab(workspace, workspace.case, lambda: None)
+    assert "Everything is saved." in DrivetrainTab(workspace, lambda: None).changes.object
+    assert tab.unsaved.object == ""
+    assert tab.editing.do(lambda: tab._enter(("loop", "dead_time"), "4 ms"))
+    assert "dead time is 4 ms. Changed; not saved yet" in tab.editing.message.object
+    again = MatchTab(workspace, workspace.case, lambda: None)  # as a page that is loaded again
+    assert "1 change, not saved." in again.unsaved.object
+    assert _state_of("Match", workspace) == "1 change, not saved"
+    said = DrivetrainTab(workspace, lambda: None).changes.object
+    assert "Everything" not in said
+    assert "the case is not" in said
+    assert again.editing.do(again.editing._undo)
+    assert _state_of("Match", workspace) == "not run yet"
+    assert again.editing.do(again.editing._redo)
+    assert again.form.case.loop["dead_time"] == 0.004
+    again.editing.do(again.editing._save)
+    assert again.unsaved.object == ""
+    assert "0.003" not in (tmp_path / "first" / "case.toml").read_text(encoding="utf-8").partition("inverter")[0]
+
+
+def test_the_planned_value_stands_above_its_bounds(tmp_path):
+    rm.new(tmp_path / "first")
+    workspace = opened([tmp_path / "first" / "case.toml"], tmp_path / "out")
+    tab = MatchTab(workspace, workspace.case, lambda: None)
+    said = [each.object for each in tab._cards["move"][0] if hasattr(each, "object")]
+    assert "<p><b>flange, stiffness: planned 360000 N·m/rad</b></p>" in said
+    assert "<p><b>torque feed forward: planned 0, at a bound</b></p>" in said
+    assert len(said) == len(tab.form.case.moves)
+
+
+def test_paths_in_messages_are_those_of_the_folder(tmp_path, monkeypatch):
+    from matching.explore.elements import with_short_paths
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "first").mkdir()
+    (tmp_path / "first" / "rig.toml").write_text("", encoding="utf-8")
+    said = with_short_paths(f"{tmp_path}/first/rig.toml: J: 5 N·m/rad/s is no kg·m²/2; {tmp_path}/none.toml; 1/min")
+    assert said == "first/rig.toml: J: 5 N·m/rad/s is no kg·m²/2; none.toml; 1/min"
+    monkeypatch.chdir(tmp_path / "first")
+    assert with_short_paths(f"{tmp_path}/none.toml: does not exist") == "none.toml: does not exist"
+    assert with_short_paths("/no/such/folder/file: /a/b") == "/no/such/folder/file: /a/b"

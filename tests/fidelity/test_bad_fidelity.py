@@ -80,7 +80,7 @@ def test_recordings_in_other_units_and_from_another_start_are_the_same_signals(t
         ({"arithmetic": "creative"}, "known are definition, published"),
         ({"arithmetic": "published"}, "divides by 6"),
         ({"recordings": {"reference": "road.csv", "test": "none.csv"}}, "none.csv: does not exist"),
-        ({"system_dynamics": {"force": {}}}, "has no column 'force'"),
+        ({"system_dynamics": {"force": {}}}, "has no column 'force'; it has torque"),
         ({"system_dynamics": {"torque": {"test": "speed"}}}, "reference is in N*m, test in rad/s"),
         (
             {"system_dynamics": {"torque": {"nrmse_fidelity": 0.9, "test": "speed"}}},

@@ -114,7 +114,7 @@ def test_command_takes_a_channel_file(tmp_path, signals, capsys):
     (tmp_path / "called.toml").write_text(CALLED)
     words = ["fidelity", str(path), "--out", str(tmp_path / "out"), "--draws", "200", "--json"]
     assert main(words) == 2
-    assert "has no column 'torque'" in capsys.readouterr().err
+    assert "has no column 'torque'; it has M_dyno, n_EM" in capsys.readouterr().err.replace(" and ", ", ")
     assert main([*words, "--channels", str(tmp_path / "called.toml")]) == 0
     assert json.loads(capsys.readouterr().out)["R_XiL"] > 0.5
     (tmp_path / "called.toml").write_text(CALLED.replace("M_dyno", "M_dino"))

@@ -100,7 +100,8 @@ def test_what_mechanics_alone_would_take_names_both_ways_or_that_one_is_none(ine
     """A flange of 2000 N·m/rad that would have to be ten times softer under 100 N·m: half a radian."""
     monkeypatch.setattr(limits, "_needed", lambda case, names, *_: 0.1 if names[0].startswith("shafts") else inertia)
     values = {"shafts.flange.stiffness": 2000.0, "inertias.adapter.J": 0.4, "inertias.rotor.J": 0.1}
-    rig = SimpleNamespace(parameters={name: SimpleNamespace(value=value) for name, value in values.items()})
+    parameters = {name: SimpleNamespace(value=value) for name, value in values.items()}
+    rig = SimpleNamespace(parameters=parameters, dimensions={})
     motion = CutMotion("adapter", np.array([-100.0, 40.0]), np.zeros(2), np.zeros(2))
     flange = Joint("shafts.flange", ("adapter", "rotor"))
     part = BehindCut(("adapter", "rotor"), (flange,), (motion,), {"left": "rotor"})

@@ -323,3 +323,32 @@ def test_shape_of_modes_json():
     assert entry["number"] == 2
     assert set(entry["kinetic"]) == {f"inertias.{part.name}" for part in VEHICLE.inertias}
     assert set(entry["potential"]) == {f"shafts.{part.name}" for part in VEHICLE.shafts}
+
+
+@pytest.mark.parametrize("held", ["carrier", "ring", "sun"])
+def test_a_held_member_of_a_planetary_gear_is_no_mode(held):
+    """The other two turn by a fixed ratio: one rigid motion and two elastic modes, of the tests' own chain of three."""
+    J = {"sun": 0.02, "ring": 0.3, "carrier": 0.15, "engine": 0.2, "car": 4.0}
+    teeth, k = 2.4, (900.0, 2500.0)
+    free = [name for name in ("sun", "ring", "carrier") if name != held]
+    shafts = {"in": ("engine", free[0], k[0]), "out": (free[1], "car", k[1])}
+    data = {
+        "inertias": {name: {"J": value} for name, value in J.items()},
+        "planetary_gears": {"gear": {"sun": "sun", "carrier": "carrier", "ring": "ring", "ratio": teeth}},
+        "shafts": {name: {"between": [a, b], "stiffness": c, "damping": 0.5} for name, (a, b, c) in shafts.items()},
+        "inputs": {"pull": {"on": "engine"}},
+        "effects": [{"kind": "imposed_motion", "at": f"inertias.{held}"}],
+    }
+    weights = {"sun": 1.0, "ring": teeth, "carrier": -(1 + teeth)}
+    turn = -weights[free[0]] / weights[free[1]]  # of the second member for each of the first
+    shared = J[free[0]] + turn**2 * J[free[1]]
+    M = np.diag([J["engine"], shared, J["car"]])
+    K = np.array([[k[0], -k[0], 0], [-k[0], k[0] + turn**2 * k[1], -turn * k[1]], [0, -turn * k[1], k[1]]])
+    wanted = np.sqrt(np.maximum(scipy.linalg.eigh(K, M, eigvals_only=True), 0)) / 2 / np.pi
+    found = modes(from_dict(data))
+    np.testing.assert_allclose([mode.frequency for mode in found], wanted, rtol=1e-9, atol=1e-5)
+    assert [mode.number for mode in found] == [1, 2, 3]
+    assert all(abs(mode.shape[f"inertias.{held}"]) < 1e-12 for mode in found)
+    damped = damped_modes(from_dict(data))
+    assert len([mode for mode in damped if mode.frequency == 0]) == 1
+    np.testing.assert_allclose([mode.frequency for mode in damped][1:], wanted[1:], rtol=1e-2)

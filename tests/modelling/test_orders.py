@@ -179,12 +179,36 @@ def test_speeds_with_units_and_the_commands(tmp_path, capsys):
         ("6:60 rad/s", {"engine_torque:0": 1}, "is no order"),
         ("6:60 rad/s", {"engine_torque:2": "1 kg"}, "does not fit"),
         ("6:60 rad/s", {}, "there is none"),
+        ("6:60 rad/s", {"engine_torque:2": "100*load"}, "is a formula over load"),
+        ("6:60 rad/s", {"engine_torque:2": "100*rpm*speed"}, "'speed'"),
+        ("6:60 rad/s", {"engine_torque:2": "100/(rpm - rpm)"}, "zoo|no value|divi"),
+        ("6:60 rad/s", {"engine_torque:2": "sqrt(500 - rpm)**(1/0*rpm)"}, "no value|divi|zoo|number"),
     ],
 )
 def test_what_is_wrong_is_said(speed, torques, said):
     engine = ENGINE
     with pytest.raises(InputError, match=said):
         rm.order_response(engine, speed, torques)
+
+
+def test_a_torque_as_a_formula_in_words_is_that_of_the_function(tmp_path):
+    """Speed in 1/min and load as a share, against a function of the tests' own in rad/s."""
+    rng = np.random.default_rng(65)
+    a, b, c = rng.uniform(20, 200, 3)
+    load = rng.uniform(0.2, 0.9)
+    words = f"load*({a} + {b}*(rpm/1000)**2) + {c}*sqrt(rpm/600)"
+    speeds = np.linspace(60, 620, 25)
+
+    def own(at):
+        n = at * 30 / np.pi
+        return load * (a + b * (n / 1000) ** 2) + c * np.sqrt(n / 600)
+
+    found = rm.order_response(ENGINE, speeds, {"engine_torque:2": words}, load=load)
+    wanted = rm.order_response(ENGINE, speeds, {"engine_torque:2": own})
+    np.testing.assert_allclose(np.abs(found.torques), np.abs(wanted.torques), rtol=1e-9)
+    command = ["response", str(ENGINE), "--speed", "600:6000 1/min", "--out", str(tmp_path / "out"), "--load", "50 %"]
+    assert main([*command, "--torques", "engine_torque:2=load*(100 + rpm/50)"]) == 0
+    assert main([*command, "--torques", "engine_torque:2=100"]) == 2
 
 
 BRAKED = {

@@ -200,6 +200,21 @@ def test_figures_of_a_tolerance_study_hold_its_histogram_and_drivers():
     assert on_page(page_of(study), "tolerance") == (studies.TOLERANCE_CAPTION, True)
 
 
+def test_a_result_that_is_the_same_on_every_bed_has_no_empty_panel():
+    study = a_study()
+    (margin,) = study.spreads
+    held = replace(margin, name="target_mode_2_frequency", unit="Hz", mean=8.0, nominal=8.0, standard_deviation=1e-12)
+    error = replace(margin, name="target_mode_2_frequency_error", drivers=((STIFFNESS, 0.9), (MOTOR, 0.0)))
+    study = replace(study, spreads=(margin, held, error))
+    axes = plot(study).axes
+    assert [one.get_xlabel() for one in axes[::2]] == [
+        "modulus margin", "target mode 2: frequency over that of the vehicle, less 1",
+    ]  # fmt: skip
+    assert all(len(one.patches) for one in axes)
+    assert len(axes[3].get_yticklabels()) == 1  # no bar of nothing
+    assert "not drawn: target mode 2 frequency." in page_of(study)
+
+
 def a_band(low, high, nrmse, amplitude):
     return Band(low, high, 1.0, 0.5, nrmse, amplitude, 1 - amplitude, 1.0, None, None)
 
