@@ -122,6 +122,16 @@ static int advance(Motion *m, double span) {
         for (int i = 0; i < CONTROLLER_TYRES; i++) *vehicle++ = out.slip[i];
         for (int i = 0; i < CONTROLLER_TYRES; i++) *vehicle++ = out.tyre_torque[i];
 #endif
+        double *tracked = m->value + PARAMETERS - 7 * CONTROLLER_DYNAMOMETERS; /* the last outputs */
+        for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) {
+            *tracked++ = out.tracked_gain[j];
+            *tracked++ = out.gain_uncertainty[j];
+            *tracked++ = out.tracked_zero[j];
+            *tracked++ = out.zero_uncertainty[j];
+            *tracked++ = out.tracked_delay[j];
+            *tracked++ = out.delay_uncertainty[j];
+            *tracked++ = out.drifted[j];
+        }
     }
     m->value[TIME] += span;
     return 1;
