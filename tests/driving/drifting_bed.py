@@ -3,14 +3,20 @@
 import ctypes
 import subprocess
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
-from driving.own_bed import ONE, TWO, Plant, held_motor, inputs, ramp
+from driving.own_bed import ONE, TWO, Plant, held_motor, inputs, plant, ramp
+from matplotlib.figure import Figure
 from needs import compiler
 
+from matching.export import exported_controller
+from matching.match.case_file import load_case
+from matching.report import common as style
 from modelling.controller.c_source import c_sources
 
 HERE = Path(__file__).parent
+EXAMPLE = HERE.parents[1] / "examples" / "drive_away"
 SIDES = ("left", "right")
 STEP, PIECES = 1e-3, 16  # s; fine steps a sample
 COLUMNS = 22
@@ -75,3 +81,47 @@ def truth(of: Plant, side: int) -> tuple[float, float]:
     """Gain, and seconds of dead time and lags more than planned, that the readings of a drawn bed show."""
     late = (of.delay - 0.0025) + (of.inverter[side] - 0.002) + (of.flange_lag[side] - 0.0005)
     return of.gain[side] * of.flange_gain[side], late
+
+
+def tracked_picture() -> Figure:
+    """What is tracked of both dynamometers, next to the truth: the left one drifts from the 2nd to the 7th minute."""
+    controller = exported_controller(load_case(EXAMPLE / "case.toml"))
+    random = np.random.default_rng(8)
+    of, speed = plant(EXAMPLE / "vehicle.toml", EXAMPLE / "rig.toml", 0.0025, draw=random), 50.0
+    away = Drift(120, 420, (1e-3, 0.0), (0.05, 0.0), (-10.0, 0.0))
+    with TemporaryDirectory() as folder:
+        rows = DriftingBed(controller, Path(folder)).run(of, speed, tip_ins(random, of, speed), 600, away)
+    minutes = np.arange(1, len(rows) + 1) / 60
+    gone = np.clip((60 * minutes - 120) / 300, 0, 1)
+    panels = (
+        ("torque gain", GAIN, 1.0, 1), ("zero of the flange in N·m", ZERO, 1.0, 2),
+        ("dead time beyond\nplanned in ms", DELAY, 1e3, 4),
+    )  # fmt: skip
+    with style.styled():
+        drawn = style.figure(7.2, 6.0)
+        rows_of = enumerate(zip(drawn.subplots(3, 1, sharex=True), panels, strict=True))
+        for number, (axes, (label, at, scale, bit)) in rows_of:
+            for side, colour in enumerate((style.VEHICLE, style.RIG)):
+                gain, late = truth(of, side)
+                true = (
+                    gain * (1 + gone * away.gain[side]), gone * away.zero[side], late + gone * away.delay[side],
+                )[number]  # fmt: skip
+                value, u = (scale * rows[:, at + 2 * side + k] for k in range(2))
+                known = minutes > 0.4  # before it nothing is known
+                axes.fill_between(
+                    minutes[known],
+                    (value - 2 * u)[known],
+                    (value + 2 * u)[known],
+                    color=colour,
+                    alpha=0.25,
+                    linewidth=0,
+                )
+                axes.plot(minutes[known], value[known], color=colour, label=f"{SIDES[side]}, tracked (± 2 u)")
+                axes.plot(minutes, scale * true, "--", color=style.INK, linewidth=0.9, label="true" if side else None)
+                warned = np.flatnonzero(rows[:, DRIFTED + side].astype(int) & bit)
+                if len(warned):
+                    axes.axvline(minutes[warned[0]], color=style.LIMIT, linestyle=":", label="warning begins")
+            axes.set_ylabel(label)
+        drawn.axes[0].legend(loc="upper left", fontsize="small")
+        drawn.axes[-1].set_xlabel("time in min")
+    return drawn
