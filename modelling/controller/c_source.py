@@ -57,7 +57,7 @@ def memory_bytes(controller: ExportedController) -> int:
     settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 2 + (t + 3 if v else 0)
     state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
     state += (controller.rotors.kept + 4) * k
-    tracker = 6 + 4 * samples(controller.drifts.older, controller.law.sample_time) + 2 * 24 + 16 + 3 * 4 + 3 * 3
+    tracker = 6 + 4 * samples(controller.drifts.older, controller.law.sample_time) + 2 * 24 + 16 + 4 * 4 + 3 * 3
     return 8 * (settings + state + tracker * k) + 4 * (21 + 12 * k + 3 * y + 2 * (s + 1))
 
 

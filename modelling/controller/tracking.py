@@ -171,7 +171,7 @@ class RotorTracker:
         self._ring = np.zeros((samples(tracking.older, sample_time), 4))
         self._newest, self._wait = 0, samples(tracking.settling, sample_time)
         self._sums, self._block, self._counted, self._blocks = _Sums(), _Sums(), 0, 0
-        self._scores = np.zeros((4, 4))
+        self._scores, self._slow = np.zeros((4, 4)), np.zeros(4)
         self._first: dict[int, tuple[float, float, float]] = {}  # value, variance, what the inertia makes of it
         gain, delay, zero, _ = tracking.prior[at]
         self.tracked = Tracked(1.0, 0.0, 0.0, float(gain), float(delay), float(zero))
@@ -223,13 +223,17 @@ class RotorTracker:
         self._scores = kept**2 * self._scores + np.outer(score, score)
         variances = np.diag(inverse @ (self._scores + np.diag(self._prior)) @ inverse.T)
         bent = tracking.inertia / np.sqrt(3) * (inverse @ self._sums.inertia)  # by what the inertia may be off
-        if (np.diag(inverse) <= 0).any() or (variances * self._prior > 1).any():
-            found, variances, bent = np.zeros(4), 1 / self._prior, np.zeros(4)  # the bed has hardly moved
+        known = bool((np.diag(inverse) > 0).all() and (variances * self._prior <= 1).all())
+        if not known:  # the bed has hardly moved
+            found, variances, bent = np.zeros(4), 1 / self._prior, np.zeros(4)
+        begins = not known or self._blocks <= tracking.least_blocks
+        self._slow = self._slow + (1.0 if begins else 1 - kept) * (found - self._slow)
         total = np.sqrt(variances + bent**2)
         before = self.tracked.drifted
         sign = self._rotors.sign[at]
         gain, delay, zero = float(1 + found[GAIN]), float(found[DELAY]), float(-found[ZERO] / sign)
-        of_gain, of_delay, of_zero, _ = total.tolist()
+        # a mean of the value is as late behind it as the value is behind the truth
+        of_gain, of_delay, of_zero, _ = np.hypot(total, found - self._slow).tolist()
         self.tracked = Tracked(gain, delay, zero, of_gain, of_delay, of_zero / abs(sign))
         for number, what in enumerate((GAIN, DELAY, ZERO)):
             most, off, u = tracking.drift[at, number], bool(before & BITS[what]), np.sqrt(variances[what])

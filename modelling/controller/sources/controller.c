@@ -551,10 +551,14 @@ static void estimate(controller_tracker *t, int32_t j, const double block[4][6],
         }
         known = known && (inverse[n][n] > 0.0) && ((t->variance[n] * TRACK_PRIOR[j][n]) <= 1.0);
     }
-    for (int32_t n = 0; (n < 4) && !known; n++) { /* the bed has hardly moved */
-        t->found[n] = 0.0;
-        t->bent[n] = 0.0;
-        t->variance[n] = 1.0 / TRACK_PRIOR[j][n];
+    for (int32_t n = 0; n < 4; n++) {
+        if (!known) { /* the bed has hardly moved */
+            t->found[n] = 0.0;
+            t->bent[n] = 0.0;
+            t->variance[n] = 1.0 / TRACK_PRIOR[j][n];
+        }
+        const bool begins = !known || (t->blocks < TRACK_LEAST_BLOCKS);
+        t->slow[n] += (begins ? 1.0 : (1.0 - TRACK_KEPT)) * (t->found[n] - t->slow[n]);
     }
 }
 
@@ -653,6 +657,13 @@ static void track_all(controller *c, const controller_input *in)
     }
 }
 
+/* standard uncertainty of a value: noise, what the inertia makes of it, and by how much it lags behind a drift */
+static double tracked_uncertainty(const controller_tracker *t, int32_t n)
+{
+    const double late = t->found[n] - t->slow[n];
+    return sqrt(t->variance[n] + (t->bent[n] * t->bent[n]) + (late * late));
+}
+
 static void show_tracked(const controller *c, controller_output *out)
 {
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
@@ -661,9 +672,9 @@ static void show_tracked(const controller *c, controller_output *out)
         out->tracked_gain[j] = (controller_real)(1.0 + t->found[0]);
         out->tracked_delay[j] = (controller_real)t->found[1];
         out->tracked_zero[j] = (controller_real)(-t->found[2] / sign);
-        out->gain_uncertainty[j] = (controller_real)sqrt(t->variance[0] + (t->bent[0] * t->bent[0]));
-        out->delay_uncertainty[j] = (controller_real)sqrt(t->variance[1] + (t->bent[1] * t->bent[1]));
-        out->zero_uncertainty[j] = (controller_real)(sqrt(t->variance[2] + (t->bent[2] * t->bent[2])) / fabs(sign));
+        out->gain_uncertainty[j] = (controller_real)tracked_uncertainty(t, 0);
+        out->delay_uncertainty[j] = (controller_real)tracked_uncertainty(t, 1);
+        out->zero_uncertainty[j] = (controller_real)(tracked_uncertainty(t, 2) / fabs(sign));
         out->drifted[j] = t->drifted;
     }
 }
