@@ -43,6 +43,7 @@ def generators() -> dict[str, Callable[[], Any]]:
         "on_the_bed.png": lambda: picture(measure(ROOT / "out" / "reference_circle")),
     }
     figures = {f"examples/road_to_rig/{name}": make for name, make in made.items()}
+    figures["examples/drive_away/tracked.png"] = tracked
     figures |= {f"docs/gallery/{name}.svg": make for name, make in gallery().items()}
     figures["docs/gallery/dead_time.svg"] = dead_time
     figures |= {f"docs/gallery/physics_{name}.svg": make for name, make in pictures().items()}
@@ -51,6 +52,14 @@ def generators() -> dict[str, Callable[[], Any]]:
     figures |= {f"docs/gallery/diagnosis_{k}.png": lambda k=k, of=of: diagnosed(of, k) for k, of in shown.items()}
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
     return figures | {f"notebooks/{path.name}": lambda path=path: run_notebook(path) for path in notebooks}
+
+
+def tracked() -> Any:
+    """What the controller tracks on a bed that drifts: drawn by the tests' own bed."""
+    sys.path.insert(0, str(ROOT / "tests"))  # as pytest finds its modules
+    from driving.drifting_bed import tracked_picture
+
+    return tracked_picture()
 
 
 SECONDS = 2.4  # of a period of the vehicle's mode in the moving picture; other modes by the ratio of frequencies

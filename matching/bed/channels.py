@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from matching.bed.deviations import DEVIATIONS, Deviation, Deviations, delays_at_edges, deviations
+from matching.bed.deviations import DEVIATIONS, Deviations, delays_at_edges, deviations
 from matching.bed.excite import bed_inputs, torques_csv
 from matching.bed.simulated_bed import FmuBed, FmuController, FmuPlant, bed_system, held_as_linear, run_csv
+from matching.bed.stated import Deviation, case_line, off_words
 from matching.match.case import Case
 from modelling.bed.stepped import Law
 from modelling.controller.law import (
@@ -37,7 +38,7 @@ from modelling.effects.friction_and_compliance import CoulombFriction
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError, listed
 from modelling.modal.modes import damped_modes
-from modelling.recordings.channel_faults import ChannelFault, conversion, factor_fault, fault, with_uncertainty
+from modelling.recordings.channel_faults import ChannelFault, conversion, factor_fault, fault
 from modelling.recordings.recording import Recording
 from modelling.running.run import run
 from modelling.simulation.simulate import simulate
@@ -541,36 +542,6 @@ class ChannelCheck(Displayed):
 
 
 SHOWN = 1500  # samples of a wrong channel that are shown: 6 ms apart
-UNITS = {"J": "kg·m²", "stiffness": "N·m/rad"}
-
-
-def off_words(one: Deviation) -> str:
-    """What of a bed is off, in words: measured value, unit, and how it stands to the stated one."""
-    table, *name, key = one.name.split(".")
-    what = f"dynamometer {name[0]}" if table == "dynamometers" else ".".join(name)
-    other = f" (or {listed(list(one.or_else))}: the recording does not tell them apart)" if one.or_else else ""
-    if key in ("dead_time", "delay"):
-        late = 1e3 * (one.value - one.stated)
-        size = with_uncertainty(abs(late), 1e3 * one.uncertainty)
-        text = f"{what} answers {size} ms {'later' if late > 0 else 'earlier'} than stated"
-    elif key in ("torque_gain", "gain"):
-        done, of_what = ("reads", "the truth") if table == "sensors" else ("gives", "what it is asked for")
-        text = f"{what} {done} {with_uncertainty(one.value, one.uncertainty)} times {of_what}"
-    elif key in UNITS:
-        size = f"{with_uncertainty(one.value, one.uncertainty)} {UNITS[key]}"
-        text = f"{name[-1]} has {size}, {one.value / one.stated:.2g} times what is stated"
-    else:
-        size = with_uncertainty(1e3 * one.value, 1e3 * one.uncertainty)
-        text = f"{what}: {key.replace('_', ' ')} is {size} ms"
-    return text + other
-
-
-def case_line(one: Deviation) -> str | None:
-    """The line that a case or its rig's model file needs; None of what no file states."""
-    table, *name, key = one.name.split(".")
-    if table == "rig":
-        return f"[{'.'.join(name)}] {key} = {one.value:.4g}"
-    return f"[dynamometers.{name[0]}] {key} = {one.value:.4g}" if table == "dynamometers" else None
 
 
 @dataclass(frozen=True)

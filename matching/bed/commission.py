@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from matching.bed.channels import channel_recording, judge_channels, plan_channels
-from matching.bed.deviations import Deviation
 from matching.bed.excite import (
     ExcitationOrder,
     ExcitationPlan,
@@ -46,6 +45,7 @@ from matching.bed.simulated_bed import (
     proof_recording,
     so_far,
 )
+from matching.bed.stated import Deviation
 from matching.bed.verify import COVERAGE_FACTOR, NEGLIGIBLE, BedVerification, judge, read_recordings
 from matching.export import tuned_case
 from matching.match.case import Case

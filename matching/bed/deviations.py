@@ -12,11 +12,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from matching.bed.simulated_bed import own_times
+from matching.bed.stated import Deviation
 from matching.match.case import Case
 from modelling.effects.friction_and_compliance import CoulombFriction
 from modelling.effects.sensors_and_actuators import DeadTime, InputGain
@@ -82,40 +82,6 @@ class DeviationSettings:
 
 
 DEVIATIONS = DeviationSettings()
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """A quantity as the check measures it.
-
-    Attributes
-    ----------
-    name : str
-        As under ``[uncertainty]``, and ``dynamometers.NAME.dead_time`` and its lags, ``inputs.NAME.gain`` and its
-        ``delay``, ``sensors.NAME.gain``, ``inertias.NAME.friction``.
-    stated, value, uncertainty, tolerance : float
-        SI; the uncertainty is a standard one, the tolerance a half-width. The dead time is that of the loop, with the
-        hold of half a sample.
-    beyond : bool
-        Whether it lies beyond its tolerance, whatever its uncertainty.
-    told : bool
-        Whether the recording tells it at all.
-    or_else : tuple of str
-        Quantities that may be off in its place: the recording does not tell them apart.
-    """
-
-    name: str
-    stated: float
-    value: float
-    uncertainty: float
-    tolerance: float
-    beyond: bool = False
-    told: bool = True
-    or_else: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """As ``channels.json`` holds it."""
-        return {**vars(self), "or_else": list(self.or_else)}
 
 
 @dataclass(frozen=True)

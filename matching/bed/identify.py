@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from matching.bed.deviations import Deviation
 from matching.bed.simulated_bed import (
     CONSTANT,
     FIT_RANGE_RATIO,
@@ -24,6 +23,7 @@ from matching.bed.simulated_bed import (
     with_faults,
     with_quantities,
 )
+from matching.bed.stated import Deviation
 from matching.diagnosis.diagnose import diagnose
 from matching.diagnosis.result import Diagnosis
 from matching.diagnosis.statistics import Estimate

@@ -29,6 +29,7 @@ from matching.bed.measured import (
     spectra,
 )
 from matching.bed.plausible import check_recording
+from matching.bed.tracked import TrackedQuantity, outputs_of, tracked_quantities
 from matching.match.box import Box, of_system
 from matching.match.case import Case, once_per_case
 from matching.match.coupled import refuse_vehicle_of_others
@@ -233,6 +234,8 @@ class BedVerification(Displayed):
         What the recordings do not decide; what their excitation is too weak for comes first.
     duration : float
         Of all recordings together, s.
+    tracked : tuple of TrackedQuantity
+        Of each dynamometer, where a recording holds what the controller tracked.
     """
 
     title: str
@@ -246,6 +249,7 @@ class BedVerification(Displayed):
     notes: tuple[str, ...]
     open: tuple[OpenQuestion, ...] = ()
     duration: float = 0.0
+    tracked: tuple[TrackedQuantity, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As ``verification.json`` holds it."""
@@ -260,6 +264,7 @@ class BedVerification(Displayed):
             "functions": [function.to_dict() for function in self.functions],
             "modes": [mode.to_dict() for mode in self.modes],
             "fidelity": [fidelity.to_dict() for fidelity in self.fidelity],
+            "tracked": [quantity.to_dict() for quantity in self.tracked],
             "notes": list(self.notes),
         }
 
@@ -584,7 +589,7 @@ def read_recordings(
     torques = list(dict.fromkeys(pair.input for pair in case.compared))
     wanted = list(dict.fromkeys(pair.sensor for pair in case.compared))
     drives = [part.name for part in case.rig.inputs]
-    names = {*torques, *wanted, *drives, *(sensor.name for sensor in case.rig.sensors)}
+    names = {*torques, *wanted, *drives, *(sensor.name for sensor in case.rig.sensors), *outputs_of(case)}
     read = [
         replace(read_signals(Path(path), names, channels).resampled(), source=str(source))
         for path, source in zip(paths, sources or paths, strict=True)
@@ -823,9 +828,11 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
     fidelity = tuple(recorded_fidelity(case, recorded, recording) for recording in recorded.recordings)
     states = [*(checked.status for checked in errors), *(checked.status for checked in mode_checks)]
     curves = tuple(function.curves(units[function.sensor]) for function in shown.functions)
+    tracked = tracked_quantities(case, recorded.recordings)
+    drifts = [quantity.advice for quantity in tracked if quantity.drifted]
     return BedVerification(
         case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(mode_checks), fidelity, curves,
-        (*recorded.notes, *_hidden(shown.functions)), tuple(questions), duration,
+        (*drifts, *recorded.notes, *_hidden(shown.functions)), tuple(questions), duration, tracked,
     )  # fmt: skip
 
 

@@ -37,13 +37,13 @@ from modelling.controller.law import (
     WATCHED_SAMPLES,
     ExportedController,
     OpenedShaft,
-    Rotors,
     Settings,
     WatchedShafts,
     has_gone,
     hold_gains,
     nothing_watched,
 )
+from modelling.controller.tracking import DRAG, Rotors, Tracking
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError
 from modelling.linear.elements import elements
@@ -448,6 +448,17 @@ DETERMINED = 1e-6  # of a speed: what is left of it when other speeds are taken 
 LOST_TORQUE = 0.2  # of the torque limit: what has to be on the flange before its loss counts
 SURPRISE_HEADROOM = 2.0  # over that answer, for free play, friction and other beds: drives at 3 ms reached 1.1
 UNDELIVERED_GAINS = 3.0  # times what a torque gain may be off: further off the delivered torque is a fault
+# What is known of a dynamometer before it is tracked; wide, so that a minute of a drive decides.
+PRIOR_GAIN, PRIOR_DELAY_S = 0.1, 0.005  # more trips as not delivered, or makes the loop swing
+PRIOR_ZERO = 0.03  # of the rated torque: dry friction that a check of the channels allows
+PRIOR_DRAG = 0.01  # of the rated torque at the largest speed: windage and bearings
+PRIOR_TORQUE, PRIOR_SPEED = 1500.0, 125.0  # N·m and rad/s where the case limits none: a wheel dynamometer
+# of the torque limit: temperature moves the zero of a usual torque flange by 0.05 % in 10 K, here 50 K
+ZERO_DRIFT = 0.0025
+LEAST_GAIN, LEAST_DELAY_S = 0.005, 1e-4  # a case that states less than can be calibrated or timed
+# by kind of a sensor's effect: the parameter that multiplies its reading, and those that make it late
+GAINS = {"sensor_gain": "factor"}
+LATENESS = {"sensor_delay": "delay", "all_pass": "delay", "lag": "time_constant"}
 UNEXPECTED_TORQUE = 0.4  # of the torque limit: how far a flange torque may be from what the controller expects
 
 
@@ -481,6 +492,7 @@ def exported_controller(case: Case) -> ExportedController:
         rule.rows,
         speeds_by_others(case.rig, law.sensors, speeds),
         delivery=_rotors(case),
+        tracking=_tracking(case),
     )
 
 
@@ -500,9 +512,48 @@ def _rotors(case: Case) -> Rotors:
             inertia[j] = rig.parameters[f"inertias.{rotor}.J"].value
             found = rig.parameters.get(f"inertias.{rotor}.drag")
             drag[j], sign[j] = 0.0 if found is None else found.value, torque_sign(rig, one)
-    acts = loop.command_delays() + loop.lags("inverter_lag") + loop["sample_time"] / 2 - loop.lags("torque_sensor_lag")
-    delay = tuple(max(round(value / loop["sample_time"]), 0) for value in acts.tolist())
-    return Rotors(inertia, drag, sign, delay)
+        sign[j] /= _of_sensor(rig, one.torque_sensor, GAINS, 1.0)
+    step = loop["sample_time"]
+    of_flange, of_speed = (
+        np.array([_of_sensor(rig, name, LATENESS, 0.0) for name in names])
+        for names in ([one.torque_sensor for one in loop.dynamometers], [one.speed_sensor for one in loop.dynamometers])
+    )
+    read = loop.lags("torque_sensor_lag") + of_flange
+    acts = loop.command_delays() + loop.lags("inverter_lag") + step / 2 + read
+    # an encoder's speed is the mean of a sample, so its change is a sample old
+    return Rotors(inertia, drag, sign, tuple((acts / step).tolist()), tuple(((step + of_speed - read) / step).tolist()))
+
+
+def _of_sensor(rig: System, sensor: str | None, kinds: Mapping[str, str], without: float) -> float:
+    """What the effects of some kinds at a sensor make together: factors multiplied, seconds added."""
+    found = without
+    for effect in rig.effects:
+        if f"sensors.{sensor}" in effect.places and effect.kind in kinds:
+            value = dict(effect.parameters)[kinds[effect.kind]].value
+            found = found * value if kinds is GAINS else found + value
+    return found
+
+
+def _tracking(case: Case) -> Tracking:
+    """From where on drifts are a warning: beyond the beds for which the match was proved."""
+    loop, k = case.loop, len(case.loop.dynamometers)
+    widths = {one.name: one.half_width / (abs(one.value) or 1.0) for one in case.uncertainty.uncertain}
+    dead = next((one.half_width for one in case.uncertainty.uncertain if one.name == "loop.dead_time"), 0.0)
+    lags = sum(widths.get(f"loop.{name}", 0.0) * loop.lags(name) for name in ("inverter_lag", "torque_sensor_lag"))
+    gain = np.array([widths.get(f"dynamometers.{one.name}.torque_gain", 0.0) for one in loop.dynamometers])
+    flange = np.array([widths.get(f"sensors.{one.torque_sensor}.gain", 0.0) for one in loop.dynamometers])
+    torque = np.minimum(case.limits_of("torque"), NO_LIMIT)
+    fastest = case.limits.get("dynamometer_speed", NO_LIMIT)
+    rated = np.where(torque < NO_LIMIT, torque, PRIOR_TORQUE)
+    prior = np.column_stack([
+        np.full(k, PRIOR_GAIN), np.full(k, PRIOR_DELAY_S), PRIOR_ZERO * rated,
+        PRIOR_DRAG * rated / (fastest if fastest < NO_LIMIT else PRIOR_SPEED),
+    ])  # fmt: skip
+    assert prior.shape[1] == DRAG + 1
+    drift = np.column_stack([np.maximum(gain, LEAST_GAIN), np.full(k, max(dead, LEAST_DELAY_S)), ZERO_DRIFT * torque])
+    most = np.column_stack([drift[:, 0] + flange, drift[:, 1] + lags])
+    rotors = [part.on for one in loop.dynamometers for part in case.rig.inputs if part.name == one.torque_input]
+    return Tracking(prior, most, drift, max(widths.get(f"rig.inertias.{rotor}.J", 0.0) for rotor in rotors))
 
 
 def speeds_by_others(rig: System, sensors: Sequence[str], speeds: Sequence[int]) -> np.ndarray:

@@ -34,6 +34,7 @@ from modelling.controller.law import (
     mean_samples,
     undelivered_samples,
 )
+from modelling.controller.tracking import samples, share
 from modelling.escape import c_comment
 
 HERE = Path(__file__).with_name("sources")
@@ -60,7 +61,8 @@ def memory_bytes(controller: ExportedController) -> int:
     if isinstance(controller.law, ForeignVehicleLaw):
         timing = controller.law.timing
         state += controller.law.by_load.shape[1] + (timing.late + timing.steps + 5) * k
-    return 8 * (settings + state) + 4 * (20 + 2 * k + 3 * y + 2 * (s + 1))
+    tracker = 6 + 4 * samples(controller.drifts.older, controller.law.sample_time) + 2 * 24 + 16 + 4 * 4 + 3 * 3
+    return 8 * (settings + state + tracker * k) + 4 * (21 + 12 * k + 3 * y + 2 * (s + 1))
 
 
 def tyres_of(controller: ExportedController) -> tuple[str, ...]:
@@ -102,6 +104,7 @@ def _header(controller: ExportedController) -> str:
             shafts=[c_comment(name) for name in controller.watched.shafts],
             learned=len(controller.learned),
             curve=len(controller.settings.curve_speeds),
+            older=samples(controller.drifts.older, law.sample_time),
         )
         + "\n"
     )
@@ -143,7 +146,9 @@ def _data(controller: ExportedController) -> str:
         f"static const controller_real ROTOR_INERTIA[] = {{{', '.join(map(_real, rotors.inertia))}}};",
         f"static const controller_real ROTOR_DRAG[] = {{{', '.join(map(_real, rotors.drag))}}};",
         f"static const controller_real ROTOR_SIGN[] = {{{', '.join(map(_real, rotors.sign))}}};",
-        f"static const int32_t SENT_DELAY[] = {{{', '.join(map(str, rotors.delay))}}}; /* samples */",
+        f"static const int32_t SENT_DELAY[] = {{{', '.join(str(int(one)) for one in rotors.delay)}}}; /* samples */",
+        f"static const controller_real SENT_PART[] = {{{', '.join(_real(one % 1) for one in rotors.delay)}}};",
+        *_tracking(controller),
         "static const controller_settings CONTROLLER_DEFAULTS = {",
     ]
     per_dynamometer = (
@@ -188,6 +193,32 @@ def _data(controller: ExportedController) -> str:
     elif isinstance(law, SteppedLaw):
         lines += _vehicle(law)
     return "\n".join(lines) + "\n"
+
+
+def _tracking(controller: ExportedController) -> list[str]:
+    """Numbers by which drifts are tracked and judged."""
+    tracking, step = controller.drifts, controller.law.sample_time
+    late = ", ".join(_real(one * step) for one in controller.rotors.late)
+
+    def rows(name: str, values: np.ndarray, meaning: str) -> list[str]:
+        inside = ", ".join(f"{{{', '.join(map(_real, row))}}}" for row in values)
+        return [f"static const double {name}[][{values.shape[1]}] = {{{inside}}}; /* {meaning} */"]
+
+    return [
+        f"static const double ROTOR_LATE[] = {{{late}}}; /* s */",
+        f"#define TRACK_SMOOTHING {_real(share(tracking.smoothing, step))} /* of a change in a sample */",
+        f"#define TRACK_SECOND_SMOOTHING {_real(share(tracking.second_smoothing, step))}",
+        f"#define TRACK_SETTLING {samples(tracking.settling, step)} /* samples */",
+        f"#define TRACK_BLOCK {samples(tracking.block, step)} /* samples */",
+        f"#define TRACK_LEAST_BLOCKS {tracking.least_blocks}",
+        f"#define TRACK_KEPT {_real(math.exp(-tracking.block / tracking.forgetting))} /* of weights, a block later */",
+        f"#define TRACK_INERTIA {_real(tracking.inertia / math.sqrt(3))} /* relative standard uncertainty */",
+        f"#define TRACK_SURE {_real(tracking.sure)}",
+        f"#define TRACK_CERTAINTY {_real(tracking.certainty)}",
+        *rows("TRACK_PRIOR", 1 / tracking.prior**2, "inverse variances: gain, delay, zero, drag"),
+        *rows("TRACK_MOST", tracking.most, "gain and delay, off what the match was made for"),
+        *rows("TRACK_DRIFT", tracking.drift, "gain, delay and zero, off the first sure value"),
+    ]
 
 
 def _listed(name: str, values: np.ndarray, meaning: str) -> str:

@@ -12,6 +12,7 @@ from modelling.bed.bed import ControlLaw
 from modelling.bed.foreign_vehicle import Followed, ForeignVehicleLaw
 from modelling.bed.stepped import Emulation, Law, SteppedLaw, own_vehicle, shown_of
 from modelling.bed.vehicle import FeedForward
+from modelling.controller.tracking import Rotors, RotorTracker, Tracked, Tracking
 from modelling.errors import NoDesign
 from modelling.linear.state_space import StateSpace
 
@@ -277,7 +278,7 @@ class Settings:
         So many samples emulation goes on without a reading that is refused; 0 switches refusing off.
     undelivered_share : float
         Part of the commanded air-gap torque, where that is above ``lost_torque``, that may be missing or too much by
-        what flange and rotor say, see :class:`Rotors`; 0 switches it off.
+        what flange and rotor say, see :class:`modelling.controller.tracking.Rotors`; 0 switches it off.
     frozen_samples : int
         So many samples with the same readings on a turning bed stop the emulation; 0 switches it off.
     opened_share : float
@@ -370,35 +371,6 @@ def undelivered_samples(sample_time: float) -> int:
     return max(round(UNDELIVERED_S / sample_time), 1)
 
 
-@dataclass(frozen=True)
-class Rotors:
-    """What tells the air-gap torques of k dynamometers by their flanges and speeds: J·dω/dt + drag·ω − sign·flange.
-
-    Attributes
-    ----------
-    inertia, drag, sign : ndarray (k,)
-        kg·m² and N·m·s/rad of the rotor, sign of the flange's torque on it; an inertia of 0 is not judged: there is no
-        flange, or the rotor carries more than it.
-    delay : tuple of int (k)
-        Samples after which a command acts, inverter lag included.
-    """
-
-    inertia: np.ndarray
-    drag: np.ndarray
-    sign: np.ndarray
-    delay: tuple[int, ...]
-
-    @classmethod
-    def unknown(cls, k: int) -> Rotors:
-        """Nothing is judged."""
-        return cls(np.zeros(k), np.zeros(k), np.ones(k), (0,) * k)
-
-    @property
-    def kept(self) -> int:
-        """Commands that have to be kept."""
-        return 1 + max(self.delay, default=0)
-
-
 class SupervisedController:
     """A control law with its supervision.
 
@@ -415,14 +387,17 @@ class SupervisedController:
     learned : ndarray (n, k), optional
         See :class:`ExportedController`.
     rotors : Rotors, optional
+    tracking : Tracking, optional
+        How drifts are tracked; without it none is a warning.
     """
 
     def __init__(
         self, law: Law, settings: Settings, torque_readings: list[int],
         speed_readings: list[int], watched: WatchedShafts, by_others: np.ndarray | None = None,
-        learned: np.ndarray | None = None, rotors: Rotors | None = None,
+        learned: np.ndarray | None = None, rotors: Rotors | None = None, tracking: Tracking | None = None,
     ):  # fmt: skip
         self._rotors = Rotors.unknown(len(speed_readings)) if rotors is None else rotors
+        self._tracking = Tracking.unknown(len(speed_readings)) if tracking is None else tracking
         self._by_others = np.zeros((len(speed_readings), len(law.sensors))) if by_others is None else by_others
         self._learned = np.zeros((0, 0)) if learned is None else learned
         self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
@@ -466,6 +441,8 @@ class SupervisedController:
         self._past_sent = np.zeros((self._rotors.kept, k))
         self._delivery: np.ndarray | None = None  # (3, k): command as it acts, flange torque, speed, alike filtered
         self._undelivered_for = np.zeros(k, int)
+        self._missed = False  # samples were caught up with in this one
+        self._trackers = [RotorTracker(self._rotors, self._tracking, j, self.law.sample_time) for j in range(k)]
         self.reason = ""  # of the last fault, where one reading led to it: which, and how far it was off
 
     def step(
@@ -525,6 +502,11 @@ class SupervisedController:
         return Answer(self._sent / self.settings.torque_gain, self._mode, self._fault)
 
     @property
+    def tracked(self) -> list[Tracked]:
+        """What is known of torque gain, flange zero and dead time of each dynamometer (k)."""
+        return [tracker.tracked for tracker in self._trackers]
+
+    @property
     def vehicle(self) -> Emulation:
         """What the emulated vehicle does, as the last sample left it."""
         assert self._emulation is not None
@@ -580,14 +562,15 @@ class SupervisedController:
         expects.
         """
         risen = 0 if self._life is None else (life - self._life) % 2**32
-        settings = self.settings
+        settings, before = self.settings, self.missed_samples
         if self._mode != EMULATION:
-            self.missed_samples = 0
+            self.missed_samples = before = 0
         elif 1 < risen <= settings.ride_samples + 1 and settings.life_samples and self._even_life >= EVEN_LIFE:
             for _ in range(risen - 1):
                 self._follow_trigger(trigger)
                 self._emulate(self._start[0] + self.law.E @ self._state, known, (self._sent, self._sent), 0.0)
                 self.missed_samples += 1
+        self._missed = self.missed_samples > before
         if risen == 1:
             self._even_life = min(self._even_life + 1, 2 * EVEN_LIFE)
         elif risen > 1:
@@ -659,10 +642,17 @@ class SupervisedController:
     def _follow_delivery(self, readings: np.ndarray) -> None:
         """Filter what was commanded, as it acts now, what the flange says and how fast the rotor turns, all alike."""
         self._past_sent = np.vstack([self._sent, self._past_sent[:-1]])
-        acting = self._past_sent[list(self._rotors.delay), np.arange(len(self._sent))]
-        now = np.stack([acting, self._flange_torques(readings), readings[self._speeds]])
+        now = np.stack([
+            self._rotors.acting(self._past_sent), self._flange_torques(readings), readings[self._speeds],
+        ])  # fmt: skip
         before = now if self._delivery is None else self._delivery
         self._delivery = before + self.law.sample_time / DELIVERY_S * (now - before)
+        counts = self._mode == EMULATION and not self._missed and not self._refused.any()
+        for tracker, judged, (acting, flange, speed) in zip(
+            self._trackers, self._rotors.inertia > 0, now.T.tolist(), strict=True
+        ):
+            if judged:
+                tracker.step(acting, flange, speed, counts and abs(speed) > TURNING)
 
     def _is_undelivered(self) -> bool:
         """Torque of the flange and the rotor's own inertia say another air-gap torque than was commanded."""
@@ -671,7 +661,7 @@ class SupervisedController:
             return False
         sent, flange, speed = self._delivery
         rate = (self._last[self._speeds] - speed) / DELIVERY_S
-        delivered = rotors.inertia * rate + rotors.drag * speed - rotors.sign * flange
+        delivered = rotors.air_torque(rate, speed, flange)
         judged = (rotors.inertia > 0) & (np.abs(sent) > settings.lost_torque) & (settings.undelivered_share > 0)
         off = judged & (np.abs(delivered - sent) > settings.undelivered_share * np.abs(sent))
         self._undelivered_for = np.where(off, self._undelivered_for + 1, 0)
@@ -865,6 +855,8 @@ class ExportedController:
         Torques, N·m, that emulation adds sample by sample from the trigger of a manoeuvre on; (0, k) without any.
     delivery : Rotors, optional
         What tells the delivered air-gap torques; without it they are not judged.
+    tracking : Tracking, optional
+        How their drifts are tracked, and from where on one is a warning.
     """
 
     title: str
@@ -878,17 +870,23 @@ class ExportedController:
     by_others: np.ndarray
     learned: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     delivery: Rotors | None = None
+    tracking: Tracking | None = None
 
     @property
     def rotors(self) -> Rotors:
         """``delivery``, or that nothing is judged."""
         return Rotors.unknown(len(self.speed_readings)) if self.delivery is None else self.delivery
 
+    @property
+    def drifts(self) -> Tracking:
+        """``tracking``, or that nothing is a warning."""
+        return Tracking.unknown(len(self.speed_readings)) if self.tracking is None else self.tracking
+
     def running(self) -> SupervisedController:
         """The same controller in Python, at zero torque."""
         return SupervisedController(
             self.law, self.settings, list(self.torque_readings), list(self.speed_readings), self.watched,
-            self.by_others, self.learned, self.rotors,
+            self.by_others, self.learned, self.rotors, self.drifts,
         )  # fmt: skip
 
 

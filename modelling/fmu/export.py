@@ -761,8 +761,25 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     ]  # fmt: skip
     return ControllerContents(
         xml(controller.title), name, CONTROLLER_ABOUT, (*readings, *known, *hold, *switches, *added, *road),
-        (*outputs, *emulated), tuple(_settings(controller)),
+        (*outputs, *emulated, *_tracked(law)), tuple(_settings(controller)),
     )  # fmt: skip
+
+
+def _tracked(law: Law) -> list[Variable]:
+    """What is tracked of each dynamometer: value and standard uncertainty, and what has drifted beyond its limit."""
+    tracked = (
+        ("tracked_gain", "1", 1.0, "air-gap torque over command, 1 as calibrated; tracked in emulation"),
+        ("tracked_zero", "N*m", 0.0, "zero of the flange, friction of the rotor included; tracked in emulation"),
+        ("tracked_delay", "s", 0.0, "dead time and lags less the planned ones; tracked in emulation"),
+    )
+    outputs = []
+    for name in law.dynamometers:
+        for key, unit, start, meaning in tracked:
+            outputs.append(Variable(f"{name}.{key}", "output", unit, start, meaning))
+            outputs.append(Variable(f"{name}.{key}_uncertainty", "output", unit, 0.0, "its standard uncertainty"))
+        meaning = "warning, no fault: 0 nothing; sum of 1 torque gain, 2 zero of the flange, 4 dead time"
+        outputs.append(Variable(f"{name}.drifted", "output", "1", 0.0, meaning))
+    return outputs
 
 
 def _vehicle(law: Law) -> tuple[list[Variable], list[Variable]]:

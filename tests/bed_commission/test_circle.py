@@ -140,6 +140,38 @@ def test_a_folder_says_what_to_record_and_takes_it(proven, matched, tmp_path, ca
     assert not capsys.readouterr().out.startswith("WAITING")
 
 
+@pytest.mark.long
+def test_recordings_of_other_names_and_signs_are_read_by_a_channel_file(proven, matched, tmp_path, capsys):
+    """A flange of the logger's own name and with the other sign: the check ends it, with a channel file all goes on."""
+    folder, names = tmp_path / "recordings", tmp_path / "channels.toml"
+    folder.mkdir()
+    names.write_text('[channels]\nflange_torque = { channel = "M_fl", sign = -1 }\n', encoding="utf-8")
+
+    def recorded(step, called):
+        lines = (proven[1] / step / "recording.csv").read_text(encoding="utf-8").splitlines()
+        table = np.loadtxt(lines[1:], delimiter=",")
+        table[:, lines[0].split(",").index("flange_torque [N*m]")] *= -1
+        head = lines[0].replace("flange_torque", called)
+        np.savetxt(folder / f"{step}.csv", table, delimiter=",", header=head, comments="", fmt="%.9g")
+
+    def commission(out, *more):
+        command = ["commission", str(matched), "--bed", str(folder), "--rounds", "1", "--out", str(tmp_path / out)]
+        return main([*command, *more]), capsys.readouterr().out
+
+    recorded("1_channels", "flange_torque")
+    done, said = commission("without")
+    assert done == 3
+    assert "flange_torque has the wrong sign" in said
+    recorded("1_channels", "M_fl")
+    done, said = commission("out", "--channels", str(names))
+    assert done == 0
+    assert str(folder / "1_verify.csv") in said, "the channels are right: the proof is asked for"
+    recorded("1_verify", "M_fl")
+    done, said = commission("out", "--channels", str(names))
+    assert done == 0
+    assert said.startswith("AS PREDICTED")
+
+
 def test_a_case_without_a_steady_speed_is_told_before_its_match(tmp_path, monkeypatch):
     monkeypatch.setattr(circle, "match", None)
     (tmp_path / "bed").mkdir()

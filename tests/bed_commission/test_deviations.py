@@ -13,8 +13,8 @@ from scipy.linalg import expm
 
 from matching.bed import commission as circle
 from matching.bed.channels import judge_channels, plan_channels
-from matching.bed.deviations import Deviation
 from matching.bed.identify import measured_case
+from matching.bed.stated import Deviation
 from matching.cli import main
 from matching.match.case_file import load_case
 from modelling.recordings.recording import Recording

@@ -69,6 +69,31 @@ def test_a_diagnosis_whose_time_is_over_says_so_and_leaves_a_case(tmp_path, out)
     assert not any("--diagnosis-limit" in note for note in whole["notes"])
 
 
+@pytest.mark.long
+def test_a_channel_file_reads_what_another_logger_wrote(tmp_path):
+    """Other names, a sign and a unit: the errors of the stated model are those of the plain recording."""
+    lines = (FOLDER / "bed.csv").read_text(encoding="utf-8").splitlines()
+    head, table = [name.split(" ")[0] for name in lines[0].split(",")], np.loadtxt(lines[1:], delimiter=",")
+    table[:, head.index("motor_speed")] *= 30 / np.pi
+    table[:, head.index("flange_torque")] *= -1
+    called = {"motor_speed": "n_EM", "flange_torque": "M_fl"}
+    other, file = tmp_path / "other.csv", tmp_path / "channels.toml"
+    names = ",".join(called.get(name, name) for name in head)
+    np.savetxt(other, table, delimiter=",", header=names, comments="", fmt="%.12g")
+    said = 'motor_speed = { channel = "n_EM", unit = "1/min" }\nflange_torque = { channel = "M_fl", sign = -1 }\n'
+    file.write_text(f"[channels]\n{said}", encoding="utf-8")
+
+    def errors(out, bed, *more):
+        command = ["identify", str(FOLDER / "case.toml"), "--diagnosis-limit", "1e-6", "--bed", str(bed), *more]
+        assert main([*command, "--out", str(tmp_path / out)]) == 0
+        found = json.loads((tmp_path / out / "bed" / "diagnosis.json").read_text(encoding="utf-8"))
+        return {sensor: error["before"] for sensor, error in found["errors"].items()}
+
+    plain = errors("plain", FOLDER / "bed.csv")
+    assert errors("mapped", other, "--channels", str(file)) == pytest.approx(plain, rel=1e-6)
+    assert set(plain) - set(errors("unmapped", other)) == set(called), "names of another logger are not guessed"
+
+
 def test_without_a_recording_or_with_nothing_uncertain_one_line_says_so(tmp_path, capsys):
     assert main(["identify", str(FOLDER / "case.toml"), "--out", str(tmp_path / "out")]) == 2
     assert "no recording is given" in capsys.readouterr().err

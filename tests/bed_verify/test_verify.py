@@ -147,6 +147,21 @@ def test_noise_over_everything_leaves_it_open(case, record):
     assert found.status == "undetermined"
 
 
+def with_tracked(path, target):
+    """A recording with what the controller tracked: the left gain drifts, and it warns of it at the end."""
+    rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+    keys = [f"{what}{more}" for what in ("gain", "zero", "delay") for more in ("", "_uncertainty")]
+    rows[0] += [
+        f"{side}.{key}" for side in ("left", "right") for key in (*(f"tracked_{key}" for key in keys), "drifted")
+    ]
+    for n, row in enumerate(rows[1:]):
+        part = n / (len(rows) - 2)
+        row += [f"{1 + 0.048 * part:.6g}", "0.0012", "0.3", "0.1", "0.0001", "0.0001", "1" if part > 0.8 else "0"]
+        row += ["1.001", "0.0012", "-0.3", "0.1", "0.0009", "0.0002", "0"]
+    target.write_text("\n".join(",".join(row) for row in rows) + "\n", encoding="utf-8")
+    return target
+
+
 def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     out = tmp_path / "out"
     text = EXAMPLE.read_text(encoding="utf-8")
@@ -155,9 +170,13 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     for name in ("vehicle.toml", "rig.toml"):
         (folder / name).write_text(EXAMPLE.with_name(name).read_text(encoding="utf-8"), encoding="utf-8")
     (folder / "case.toml").write_text(text.replace('"observer"', '"model_based"'), encoding="utf-8")
-    assert main(["verify", str(folder / "case.toml"), str(record("good", noise=0.02)), "--out", str(out)]) == 0
+    recorded = with_tracked(record("good", noise=0.02), tmp_path / "good.csv")
+    assert main(["verify", str(folder / "case.toml"), str(recorded), "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert said.startswith("AS PREDICTED")
+    told = "dynamometer left gives 1.0480 ± 0.0024 times what it is asked for: identify it anew"
+    assert f"{told}, or write [dynamometers.left] torque_gain = 1.048" in said
+    assert "dynamometer right answers" not in said, "no warning, no note"
     assert "road_left does not change in any recording" in said
     result = json.loads((out / "verification.json").read_text(encoding="utf-8"))
     assert result["status"] == "as_predicted"
@@ -165,7 +184,9 @@ def test_the_command_writes_all_of_it(case, record, tmp_path, capsys):
     check_schema("verify", result)
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "as predicted" in page
-    assert hashlib.sha256(record("good", noise=0.02).read_bytes()).hexdigest() in page
+    assert hashlib.sha256(recorded.read_bytes()).hexdigest() in page
+    assert told in page
+    assert {one["quantity"]: one["value"] for one in result["tracked"] if one["drifted"]} == {"torque gain": 1.048}
     assert "8.442 Hz</td>" in page
     assert (out / "figures" / "responses.svg").stat().st_size > 1000
     assert said.splitlines()[-1] == f"report: {out / 'report.html'}"

@@ -8,7 +8,6 @@ import pytest
 from driving.own_bed import Beside, Wrong, held_motor, inputs, plant, ramp, up_and_down
 from needs import compiles
 
-from matching.export import exported_controller
 from matching.match.case_file import load_case
 from matching.match.operating_range import at_speed, grid
 from modelling.bed.stepped import stepped_vehicle
@@ -25,14 +24,8 @@ SHAFT_LIMIT = 2000.0  # N·m
 
 
 @pytest.fixture(scope="module")
-def controller():
-    """With the weights of a search's start: none was tuned on these drives."""
-    return exported_controller(load_case(EXAMPLE / "case.toml"))
-
-
-@pytest.fixture(scope="module")
-def beside(controller, tmp_path_factory):
-    return Beside(controller, tmp_path_factory.mktemp("beside"))
+def beside(drive_away, tmp_path_factory):
+    return Beside(drive_away, tmp_path_factory.mktemp("beside"))
 
 
 def bed(draw=None, **more):
@@ -127,11 +120,11 @@ def test_a_wheel_that_spins_ends_nothing(beside):
 
 
 @pytest.mark.long
-def test_another_tyre_than_the_design_knows(controller, tmp_path):
+def test_another_tyre_than_the_design_knows(drive_away, tmp_path):
     """The vehicle that is stepped has half of the slip stiffness and a flatter curve; the matrices stay."""
-    law = controller.law
+    law = drive_away.law
     other = _with_tyre(law, 0.5)
-    beside = Beside(replace(controller, law=replace(law, vehicle=other)), tmp_path)
+    beside = Beside(replace(drive_away, law=replace(law, vehicle=other)), tmp_path)
     car = bed()
     soft = bed(extra={"slip": tuple(0.5 * value for value in car.slip)})
     u, parts = up_and_down(60, of=soft)

@@ -113,7 +113,11 @@ def test_c_and_python_catch_up_alike_with_samples_that_did_not_run(controller):
 
 
 def test_its_fmu_does_what_python_does(controller, tmp_path):
-    """Commands and the emulated vehicle, on a road that changes while it drives."""
+    """Commands, the emulated vehicle and what is tracked, on a road that changes while it drives."""
+    soon = replace(
+        controller.tracking, block=0.05, settling=0.02, least_blocks=2, prior=100 * controller.tracking.prior
+    )
+    controller = replace(controller, tracking=soon)
     made = controller_fmu(controller)
     if made.platform is None:
         pytest.skip("no C compiler here")
@@ -144,6 +148,11 @@ def test_its_fmu_does_what_python_does(controller, tmp_path):
                 np.testing.assert_allclose(shown[0], 0.3 * law.vehicle.body @ before.vehicle, atol=1e-9)
                 np.testing.assert_allclose(shown[1], before.distance, atol=1e-9)
                 np.testing.assert_allclose(shown[2:], law.vehicle.wheel @ before.vehicle, atol=1e-9)
+        keys = [f"{what}{more}" for what in ("gain", "zero", "delay") for more in ("", "_uncertainty")]
+        for name, tracked in zip(law.dynamometers, running.tracked, strict=True):
+            got = fmu.get([*(f"{name}.tracked_{key}" for key in keys), f"{name}.drifted"])
+            np.testing.assert_allclose(got, [*(getattr(tracked, key) for key in keys), tracked.drifted], rtol=1e-4)
+            assert tracked.gain_uncertainty != soon.prior[0, 0], "something was tracked"
     assert k == 2
 
 

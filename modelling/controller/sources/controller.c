@@ -67,6 +67,19 @@ static bool all_finite(const controller_real *value, int32_t count)
     return finite;
 }
 
+/* the command that the readings of this sample show, straight between past ones */
+static controller_real acting_command(const controller *c, int32_t j)
+{
+    const int32_t at = SENT_DELAY[j];
+    return c->past_sent[at][j] + (SENT_PART[j] * (c->past_sent[at + 1][j] - c->past_sent[at][j]));
+}
+
+/* balance of a rotor: the torque of its air gap by what is measured */
+static double air_torque(int32_t j, double rate, double speed, double flange)
+{
+    return ((double)ROTOR_INERTIA[j] * rate) + ((double)ROTOR_DRAG[j] * speed) - ((double)ROTOR_SIGN[j] * flange);
+}
+
 static bool is_holdable(int32_t fault)
 {
     return (fault == CONTROLLER_OVERSPEED) || (fault == CONTROLLER_TORQUE_GONE) || (fault == CONTROLLER_UNEXPECTED) ||
@@ -85,6 +98,12 @@ void controller_reset(controller *c)
     (void)memset(c, 0, sizeof *c);
     c->settings = kept;
     c->fallback = CONTROLLER_ZERO_TORQUE;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        c->tracker[j].wait = TRACK_SETTLING;
+        for (int32_t q = 0; q < 4; q++) {
+            c->tracker[j].variance[q] = 1.0 / TRACK_PRIOR[j][q];
+        }
+    }
 }
 
 static bool is_frozen(controller *c, const controller_input *in)
@@ -383,10 +402,9 @@ static bool is_undelivered(controller *c)
     bool undelivered = false;
     const controller_real time = (controller_real)CONTROLLER_DELIVERY;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-        const controller_real rate = (c->rotor_last[j] - c->rotor_filtered[j]) / time;
-        const controller_real delivered =
-            (ROTOR_INERTIA[j] * rate) + (ROTOR_DRAG[j] * c->rotor_filtered[j]) - (ROTOR_SIGN[j] * c->flange_filtered[j]);
-        const double off = fabs((double)(delivered - c->sent_filtered[j]));
+        const double rate = (double)(c->rotor_last[j] - c->rotor_filtered[j]) / (double)time;
+        const double delivered = air_torque(j, rate, (double)c->rotor_filtered[j], (double)c->flange_filtered[j]);
+        const double off = fabs(delivered - (double)c->sent_filtered[j]);
         const double size = fabs((double)c->sent_filtered[j]);
         const bool judged = (ROTOR_INERTIA[j] > (controller_real)0.0) && (size > (double)c->settings.lost_torque[j]) &&
                             (c->settings.undelivered_share > (controller_real)0.0);
@@ -409,7 +427,7 @@ static void follow_delivery(controller *c, const controller_input *in)
     }
     (void)memcpy(c->past_sent[0], c->sent, sizeof c->past_sent[0]);
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-        const controller_real acting = c->past_sent[SENT_DELAY[j]][j];
+        const controller_real acting = acting_command(c, j);
         const controller_real now = in->reading[SPEED_READING[j]];
         if (c->has_delivery == 0) {
             c->sent_filtered[j] = acting;
@@ -422,6 +440,243 @@ static void follow_delivery(controller *c, const controller_input *in)
         c->rotor_last[j] = now;
     }
     c->has_delivery = 1;
+}
+
+/* inverse of a matrix of four, by Gauss and Jordan with exchanged rows */
+static void inverse_of(const double m[4][4], double found[4][4])
+{
+    double left[4][4];
+    (void)memcpy(left, m, sizeof left);
+    for (int32_t i = 0; i < 4; i++) {
+        for (int32_t k = 0; k < 4; k++) {
+            found[i][k] = (i == k) ? 1.0 : 0.0;
+        }
+    }
+    for (int32_t n = 0; n < 4; n++) {
+        int32_t largest = n;
+        for (int32_t i = n + 1; i < 4; i++) {
+            if (fabs(left[i][n]) > fabs(left[largest][n])) {
+                largest = i;
+            }
+        }
+        for (int32_t k = 0; k < 4; k++) {
+            const double moved = left[n][k];
+            const double also = found[n][k];
+            left[n][k] = left[largest][k];
+            left[largest][k] = moved;
+            found[n][k] = found[largest][k];
+            found[largest][k] = also;
+        }
+        const double pivot = left[n][n];
+        for (int32_t k = 0; k < 4; k++) {
+            left[n][k] /= pivot;
+            found[n][k] /= pivot;
+        }
+        for (int32_t i = 0; i < 4; i++) {
+            const double part = left[i][n];
+            if (i != n) {
+                for (int32_t k = 0; k < 4; k++) {
+                    left[i][k] -= part * left[n][k];
+                    found[i][k] -= part * found[n][k];
+                }
+            }
+        }
+    }
+}
+
+/* what has drifted beyond its limit: from what the match was made for, or from the first sure value of this run */
+static void judge_drift(controller_tracker *t, int32_t j)
+{
+    static const int32_t at[3] = {0, 1, 2}; /* gain, delay, zero */
+    static const int32_t bit[3] = {1, 4, 2};
+    const int32_t before = t->drifted;
+    t->drifted = 0;
+    for (int32_t n = 0; n < 3; n++) {
+        const int32_t q = at[n];
+        bool off = (before & bit[n]) != 0; /* stays as it was where nothing is sure */
+        if ((t->blocks >= TRACK_LEAST_BLOCKS) && (sqrt(t->variance[q]) <= (TRACK_SURE * TRACK_DRIFT[j][n]))) {
+            if (t->has_first[n] == 0) {
+                t->has_first[n] = 1;
+                t->first_found[n] = t->found[q];
+                t->first_variance[n] = t->variance[q];
+                t->first_bent[n] = t->bent[q];
+            }
+            const double certainty = off ? 0.0 : TRACK_CERTAINTY; /* a warning ends within the limit */
+            const double turned = t->bent[q] - t->first_bent[n];
+            const double apart = sqrt(t->variance[q] + t->first_variance[n] + (turned * turned));
+            off = fabs(t->found[q] - t->first_found[n]) > (TRACK_DRIFT[j][n] + (certainty * apart));
+            if (n < 2) {
+                const double total = sqrt(t->variance[q] + (t->bent[q] * t->bent[q]));
+                off = off || (fabs(t->found[q]) > (TRACK_MOST[j][n] + (certainty * total)));
+            }
+        }
+        if (off) {
+            t->drifted += bit[n];
+        }
+    }
+}
+
+/* values by instrumental variables, with the scores of the blocks as uncertainty */
+static void estimate(controller_tracker *t, int32_t j, const double block[4][6], const double inverse[4][4])
+{
+    double score[4];
+    double spread[4][4];
+    bool known = true;
+    for (int32_t i = 0; i < 4; i++) {
+        t->found[i] = 0.0;
+        t->bent[i] = 0.0;
+        for (int32_t k = 0; k < 4; k++) {
+            t->found[i] += inverse[i][k] * t->sum[k][4];
+            t->bent[i] += TRACK_INERTIA * inverse[i][k] * t->sum[k][5];
+        }
+    }
+    for (int32_t i = 0; i < 4; i++) {
+        score[i] = block[i][4];
+        for (int32_t k = 0; k < 4; k++) {
+            score[i] -= block[i][k] * t->found[k];
+        }
+    }
+    for (int32_t i = 0; i < 4; i++) {
+        for (int32_t k = 0; k < 4; k++) {
+            t->scores[i][k] = (TRACK_KEPT * TRACK_KEPT * t->scores[i][k]) + (score[i] * score[k]);
+            spread[i][k] = t->scores[i][k] + ((i == k) ? TRACK_PRIOR[j][i] : 0.0);
+        }
+    }
+    for (int32_t n = 0; n < 4; n++) {
+        t->variance[n] = 0.0;
+        for (int32_t i = 0; i < 4; i++) {
+            for (int32_t k = 0; k < 4; k++) {
+                t->variance[n] += inverse[n][i] * spread[i][k] * inverse[n][k];
+            }
+        }
+        known = known && (inverse[n][n] > 0.0) && ((t->variance[n] * TRACK_PRIOR[j][n]) <= 1.0);
+    }
+    for (int32_t n = 0; n < 4; n++) {
+        if (!known) { /* the bed has hardly moved */
+            t->found[n] = 0.0;
+            t->bent[n] = 0.0;
+            t->variance[n] = 1.0 / TRACK_PRIOR[j][n];
+        }
+        const bool begins = !known || (t->blocks < TRACK_LEAST_BLOCKS);
+        t->slow[n] += (begins ? 1.0 : (1.0 - TRACK_KEPT)) * (t->found[n] - t->slow[n]);
+    }
+}
+
+/* a block is full: estimate and judge anew */
+static void close_block(controller_tracker *t, int32_t j)
+{
+    double m[4][4];
+    double inverse[4][4];
+    double block[4][6];
+    bool finite = true;
+    for (int32_t i = 0; i < 4; i++) {
+        for (int32_t k = 0; k < 6; k++) {
+            t->sum[i][k] = (TRACK_KEPT * t->sum[i][k]) + t->block[i][k];
+        }
+        for (int32_t k = 0; k < 4; k++) {
+            m[i][k] = t->sum[i][k] + ((i == k) ? TRACK_PRIOR[j][i] : 0.0);
+        }
+    }
+    (void)memcpy(block, t->block, sizeof block);
+    (void)memset(t->block, 0, sizeof t->block);
+    t->counted = 0;
+    inverse_of((const double (*)[4])m, inverse);
+    for (int32_t i = 0; i < 4; i++) {
+        for (int32_t k = 0; k < 4; k++) {
+            finite = finite && isfinite(inverse[i][k]);
+        }
+    }
+    if (finite) {
+        estimate(t, j, (const double (*)[6])block, (const double (*)[4])inverse);
+        t->blocks += (t->blocks < TRACK_LEAST_BLOCKS) ? 1 : 0;
+        judge_drift(t, j);
+    } else { /* readings beyond all bounds: they are forgotten */
+        (void)memset(t->sum, 0, sizeof t->sum);
+        (void)memset(t->scores, 0, sizeof t->scores);
+        t->blocks = 0;
+    }
+}
+
+/* one sample of what is tracked: the command that acts, flange torque and speed; it counts in emulation and motion */
+static void track(controller_tracker *t, int32_t j, const double now[3], bool counts)
+{
+    static const double share[2] = {TRACK_SMOOTHING, TRACK_SECOND_SMOOTHING};
+    double slope[3];
+    for (int32_t n = 0; n < 3; n++) {
+        if (t->begun == 0) {
+            t->smooth[0][n] = now[n];
+            t->smooth[1][n] = now[n];
+        }
+        const double before = t->smooth[1][n];
+        t->smooth[0][n] += share[0] * (now[n] - t->smooth[0][n]);
+        t->smooth[1][n] += share[1] * (t->smooth[0][n] - t->smooth[1][n]);
+        slope[n] = (t->smooth[1][n] - before) / (double)CONTROLLER_SAMPLE_TIME;
+    }
+    t->begun = 1;
+    const double speed = t->smooth[1][2];
+    const double command = t->smooth[1][0] - (ROTOR_LATE[j] * slope[0]);
+    const double flange = t->smooth[1][1] - (ROTOR_LATE[j] * slope[1]);
+    const double z[6] = {command, -slope[0], 1.0, -speed, air_torque(j, slope[2], speed, flange) - command,
+                         (double)ROTOR_INERTIA[j] * slope[2]};
+    double instrument[4];
+    (void)memcpy(instrument, t->older[t->newest], sizeof instrument);
+    (void)memcpy(t->older[t->newest], z, sizeof instrument);
+    t->newest = (t->newest + 1) % CONTROLLER_OLDER;
+    if (!counts) {
+        t->wait = TRACK_SETTLING;
+        t->counted = 0;
+        (void)memset(t->block, 0, sizeof t->block);
+    } else if (t->wait > 0) {
+        t->wait--;
+    } else {
+        for (int32_t i = 0; i < 4; i++) {
+            for (int32_t k = 0; k < 6; k++) {
+                t->block[i][k] += instrument[i] * z[k];
+            }
+        }
+        t->counted++;
+        if (t->counted >= TRACK_BLOCK) {
+            close_block(t, j);
+        }
+    }
+}
+
+/* torque gain, flange zero and dead time of every dynamometer whose rotor's balance is known */
+static void track_all(controller *c, const controller_input *in)
+{
+    bool counts = (c->mode == CONTROLLER_EMULATION) && (c->caught_up == 0);
+    for (int32_t i = 0; i < READINGS; i++) {
+        counts = counts && (c->refused[i] == 0);
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const double now[3] = {(double)acting_command(c, j), (double)flange_torque(in, j),
+                               (double)in->reading[SPEED_READING[j]]};
+        if (ROTOR_INERTIA[j] > (controller_real)0.0) {
+            track(&c->tracker[j], j, now, counts && (fabs(now[2]) > (double)CONTROLLER_TURNING));
+        }
+    }
+}
+
+/* standard uncertainty of a value: noise, what the inertia makes of it, and by how much it lags behind a drift */
+static double tracked_uncertainty(const controller_tracker *t, int32_t n)
+{
+    const double late = t->found[n] - t->slow[n];
+    return sqrt(t->variance[n] + (t->bent[n] * t->bent[n]) + (late * late));
+}
+
+static void show_tracked(const controller *c, controller_output *out)
+{
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_tracker *t = &c->tracker[j];
+        const double sign = (double)ROTOR_SIGN[j];
+        out->tracked_gain[j] = (controller_real)(1.0 + t->found[0]);
+        out->tracked_delay[j] = (controller_real)t->found[1];
+        out->tracked_zero[j] = (controller_real)(-t->found[2] / sign);
+        out->gain_uncertainty[j] = (controller_real)tracked_uncertainty(t, 0);
+        out->delay_uncertainty[j] = (controller_real)tracked_uncertainty(t, 1);
+        out->zero_uncertainty[j] = (controller_real)(tracked_uncertainty(t, 2) / fabs(sign));
+        out->drifted[j] = t->drifted;
+    }
 }
 
 /* the fault of this sample; seen are the readings as they are used */
@@ -1094,6 +1349,7 @@ static void answer_fault(controller *c, const controller_input *in, int32_t faul
 static void catch_up(controller *c, const controller_input *input)
 {
     const uint32_t risen = (c->has_life != 0) ? (input->life - c->life) : 0u;
+    const int32_t before = c->missed_samples;
     const bool few = (risen > 1u) && ((risen - 1u) <= (uint32_t)c->settings.ride_samples);
     if (c->mode != CONTROLLER_EMULATION) {
         c->missed_samples = 0;
@@ -1110,6 +1366,7 @@ static void catch_up(controller *c, const controller_input *input)
     } else {
         /* nothing was missed, or the sign of life does not tell how much */
     }
+    c->caught_up = (c->missed_samples > before) ? 1 : 0;
     if (risen == 1u) {
         c->even_life += (c->even_life < (2 * CONTROLLER_EVEN_LIFE)) ? 1 : 0;
     } else if ((risen > 1u) && (c->even_life > 0)) {
@@ -1172,6 +1429,7 @@ void controller_step(controller *c, const controller_input *input, controller_ou
 #endif
         }
         follow_delivery(c, in);
+        track_all(c, in);
         (void)memcpy(c->last, in->reading, sizeof c->last);
         for (int32_t j = 0; j < DYNAMOMETERS; j++) {
             for (int32_t n = CONTROLLER_KEPT - 1; n > 0; n--) {
@@ -1192,4 +1450,5 @@ void controller_step(controller *c, const controller_input *input, controller_ou
     out->fault = c->fault;
     out->fault_sensor = c->fault_sensor;
     out->missed_samples = c->missed_samples;
+    show_tracked(c, out);
 }

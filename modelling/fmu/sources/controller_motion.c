@@ -129,6 +129,16 @@ static int advance(Motion *m, double span) {
         for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++)
             m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS + 4 + j] = out.cut_torque[j];
 #endif
+        double *tracked = m->value + PARAMETERS - 7 * CONTROLLER_DYNAMOMETERS; /* the last outputs */
+        for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) {
+            *tracked++ = out.tracked_gain[j];
+            *tracked++ = out.gain_uncertainty[j];
+            *tracked++ = out.tracked_zero[j];
+            *tracked++ = out.zero_uncertainty[j];
+            *tracked++ = out.tracked_delay[j];
+            *tracked++ = out.delay_uncertainty[j];
+            *tracked++ = out.drifted[j];
+        }
     }
     m->value[TIME] += span;
     return 1;
