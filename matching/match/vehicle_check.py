@@ -32,6 +32,8 @@ class VehicleCheckSettings:
     least_left : float
         Share of a pulse's speed that has to be left one step later. A wheel without inertia keeps none: its speed
         follows the torque at once, which is an algebraic loop.
+    shares : tuple of float
+        Of the highest speed of the range: further steady speeds at which the resistance is read.
     alike : float
         Relative difference up to which the design vehicle counts as alike. The law holds its errors with a design
         vehicle that is off by a factor of two, so this is a remark, no limit.
@@ -42,6 +44,7 @@ class VehicleCheckSettings:
     seconds: float = 2.0
     last: float = 0.5
     least_left: float = 0.05
+    shares: tuple[float, ...] = (0.5, 0.95)
     alike: float = 0.1
 
 
@@ -67,11 +70,16 @@ class DrivenAlone:
 
 @dataclass(frozen=True)
 class VehicleCheck:
-    """The vehicle of others and the design vehicle, both driven alone at one speed (rad/s of the wheels)."""
+    """The vehicle of others and the design vehicle, both driven alone.
+
+    ``speed`` is that of the wheels, rad/s, at which the inertias are read; ``resistances`` are N·m of both at further
+    steady speeds of the range, rad/s.
+    """
 
     speed: float
     vehicle: DrivenAlone
     design: DrivenAlone
+    resistances: tuple[tuple[float, float, float], ...]
     ends: tuple[str, ...]
     bodies: tuple[str, ...]
     wheel_inertias: tuple[float, ...]
@@ -94,11 +102,12 @@ class VehicleCheck:
             for name, J, ratio in zip(self.ends, self.wheel_inertias, ratios, strict=True)
             if abs(ratio - 1) > self.settings.alike
         ]
+        steady = [(self.speed, self.vehicle.resistance.sum(), self.design.resistance.sum()), *self.resistances]
+        resistance = ", ".join(f"{found:.3g} against {design:.3g} at {at:.3g} rad/s" for at, found, design in steady)
         said.append(
             f"{self.file} against the design vehicle, both driven alone at {self.speed:.3g} rad/s of the wheels: "
             f"inertia {whole:.3g} against {own:.3g} kg*m^2, at the cuts {_listed(self.vehicle.at_cut)} against "
-            f"{_listed(self.design.at_cut)} kg*m^2, resistance {self.vehicle.resistance.sum():.3g} against "
-            f"{self.design.resistance.sum():.3g} N*m"
+            f"{_listed(self.design.at_cut)} kg*m^2, resistance in N*m {resistance}"
         )
         if lines:
             said.append(
@@ -132,11 +141,20 @@ def check_vehicle(case: Case, settings: VehicleCheckSettings = VEHICLE_CHECK) ->
     with loop.started(run_in, 1) as fmu:
         _can_be_coupled(fmu, speed, step, [name for _, name in loop.torques], loop.fmu, settings)
         found = driven_alone(fmu, speed, step, settings)
-    design = driven_alone(ModelVehicle(law.vehicle, law.dynamometers), speed, step, settings)
+        model = ModelVehicle(law.vehicle, law.dynamometers)
+        design = driven_alone(model, speed, step, settings)
+        resistances = []
+        for share in settings.shares:
+            there = speed * (share * case.operating_range.highest / case.operating_range.rolling_radius / speed.mean())
+            of_fmu, of_model = (
+                float(coasted(one, there, step, each.whole, settings).sum())
+                for one, each in ((fmu, found), (model, design))
+            )
+            resistances.append((float(there.mean()), of_fmu, of_model))
     inertia = {part.name: part.J.value for part in case.vehicle.inertias}
     ends, bodies = tuple(cut.vehicle_end for cut in cuts), tuple(case.operating_range.bodies)
     return VehicleCheck(
-        float(speed.mean()), found, design, ends, bodies, tuple(inertia[name] for name in ends),
+        float(speed.mean()), found, design, tuple(resistances), ends, bodies, tuple(inertia[name] for name in ends),
         tuple(inertia[name] for name in bodies), file, settings,
     )  # fmt: skip
 
@@ -179,16 +197,31 @@ def driven_alone(
     vehicle: Vehicle, speed: np.ndarray, step: float, settings: VehicleCheckSettings = VEHICLE_CHECK
 ) -> DrivenAlone:
     """What a vehicle shows by pulses, driven and coasting, from speeds (k, 1), rad/s, on; ``step`` in s."""
-    own, k = np.zeros((len(vehicle.own), 1)), len(speed)
+    k = len(speed)
     coasting, at_cut = _after_pulse(vehicle, speed, step, None, 0.0)[0], np.empty(k)
     for j in range(k):
         after = _after_pulse(vehicle, speed, step, j, settings.pulse)[0]
         at_cut[j] = settings.pulse * step / (after[j] - coasting[j])
-    count, late = round(settings.seconds / step), round((settings.seconds - settings.last) / step)
-    rates = []
-    for torque in (0.0, settings.torque):
-        vehicle.begin(speed, np.zeros_like(speed))
-        wheel = np.array([vehicle.step(np.full_like(speed, torque), own, step)[:, 0] for _ in range(count)])
-        rates.append((wheel[-1] - wheel[late]) / ((count - 1 - late) * step))
+    rates = [_rate(vehicle, speed, step, torque, settings) for torque in (0.0, settings.torque)]
     whole = settings.torque / (rates[1] - rates[0])
     return DrivenAlone(at_cut, whole, -whole * rates[0])
+
+
+def coasted(
+    vehicle: Vehicle, speed: np.ndarray, step: float, whole: np.ndarray, settings: VehicleCheckSettings
+) -> np.ndarray:  # fmt: skip
+    """N·m at each cut (k,) that would hold speeds (k, 1), rad/s, from coasting with inertias ``whole`` (k,), kg·m²."""
+    resistance: np.ndarray = -whole * _rate(vehicle, speed, step, 0.0, settings)
+    return resistance
+
+
+def _rate(
+    vehicle: Vehicle, speed: np.ndarray, step: float, torque: float, settings: VehicleCheckSettings
+) -> np.ndarray:  # fmt: skip
+    """Acceleration (k,) of the wheels, rad/s², at the end of a drive under a torque at all cuts."""
+    own = np.zeros((len(vehicle.own), 1))
+    count, late = round(settings.seconds / step), round((settings.seconds - settings.last) / step)
+    vehicle.begin(speed, np.zeros_like(speed))
+    wheel = np.array([vehicle.step(np.full_like(speed, torque), own, step)[:, 0] for _ in range(count)])
+    rate: np.ndarray = (wheel[-1] - wheel[late]) / ((count - 1 - late) * step)
+    return rate
