@@ -4,7 +4,7 @@ Two clutches with dry friction that sticks, each with its own ratio (``own_bed.c
 case's files hold one reduction of 10.05; what the controller is told of the shift is nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -160,6 +160,33 @@ def test_a_shaft_of_the_bed_that_breaks_is_still_noticed(untuned):
     run = untuned.run(car, shift.kmh / 3.6 / RADIUS, u, wrong=[broken])
     assert {FAULTS[fault] for fault in run.faults if fault} == {"torque gone"}
     assert np.flatnonzero(run.faults)[0] - part.start <= 5
+
+
+def dropped(car, shift, within):
+    """Inputs of a clutch that opens at 0.8 s within so many s, and closes from 1.2 s on; the motor idles in between."""
+    u, _ = shift.played(car)
+    time = np.arange(len(u)) * STEP
+    u[:, 8], u[:, 9] = LOCKED * (1 - np.clip((time - 0.8) / within, 0, 1)), LOCKED * np.clip((time - 1.2) / 0.1, 0, 1)
+    u[:, 0] = np.where((time > 0.8) & (time < 1.3), np.minimum(u[:, 0], -20.0), u[:, 0])
+    return u
+
+
+@pytest.mark.long
+def test_a_clutch_that_drops_its_torque_at_once(untuned, tmp_path):
+    """It looks like a broken shaft; where `lost_torque` is raised, the emulation goes on as in any shift."""
+    made = exported_controller(case_of(0.003))
+    raised = replace(made, settings=replace(made.settings, lost_torque=np.full(2, 1e6)))
+    beside, shift, part = Beside(raised, tmp_path), Shift("power-on up"), slice(700, 1600)
+    car = shifting(0.003, shift)
+    for within in (0.001, 0.005, 0.02, 0.1):
+        u = dropped(car, shift, within)
+        usual, run = (one.run(car, shift.kmh / 3.6 / RADIUS, u) for one in (untuned, beside))
+        assert {FAULTS[fault] for fault in usual.faults if fault} == ({"torque gone"} if within < 0.1 else set())
+        assert not run.faults.any()
+        wanted, found = run.car[part, 1:3], run.bed[part, 1:3]
+        error = (np.sqrt(np.mean((found - wanted) ** 2, axis=0)) / np.ptp(wanted, axis=0)).max()
+        print(f"{1e3 * within:g} ms: {100 * error:.2f} %, {np.abs(found - wanted).max():.0f} N·m")
+        assert error <= 0.015
 
 
 PARTS = ("drive away", "tip-in", "braked", "away again")
