@@ -24,6 +24,8 @@ HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
     "SearchSettings": "matching.match.variables",
     "Controller": "modelling.running.plant",
     "Plant": "modelling.running.plant",
+    "Vehicle": "modelling.running.plant",
+    "RecordedPlant": "modelling.running.log",
     "bed": "matching.match.imperfections",
     "controller": "matching.match.exported",
     "run": "modelling.running.run",
@@ -48,13 +50,12 @@ HOMES = dict.fromkeys(MANOEUVRES, "modelling.bed.manoeuvres") | {
 }
 __all__ = [
     "BackOut", "Campbell", "Case", "Controller", "CriticalSettings", "Diagnosis", "DiagnosisSettings", "DriveAway",
-    "InputError", "JudgeSettings", "Map", "MatchResult", "Modes", "OrderResponse", "Plant", "Recording", "Response",
-    "SearchSettings",
-    "Simulation", "SimulationError", "StateSpace", "Step", "Sweep", "System", "TipIn", "Tolerance", "Uncertainty",
-    "XilFidelity", "bed", "campbell", "commission", "controller", "diagnose", "excite", "explore", "export",
-    "fidelity", "identify", "learn", "load", "load_case", "load_result", "map", "match", "modes", "new",
-    "order_response", "read_recording", "response", "run", "show", "simulate", "sweep", "to_ss", "tolerance",
-    "uncertainty", "verify",
+    "InputError", "JudgeSettings", "Map", "MatchResult", "Modes", "OrderResponse", "Plant", "RecordedPlant",
+    "Recording", "Response", "SearchSettings", "Simulation", "SimulationError", "StateSpace", "Step", "Sweep",
+    "System", "TipIn", "Tolerance", "Uncertainty", "Vehicle", "XilFidelity", "bed", "campbell", "commission",
+    "controller", "diagnose", "excite", "explore", "export", "fidelity", "identify", "learn", "load", "load_case",
+    "load_result", "map", "match", "modes", "new", "order_response", "read_recording", "response", "run", "show",
+    "simulate", "sweep", "to_ss", "tolerance", "uncertainty", "verify",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -105,7 +106,8 @@ if TYPE_CHECKING:
     from modelling.modal.orders import Campbell
     from modelling.modal.result import Modes
     from modelling.recordings.recording import Recording
-    from modelling.running.plant import Controller, Plant
+    from modelling.running.log import RecordedPlant
+    from modelling.running.plant import Controller, Plant, Vehicle
     from modelling.running.run import run
     from modelling.simulation.stepping import Simulation, SimulationError
     from modelling.system import System

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -126,9 +127,22 @@ def gallery() -> dict[str, Callable[[], Any]]:
     shown = {name: lambda path=path: rm.show(path) for name, path in files.items() if name not in OF_THE_REFERENCE}
     return shown | {
         "fidelity": lambda: rm.fidelity(examples / "fidelity" / "tab2.toml").plot(),
+        "foreign_vehicle": foreign_vehicle,
         "engine": lambda: rm.order_response(examples / "engine" / "engine.toml", *ENGINE).plot(),
         "sensors": lambda: rm.uncertainty(examples / "sensors" / "torque_M2.toml", draws=10_000).plot(),
     }
+
+
+def foreign_vehicle() -> Any:
+    """Drives of the vehicle of others, and of the bed with it at its cuts."""
+    import rigmatch as rm
+    from matching.report.driving import drives_figure
+
+    folder = ROOT / "examples" / "foreign_vehicle"
+    rm.export(folder / "car.toml", fmu=ROOT / "out" / "car.fmu")
+    result = rm.match(folder / "case.toml")
+    of_the_case = result.driving.drives[: len(result.case.operating_range.drives)]
+    return drives_figure(replace(result.driving, drives=of_the_case), result.case)
 
 
 def dead_time() -> Any:

@@ -68,6 +68,8 @@ CASE = {
     "operating_range": "speeds of the vehicle that one observer has to cover; the match is reported about their middle",
     "drives": "a list: manoeuvres that judge it, each from a steady speed: torques by input, or a speed profile",
     "uncertainty": "half-widths of what is not known exactly, by name or pattern; beds are drawn from it",
+    "vehicle_in_the_loop": "the vehicle as others simulate it, an FMU; `vehicle` is then what the observer is "
+    "designed with, and may be coarse",
     "residual_vehicle": "`model`: a model file of a residual vehicle of one's own, simpler than the vehicle",
 }  # fmt: skip
 LIMITS = {
@@ -97,6 +99,16 @@ RANGE = {
     "vehicle_speed": "lowest and highest speed; below 0 backwards",
     "rolling_radius": "of the wheels, m",
     "road_load": "as under `[operating_point]`",
+}
+VEHICLE = {
+    "fmu": "file of the FMU: FMI 2.0 or 3.0, co-simulation with a fixed step",
+    "torques": "by dynamometer the FMU's input for the torque (N·m) into the vehicle at this cut, positive as it "
+    "drives",
+    "speeds": "by dynamometer the FMU's output for the speed (rad/s) of the vehicle at this cut",
+    "inputs": "by input of the vehicle beyond the cuts (brakes, road loads) the FMU's input for the same",
+    "step": "of the FMU, a whole number of samples; `sample_time` unless stated",
+    "late": "samples between the moment to which a speed belongs and the one in which the controller reads it; 0 "
+    "unless stated: the vehicle steps between two samples. A connection that is late by one sample each way makes it 2",
 }
 DRIVE = {
     "title": "a line for reports",

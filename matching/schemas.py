@@ -179,6 +179,10 @@ def _case() -> Schema:
                  {"input": TEXT, "brakes": NAMES} | {key: value(unit) for key, unit in DRIVER_UNITS.items()})},
             meanings.DRIVE)}},
         "uncertainty": {"type": "object"},
+        "vehicle_in_the_loop": table(described(
+            {"fmu": TEXT, "torques": by_name(TEXT), "speeds": by_name(TEXT), "inputs": by_name(TEXT),
+             "step": value("s"), "late": {"type": "integer", "minimum": 0, "maximum": 100}}, meanings.VEHICLE),
+            ("fmu", "torques", "speeds")),
     }  # fmt: skip
     needed = ("vehicle", "rig", "dynamometers", "targets", "response", "manoeuvre")
     return table(described({key: keys[key] for key in sorted(case_file.TOP)}, meanings.CASE), needed)

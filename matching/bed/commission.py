@@ -50,6 +50,7 @@ from matching.bed.verify import COVERAGE_FACTOR, NEGLIGIBLE, BedVerification, ju
 from matching.export import tuned_case
 from matching.match.case import Case
 from matching.match.case_file import case_files, load_case
+from matching.match.coupled import refuse_vehicle_of_others
 from matching.match.exported import exported_controller
 from matching.match.match import match
 from matching.studies import append, rows
@@ -777,7 +778,9 @@ def plan_speed(case: Case, order: CommissionOrder) -> float:
 
 def _case_at(path: Path) -> Case:
     """The case of a case file, or of a match's directory as tuned."""
-    return tuned_case(path).tuned if path.is_dir() else load_case(path)
+    case = tuned_case(path).tuned if path.is_dir() else load_case(path)
+    refuse_vehicle_of_others(case, "commissioning")
+    return case
 
 
 def _of_case(case: Case) -> str:

@@ -15,6 +15,7 @@ from matching.bed.simulated_bed import FmuBed, emulated_recording
 from matching.bed.verify import BedRecordings, read_recordings
 from matching.dry_run import computing
 from matching.match.case import Case
+from matching.match.coupled import refuse_vehicle_of_others
 from matching.match.driving import vehicles_in
 from matching.match.exported import exported_controller
 from matching.match.imperfections import Imperfection
@@ -215,6 +216,7 @@ def learn(
     recorded = read_recordings(recordings, own, channels, any_length=True)
     before = read_played(played, own.loop.dynamometers) if played is not None else None
     computing(lambda: dict.fromkeys(map(str, recordings), "a recording of a manoeuvre on the controlled bed"))
+    refuse_vehicle_of_others(case, "learning")
     exported = exported_controller(case)
     law = exported.law.frozen(speed) if isinstance(exported.law, SteppedLaw) else exported.law
     step, ends = law.sample_time, cut_readings(own)
@@ -435,6 +437,7 @@ def learn_on_bed(
     tell: Callable[[str], None] = lambda _: None,
 ) -> list[Learned]:  # fmt: skip
     """Repeat the case's manoeuvre on the FMU of a bed, and learn after every repetition; a folder each."""
+    refuse_vehicle_of_others(case, "learning")
     own, _ = case_of_manoeuvre(case, vehicle_speed)
     sensors = [sensor.name for sensor in case.rig.sensors]
     step = case.loop["sample_time"]

@@ -39,6 +39,7 @@ from matching.bed.verify import (
     together_variance,
 )
 from matching.match.case import Case
+from matching.match.coupled import refuse_vehicle_of_others
 from matching.match.exported import exported_controller
 from matching.match.responses import ComparedBed
 from matching.match.targets import target_modes
@@ -187,6 +188,7 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     InputError
         Where the case lacks a limit that the size of the torques is planned by.
     """
+    refuse_vehicle_of_others(case, "the proof")
     bed, exported = recorded_bed(case), exported_controller(case)
     names = tuple(dict.fromkeys(pair.input for pair in case.compared))
     demanded = demanded_limits(bed, {})

@@ -31,6 +31,7 @@ from matching.bed.measured import (
 from matching.bed.plausible import check_recording
 from matching.match.box import Box, of_system
 from matching.match.case import Case, once_per_case
+from matching.match.coupled import refuse_vehicle_of_others
 from matching.match.loop import bed_set, controller_of, frequency_response, responses, vehicle_response
 from matching.match.responses import ComparedBed, Responses
 from matching.match.targets import target_modes
@@ -786,6 +787,7 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
     InputError
         Where a recording cannot be right, see :func:`matching.bed.plausible.check_recording`.
     """
+    refuse_vehicle_of_others(case, "the proof")
     if of_this_controller:
         for recording in recorded.recordings:
             check_recording(case, recording, recorded.active(recording))

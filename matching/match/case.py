@@ -13,6 +13,7 @@ import numpy as np
 
 from matching.match.box import Box
 from matching.match.movable import movable
+from matching.match.vehicle_in_the_loop import VehicleInTheLoop
 from modelling import display
 from modelling.bed.bed import Loop
 from modelling.bed.manoeuvres import Manoeuvre
@@ -152,6 +153,7 @@ class Case:
     torque_curve: TorqueCurve | None = None
     operating_range: OperatingRange | None = None
     simple_vehicle: System | None = None  # the vehicle with a residual vehicle of the user's own, if the case has one
+    vehicle_in_the_loop: VehicleInTheLoop | None = None  # the vehicle as others simulate it, if the case has one
     notes: tuple[str, ...] = ()  # what was changed of the model files, as sentences
 
     def __post_init__(self) -> None:

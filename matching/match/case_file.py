@@ -36,6 +36,7 @@ from matching.match.operating_range import (
     with_point_in_range,
 )
 from matching.match.requirements import TORQUE_OVER_SPEED, read_limits
+from matching.match.vehicle_in_the_loop import read_vehicle_in_the_loop
 from modelling.bed.bed import HARDWARE, OWN_TIMES, ControlStructure, Dynamometer, Loop, predicted_part
 from modelling.bed.controllers import DEFAULT, STRUCTURES
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
@@ -111,6 +112,8 @@ def case_text(case: Case) -> str:
         data |= range_tables(case.operating_range)
     if case.simple_vehicle is not None:
         data["residual_vehicle"] = {"model": OWN_RESIDUAL_VEHICLE}
+    if case.vehicle_in_the_loop is not None:
+        data["vehicle_in_the_loop"] = case.vehicle_in_the_loop.table()
     data["limits"] = dict(case.limits)
     if "dynamometer_speed" in case.limits:  # with its unit: a bare number would be asked about
         data["limits"]["dynamometer_speed"] = f"{float(case.limits['dynamometer_speed'])!r} rad/s"
@@ -587,6 +590,7 @@ UNLIKE = 0.01  # relative difference of a shared quantity's values from which a 
 TOP = {
     "title", "vehicle", "rig", "dynamometers", "loop", "targets", "response", "manoeuvre", "limits", "move",
     "operating_point", "operating_range", "drives", "uncertainty", "residual_vehicle",
+    "vehicle_in_the_loop",
 }  # fmt: skip
 
 
@@ -647,6 +651,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         torque_curve=curve,
         operating_range=covered,
         simple_vehicle=simple,
+        vehicle_in_the_loop=read_vehicle_in_the_loop(data, vehicle, rig, loop, where),
         notes=(
             *unlike,
             *one_of_two(moves, movable(rig, residual, loop), rig, vehicle),

@@ -10,6 +10,7 @@ import numpy as np
 
 from matching.match.beds import Judge, loop_figures, noise_of_sensors, planned, quantile
 from matching.match.case import Case, Drive
+from matching.match.coupled import controller_rows
 from matching.match.exported import exported_controller
 from matching.match.imperfections import (
     Imperfection,
@@ -28,7 +29,7 @@ from modelling.bed.profile import DrivenTorques, SpeedProfile
 from modelling.controller.law import FAULTS, ExportedController
 from modelling.errors import InputError
 from modelling.fidelity.over_range import parts_of, worst_part
-from modelling.running.controllers import ControllerRows, Schedule
+from modelling.running.controllers import Schedule
 from modelling.running.run import run
 from modelling.running.sensors import SensorErrors
 from modelling.simulation.stepping import SimulationError
@@ -232,7 +233,9 @@ def _play(
         for name in controller.law.known if name not in plant.inputs or name in loop.measured
     }  # fmt: skip
     about = plant.beds.steady[[plant.beds.model.sensors.index(one.speed_sensor) for one in loop.dynamometers]]
-    rows_of = ControllerRows(controller, Schedule.held_first(before, count, about, plant.beds.trim), size)
+    rows_of = controller_rows(
+        case, controller, Schedule.held_first(before, count, about, plant.beds.trim), size
+    )  # fmt: skip
     acting = {name: torque for name, torque in waiting.items() if name in plant.inputs}
     found = run(plant, rows_of, acting, known, samples=count, keep=sensors)
     faults = np.where(found.lost & (found.fault == 0), FAULTS.index("not finite"), found.fault)

@@ -14,12 +14,15 @@ from scipy.linalg import null_space
 from matching.match.beds import noise_of_sensors
 from matching.match.box import of_system
 from matching.match.case import Case, once_per_case
+from matching.match.coupled import controller_rows, run_in_of
 from matching.match.imperfections import DEMAND_FACTOR, DEMAND_LATE_S, count_angles
 from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque, torque_sign
 from matching.match.operating_range import law_over_speed
 from matching.match.requirements import requirements
 from modelling.bed.bed import ControlLaw, delayed_bed, held, predicted_part
+from modelling.bed.foreign_vehicle import ForeignVehicleLaw, VehicleTiming, foreign_vehicle_law
 from modelling.bed.observer import sensor_noise
+from modelling.bed.stepped import SteppedLaw
 from modelling.controller.law import (
     CHECK_SPEED_SHARE,
     CHECK_TORQUE_SHARE,
@@ -42,10 +45,13 @@ from modelling.controller.law import (
     nothing_watched,
 )
 from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.linear.elements import elements
 from modelling.linear.state_space import StateSpace, state_space
 from modelling.linear.steady_motion import operating_motion, torques_of
 from modelling.running.controllers import ControllerRows, Schedule
+from modelling.running.plant import Vehicle
+from modelling.running.vehicles import TimedVehicle
 from modelling.system import Input, Sensor, System
 
 # --- What readings of a linear bed under its controller are off from what the controller's model expects.
@@ -610,7 +616,9 @@ def _curve(case: Case) -> tuple[np.ndarray, np.ndarray]:
     return np.array(curve.speeds), np.array(curve.torques)
 
 
-def controller(case: Case | HasTuned, hold: float = 3.0, rows: int = 1) -> ControllerRows:
+def controller(
+    case: Case | HasTuned, hold: float = 3.0, rows: int = 1, vehicle: Vehicle | None = None
+) -> ControllerRows:  # fmt: skip
     """The controller of a tuned case or a match's result as rows for :func:`modelling.running.run.run`.
 
     Parameters
@@ -620,12 +628,36 @@ def controller(case: Case | HasTuned, hold: float = 3.0, rows: int = 1) -> Contr
         s of speed hold at the operating point, or at rest, before the emulation begins.
     rows : int
         On how many beds.
+    vehicle : Vehicle, optional
+        A simulator of your own behind the cuts, of so many rows, one step a sample; the case then needs
+        ``[operating_range]``, and its vehicle is the design vehicle. One with ``[vehicle_in_the_loop]`` brings its own.
+
+    Raises
+    ------
+    InputError
+        If a vehicle is given and the case has no range, or the vehicle has other cuts or another number of rows.
     """
     tuned = case if isinstance(case, Case) else case.tuned
     made, loop = exported_controller(tuned), tuned.loop
+    law = made.law
+    if vehicle is not None:
+        cuts = tuple(one.name for one in loop.dynamometers)
+        if not isinstance(law, SteppedLaw):
+            raise InputError("vehicle", "is for a case with [operating_range]", "a vehicle that drives has a range")
+        if tuple(vehicle.cuts) != cuts or vehicle.count != rows:
+            raise InputError(
+                "vehicle", f"has cuts {list(vehicle.cuts)} and {vehicle.count} rows",
+                f"the case has {list(cuts)}, and rows = {rows}",
+            )  # fmt: skip
+        if not isinstance(law, ForeignVehicleLaw):
+            law = foreign_vehicle_law(law, VehicleTiming(), run_in_of(tuned, VehicleTiming()))
+            made = replace(made, law=law)
     before, trim, turning = max(round(hold / made.law.sample_time), 1), torques_of(tuned.rig), compiled(tuned.rig)
     about = operating_motion(tuned.rig)
     steady = turning.readings(about.state, about.inputs, turning.p0, 0.0).full()
     speeds = np.array([steady[turning.sensors.index(one.speed_sensor)] for one in loop.dynamometers])
     added = np.array([[trim[one.torque_input]] for one in loop.dynamometers])
-    return ControllerRows(made, Schedule.held_first(before, before + 1, speeds, added), rows)
+    schedule = Schedule.held_first(before, before + 1, speeds, added)
+    if vehicle is None or not isinstance(law, ForeignVehicleLaw):
+        return controller_rows(tuned, made, schedule, rows)
+    return ControllerRows(made, schedule, rows, TimedVehicle(vehicle, law.timing, law.sample_time))

@@ -10,16 +10,19 @@ import numpy as np
 from matching.match.beds import noise_of_sensors
 from matching.match.box import of_system
 from matching.match.case import Case
+from matching.match.coupled import controller_rows, run_in_of
 from matching.match.loop import interface_speed, shaft_torque
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
+from modelling.bed.vehicle import specimen_of
 from modelling.controller.law import ExportedController
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind
 from modelling.linear.steady_motion import torques_of
 from modelling.running.beds import BedRows
-from modelling.running.controllers import ControllerRows, Schedule
+from modelling.running.controllers import Schedule
 from modelling.running.run import Motion, run
 from modelling.running.sensors import NEVER, SensorErrors
+from modelling.running.vehicles import SpecimenAndVehicle
 from modelling.simulation.stepping import SimulationError
 from modelling.system import Effect, Quantity, Sensor, System, mirror_image
 
@@ -232,9 +235,24 @@ def _with_sensors(system: System, sensors: Sequence[Sensor]) -> System:
     return replace(system, sensors=(*system.sensors, *(each for each in sensors if each.name not in there)))
 
 
-def vehicle_rows(case: Case, rows: Sequence[Imperfection]) -> BedRows:
-    """Nonlinear vehicles with the specimens of these beds."""
-    return BedRows(NonlinearBeds([perturbed_system(case.vehicle, row, case) for row in rows], case.loop))
+def vehicle_rows(
+    case: Case, rows: Sequence[Imperfection], pushes: Sequence[str] = ()
+) -> BedRows | SpecimenAndVehicle:  # fmt: skip
+    """Nonlinear vehicles with the specimens of these beds; the vehicle of others behind them where the case has one.
+
+    ``pushes`` (k) are inputs that act at the cuts beside the shafts; with a vehicle of rigmatch's own it has them.
+    """
+    vehicles, others = [perturbed_system(case.vehicle, row, case) for row in rows], case.vehicle_in_the_loop
+    if others is None:
+        return BedRows(NonlinearBeds(vehicles, case.loop))
+    residual, loop = case.residual_vehicle, case.loop
+    specimens = [specimen_of(replace(residual, vehicle=vehicle)) for vehicle in vehicles]
+    cuts = [next(cut for cut in residual.interfaces if cut.shaft == one.follows) for one in loop.dynamometers]
+    started, ends = others.started(run_in_of(case), len(rows)), [cut.vehicle_end for cut in cuts]
+    return SpecimenAndVehicle(
+        BedRows(NonlinearBeds(specimens, loop)), started, ends,
+        others.timing(loop["sample_time"]).steps, pushes,
+    )  # fmt: skip
 
 
 def bed_rows(
@@ -379,7 +397,7 @@ def emulated(
     known = {name: known.get(name, np.zeros(count)) + trim.get(name, 0.0) for name in controller.law.known}
     speeds = [plant.beds.model.sensors.index(one.speed_sensor) for one in loop.dynamometers]
     schedule = Schedule.held_first(before, count, plant.beds.steady[speeds], plant.beds.trim)
-    rows_of = ControllerRows(controller, schedule, len(runs))
+    rows_of = controller_rows(case, controller, schedule, len(runs))
     return run(plant, rows_of, _of_rows(drives, plant.inputs), known, samples=count, keep=sensors), plant, before
 
 

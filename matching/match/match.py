@@ -46,6 +46,7 @@ from matching.match.robustness import DRAWN_BEDS, DrawnBedsSettings, not_kept, n
 from matching.match.search import solve
 from matching.match.targets import LEAST_SHARE_TO_MOVE, change_weight
 from matching.match.variables import CONTROLLER, RESIDUAL, SearchSettings
+from matching.match.vehicle_check import check_vehicle
 from matching.match.verify import verify
 from matching.worker_pool import SideProcesses
 from modelling.bed.specimen import KNOWN
@@ -149,6 +150,9 @@ def attempt(
     given = settings or SearchSettings()
     settings, short = _effort(case, given, simple)
     settings = settings if starts is None else replace(settings, starts=min(starts, settings.starts))
+    if case.vehicle_in_the_loop is not None and settings.emulated and not begins:
+        short = [*short, *check_vehicle(case).remarks()]
+        tell("the vehicle driven alone")
     fresh = Fresh(settings.fresh if beds is None else beds, seed)
     solution, settled = _solved(problem, settings, fresh, tell, ordering, begins)
     return Attempt(problem, simple, settings, short, solution, settled, fresh, begun, given)

@@ -14,6 +14,7 @@ import numpy as np
 
 from matching.match.beds import noise_of_sensors
 from matching.match.case import Case
+from matching.match.coupled import controller_rows
 from matching.match.exported import exported_controller
 from matching.match.findings import Finding
 from matching.match.imperfections import (
@@ -22,16 +23,14 @@ from matching.match.imperfections import (
     bed_rows,
     count_angles,
     known_at_operating_point,
-    perturbed_system,
     sensor_gains,
+    vehicle_rows,
     white_noise,
     with_cut_sensors,
 )
 from matching.match.judgements import Judgement
-from modelling.bed.nonlinear import NonlinearBeds
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, ExportedController
-from modelling.running.beds import BedRows
-from modelling.running.controllers import ControllerRows, Schedule
+from modelling.running.controllers import Schedule
 from modelling.running.run import Motion, run
 from modelling.running.sensors import NEVER, SensorErrors
 from modelling.simulation.stepping import SimulationError
@@ -333,7 +332,7 @@ def _played(
              for name in law.known}  # fmt: skip
     keep = [*at_cuts, *(one.speed_sensor for one in loop.dynamometers)]
     every = max(round(WATCHED_S / step), 1)
-    rows_of = ControllerRows(controller, schedule, size)
+    rows_of = controller_rows(case, controller, schedule, size)
     found = run(plant, rows_of, torques, known, samples=samples, keep=keep, every=every)
     first, until = -(-begun // every), -(-(samples if at_speed else start) // every)
     faults, emulated = [], np.full(size, settings.seconds)
@@ -391,11 +390,14 @@ def _allowed(case: Case, rows: Sequence[_Row], settings: MinuteSettings) -> np.n
     loop, cuts = case.loop, case.residual_vehicle.interfaces
     made, _, at_cuts = with_cut_sensors(case)
     pushes = [Input(f"push_{cut.shaft}", cut.vehicle_end) for cut in cuts]
-    vehicle = replace(made.vehicle, inputs=(*made.vehicle.inputs, *pushes))
-    plant = BedRows(NonlinearBeds([perturbed_system(vehicle, row.bed, made) for row in rows], loop))
+    by_shaft = {one.follows: j for j, one in enumerate(loop.dynamometers)}
+    if case.vehicle_in_the_loop is None:
+        vehicle = replace(made.vehicle, inputs=(*made.vehicle.inputs, *pushes))
+        made = replace(made, vehicle=vehicle)
+    in_order = sorted(zip(cuts, pushes, strict=True), key=lambda pair: by_shaft[pair[0].shaft])
+    plant = vehicle_rows(made, [row.bed for row in rows], [push.name for _, push in in_order])
     step = loop["sample_time"]
     samples = round(settings.seconds / step)
-    by_shaft = {one.follows: j for j, one in enumerate(loop.dynamometers)}
     u, ratios = _flange_uncertainty(case), _rotor_over_cut(case)
     rise = np.minimum(np.arange(samples) * step / max(settings.zero_s, step), 1.0)[:, None]
     torques = {}

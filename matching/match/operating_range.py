@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from matching.match.case import Case, Drive, OperatingRange, table_of
+from matching.match.coupled import run_in_of
 from matching.match.loop import linear_bed
 from matching.match.requirements import requirements
 from modelling.bed.bed import Loop
+from modelling.bed.foreign_vehicle import foreign_vehicle_law
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.profile import DrivenTorques, read_driver, read_speed_profile
 from modelling.bed.stepped import SteppedLaw, stepped_law
@@ -310,7 +312,10 @@ def law_over_speed(case: Case) -> SteppedLaw:
     about = case.operating_range
     assert about is not None
     cases = [at_speed(case, float(speed)) for speed in grid(about)]
-    return stepped_law(
+    law = stepped_law(
         [each.rig for each in cases], [each.residual_vehicle for each in cases], case.loop, case.loop.values,
         about.bodies, about.rolling_radius, linear_bed(cases[-1]).torque_signs, body_speed(case),
     )  # fmt: skip
+    if (vehicle := case.vehicle_in_the_loop) is None:
+        return law
+    return foreign_vehicle_law(law, vehicle.timing(case.loop["sample_time"]), run_in_of(case))

@@ -98,6 +98,8 @@ class SteppedVehicle:
         planned one, mass of the bodies over the planned one, grade (1).
     by_cut : ndarray (v, k)
         Rates for 1 N·m at each cut.
+    by_body : ndarray (v, m)
+        Rates for 1 N·m at each body.
     wheel : ndarray (k, v)
         Speed of the wheel at each cut by state, rad/s.
     body : ndarray (v,)
@@ -120,6 +122,7 @@ class SteppedVehicle:
     slopes: ca.Function
     outputs: ca.Function
     by_cut: np.ndarray
+    by_body: np.ndarray
     wheel: np.ndarray
     body: np.ndarray
     radius: float
@@ -188,6 +191,12 @@ class SteppedVehicle:
         ).full()  # fmt: skip
         return slopes
 
+    def by_own(self, x: np.ndarray) -> np.ndarray:
+        """Rates (v, r) at a state for 1 N·m of an own input whose effect depends on the motion, 0 of a plain one."""
+        at = x, np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned
+        by: np.ndarray = self._derivatives(*at)[2].full() * self.nonlinear
+        return by
+
     def by_tyres(self, x: np.ndarray) -> np.ndarray:
         """The part (v, v) of the rates' derivatives at a state that the slope of the tyres makes."""
         zero = np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs))
@@ -239,7 +248,7 @@ def stepped_vehicle(
     own = tuple(part.name for system in first.parts for part in system.inputs if part.name not in cut_names)
     tyres = tuple(effect.at for system in first.parts for effect in system.effects if effect.kind == "tyre_slip")
     at_cuts, at_own = ca.SX.sym("T", len(cuts)), ca.SX.sym("w", len(own))
-    road = ca.SX.sym("road", len(tyres) + len(ROAD))
+    road, at_bodies = ca.SX.sym("road", len(tyres) + len(ROAD)), ca.SX.sym("B", len(bodies))
     grade = road[len(tyres) + 1]
     states, rates, body, slips, torques, steepness = [], [], [], [], [], []
     speeds_by_name: dict[str, tuple[int, np.ndarray]] = {}
@@ -255,7 +264,8 @@ def stepped_vehicle(
         u = ca.vertcat(*(
             at_cuts[cut_names.index(name)] if name in cut_names
             else at_own[own.index(name)] if name in own
-            else -inertia[name.removeprefix("grade_on_")] * downhill
+            else at_bodies[bodies.index(name.removeprefix("grade_on_"))]
+            - inertia[name.removeprefix("grade_on_")] * downhill
             for name in model.inputs
         ))  # fmt: skip
         rates.append(lift.T @ model.rates(lift @ x, u, values))
@@ -287,19 +297,22 @@ def stepped_vehicle(
     for j, cut in enumerate(cuts):
         number, row = speeds_by_name[cut.vehicle_end]
         wheel[j, starts[number] : starts[number + 1]] = row
-    every, motion = ca.vertcat(*rates), ca.vertcat(*states)
+    whole, motion = ca.vertcat(*rates), ca.vertcat(*states)
+    every = ca.substitute(whole, at_bodies, ca.SX.zeros(len(bodies)))
     arguments = [motion, at_cuts, at_own, road]
     step = loop["sample_time"]
     by_own = ca.horzsplit(ca.jacobian(every, at_own))
     nonlinear = np.array([ca.depends_on(each, ca.vertcat(motion, at_own)) for each in by_own], dtype=float)
-    by_cut = ca.DM(ca.evalf(ca.substitute(ca.jacobian(every, at_cuts), ca.vertcat(*arguments), ca.vertcat(
-        steady[-1], np.zeros(len(cuts) + len(own)), np.ones(len(tyres) + 1), 0.0
-    )))).full()  # fmt: skip
+    there = ca.vertcat(*arguments, at_bodies)
+    values = ca.vertcat(steady[-1], np.zeros(len(cuts) + len(own)), np.ones(len(tyres) + 1), np.zeros(1 + len(bodies)))
+    by_cut, by_body = (
+        ca.DM(ca.evalf(ca.substitute(ca.jacobian(whole, each), there, values))).full() for each in (at_cuts, at_bodies)
+    )
     return SteppedVehicle(
         ca.Function("vehicle_rates", arguments, [ca.cse(every)]),
         ca.Function("vehicle_slopes", arguments, [ca.cse(ca.densify(ca.jacobian(every, motion)))]),
         ca.Function("vehicle_outputs", arguments, [ca.cse(ca.densify(ca.vertcat(*slips, *torques, *steepness)))]),
-        by_cut, wheel, np.concatenate(body) / max(len(bodies), 1), radius, np.stack(steady), own, nonlinear,
+        by_cut, by_body, wheel, np.concatenate(body) / max(len(bodies), 1), radius, np.stack(steady), own, nonlinear,
         tuple(at.removeprefix("shafts.") for at in tyres), max(int(np.ceil(step / settings.sub_steps - 1e-9)), 1), step,
     )  # fmt: skip
 
@@ -424,6 +437,11 @@ class SteppedLaw:
     settings: SteppedSettings = STEPPED
 
     @property
+    def steps_vehicle(self) -> bool:
+        """The vehicle is stepped by the law itself."""
+        return True
+
+    @property
     def first(self) -> ControlLaw:
         """The law at the lowest speed: names, sizes and expectation are the same at all."""
         return self.laws[0]
@@ -464,6 +482,16 @@ class SteppedLaw:
         return self.first.L
 
     @property
+    def by_load(self) -> np.ndarray:
+        """Rates (v, q) of the vehicle for each of the loads that are estimated: here those of its wheels."""
+        return self.vehicle.by_cut
+
+    @property
+    def load_stays(self) -> float:
+        """Share of a load that stays from sample to sample where nothing corrects it."""
+        return 1.0
+
+    @property
     def vehicle_states(self) -> int:
         """Number v of states of the vehicle."""
         return len(self.vehicle.body)
@@ -473,12 +501,16 @@ class SteppedLaw:
         """The law about the operating point of its case."""
         return self.frozen(self.operating_speed)
 
-    @cached_property
-    def _stacked(self) -> dict[str, np.ndarray]:
+    @property
+    def _over_speed(self) -> dict[str, np.ndarray]:
         stacked = {
             name: np.stack([getattr(law, name) for law in self.laws]) for name in ("A", "Bw", "Bs", "K", "Dw", "L")
         }
         return {**stacked, "by_wheel": self.by_wheel, "likeness": self.likeness}
+
+    @cached_property
+    def _stacked(self) -> dict[str, np.ndarray]:
+        return self._over_speed
 
     def at(self, speed: float) -> dict[str, np.ndarray]:
         """Matrices at a speed of the vehicle, rad/s."""
@@ -546,7 +578,8 @@ class SteppedLaw:
 
         States [law (x); loads (k); vehicle (v)]; the angles that are taken back at standstill are left out.
         """
-        made, v, q = self.at(speed), self.vehicle_states, len(self.dynamometers)
+        made, v, by_load = self.at(speed), self.vehicle_states, self.by_load
+        q = by_load.shape[1]
         x, w, y = self.states, len(self.known), len(self.sensors)
         r = len(self.vehicle.inputs)
         steady = np.array([np.interp(speed, self.speeds, each) for each in self.vehicle.steady.T])
@@ -560,9 +593,9 @@ class SteppedLaw:
         found = made["by_wheel"] @ off
         corrected = state + made["L"] @ innovation
         corrected[self.observed] += found[:v]
-        load = np.eye(q, width, x) + found[v:]
+        load = self.load_stays * np.eye(q, width, x) + found[v:]
         remainder = (self.vehicle.slope_at(steady) - made["likeness"]) @ np.eye(v, width, x + q)
-        acting = np.vstack([np.eye(w, width, size + y), remainder + self.vehicle.by_cut @ load])
+        acting = np.vstack([np.eye(w, width, size + y), remainder + by_load @ load])
         command = made["K"] @ corrected + made["Dw"] @ acting
         after = made["A"] @ corrected + made["Bw"] @ acting
         torque = self.cut_torque @ (corrected + after) / 2 + self.momentum @ innovation / self.sample_time
@@ -591,11 +624,17 @@ class SteppedLaw:
 Law = ControlLaw | SteppedLaw
 
 
+def own_vehicle(law: Law) -> SteppedVehicle | None:
+    """The vehicle that a law steps itself; None where there is none, or where others step it."""
+    return law.vehicle if isinstance(law, SteppedLaw) and law.steps_vehicle else None
+
+
 def shown_of(law: Law) -> list[tuple[str, str, str]]:
     """Name, unit and meaning of what the emulated vehicle shows; nothing of a law without one."""
-    if not isinstance(law, SteppedLaw):
+    own = own_vehicle(law)
+    if own is None:
         return []
-    tyres = law.vehicle.tyres
+    tyres = own.tyres
     return [
         ("vehicle.speed", "m/s", "of the emulated vehicle"),
         ("vehicle.distance", "m", "since the emulation began"),

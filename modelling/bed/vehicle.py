@@ -12,7 +12,7 @@ import numpy as np
 from modelling.effects.sensors_and_actuators import AllPass
 from modelling.errors import InputError, listed
 from modelling.linear.steady_motion import speeds_of, torques_of
-from modelling.system import Effect, Input, OperatingPoint, Sensor, System
+from modelling.system import Effect, Input, OperatingPoint, Quantity, Sensor, System
 from modelling.topology import connected_parts, joints
 from modelling.units import to_si
 
@@ -223,6 +223,57 @@ def _part(vehicle: System, group: set[str], interfaces: list[Interface]) -> Syst
         reference="",
         operating_point=_operating_point(vehicle, group, interfaces),
     )
+
+
+# --- The specimen alone: what the vehicle has in front of the cuts, each cut shaft ending on an inertia that is turned.
+
+TURNING_INERTIA = 1e5  # kg·m²: so heavy that no shaft changes its speed in a step, and its momentum shows the torque
+
+
+def turning_input(end: str) -> str:
+    """Name of the input that turns the end of a cut shaft."""
+    return f"turning_{end}"
+
+
+def specimen_of(residual: ResidualVehicle) -> System:
+    """What the vehicle has in front of the cuts; the ends of the cut shafts are turned by inputs of their own."""
+    vehicle = residual.vehicle
+    ends = {cut.vehicle_end for cut in residual.interfaces}
+    near = {part.name for part in vehicle.inertias} - {part.name for one in residual.parts for part in one.inertias}
+    group, cut_shafts = near | ends, {cut.shaft for cut in residual.interfaces}
+
+    def inside(*names: str) -> bool:
+        return set(names) <= near
+
+    shafts = tuple(part for part in vehicle.shafts if inside(*part.between) or part.name in cut_shafts)
+    own = tuple(part for part in vehicle.inputs if part.on in near)
+    kept = {f"inertias.{name}" for name in near}
+    kept |= {f"shafts.{part.name}" for part in shafts} | {f"inputs.{part.name}" for part in own}
+    read = group | {shaft.name for shaft in shafts}
+    point = vehicle.operating_point
+    if point is not None:
+        speeds, torques = speeds_of(vehicle), torques_of(vehicle)
+        point = OperatingPoint(
+            tuple((name, speeds[name]) for name in sorted(ends)), tuple((part.name, torques[part.name]) for part in own)
+        )
+    return replace(
+        vehicle,
+        inertias=tuple(
+            replace(part, J=Quantity(TURNING_INERTIA), drag=Quantity(0.0)) if part.name in ends else part
+            for part in vehicle.inertias if part.name in group
+        ),
+        shafts=shafts,
+        gears=tuple(part for part in vehicle.gears if inside(*part.between)),
+        differentials=tuple(part for part in vehicle.differentials if inside(*part.ends)),
+        planetary_gears=tuple(part for part in vehicle.planetary_gears if inside(*part.ends)),
+        inputs=own + tuple(Input(turning_input(cut.vehicle_end), cut.vehicle_end) for cut in residual.interfaces),
+        sensors=tuple(part for part in vehicle.sensors if part.of in read),
+        mirror=(),
+        effects=tuple(effect for effect in vehicle.effects if _place(effect) in kept),
+        title=f"Specimen of {vehicle.title or 'the vehicle'}",
+        reference="",
+        operating_point=point,
+    )  # fmt: skip
 
 
 def _operating_point(vehicle: System, group: set[str], interfaces: list[Interface]) -> OperatingPoint | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from modelling.bed.foreign_vehicle import ForeignVehicleLaw
 from modelling.controller.c_source import c_sources
 from modelling.controller.law import ExportedController
 from modelling.simulation.compiled import compiler, library_of
@@ -37,11 +38,17 @@ void row_step(void *row, const double *own, int mode, unsigned life, int trigger
     for (int i = 0; i < KNOWN; i++) { input.known[i] = own[READINGS + i]; }
     for (int i = 0; i < DYNAMOMETERS; i++) { input.hold_speed[i] = own[READINGS + KNOWN + i]; }
     for (int i = 0; i < DYNAMOMETERS; i++) { input.added_torque[i] = own[READINGS + KNOWN + DYNAMOMETERS + i]; }
+#if CONTROLLER_FOREIGN > 0
+    for (int i = 0; i < DYNAMOMETERS; i++) { input.cut_speed[i] = own[READINGS + KNOWN + 2 * DYNAMOMETERS + i]; }
+#endif
     input.trigger = trigger;
     input.mode = mode;
     input.life = life;
     controller_step((controller *)row, &input, &output);
     for (int i = 0; i < DYNAMOMETERS; i++) { out[i] = output.command[i]; }
+#if CONTROLLER_FOREIGN > 0
+    for (int i = 0; i < DYNAMOMETERS; i++) { out[DYNAMOMETERS + i] = output.cut_torque[i]; }
+#endif
     state[0] = output.mode;
     state[1] = output.fault;
 }
@@ -60,12 +67,13 @@ void row_shown(const void *row, double *out)
     (void)out;
 #endif
 }
+enum { CUTS = CONTROLLER_FOREIGN * DYNAMOMETERS };
 void batch_step(unsigned char *all, int count, const double *in, int mode, unsigned life, int trigger, double *out,
                 int *state)
 {
     for (int b = 0; b < count; b++) {
-        row_step(all + (size_t)b * sizeof(controller), in + b * (READINGS + KNOWN + 2 * DYNAMOMETERS), mode, life,
-                 trigger, out + b * DYNAMOMETERS, state + 2 * b);
+        row_step(all + (size_t)b * sizeof(controller), in + b * (READINGS + KNOWN + 2 * DYNAMOMETERS + CUTS), mode,
+                 life, trigger, out + b * (DYNAMOMETERS + CUTS), state + 2 * b);
     }
 }
 """
@@ -107,6 +115,8 @@ class ControllerBatch:
 
     def __init__(self, controller: ExportedController, count: int):
         self._count, self._k = count, len(controller.law.dynamometers)
+        self._foreign = isinstance(controller.law, ForeignVehicleLaw)
+        self.cut_torque = np.zeros((self._k, count))  # N·m, into vehicles that are stepped outside
         library = None
         if compiler():
             library = library_of(
@@ -130,25 +140,29 @@ class ControllerBatch:
 
     def step(
         self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int,
-        added: np.ndarray | None = None, trigger: bool = False,
+        added: np.ndarray | None = None, trigger: bool = False, wheel: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Commands (k, b) in N·m, active modes (b,) and faults (b,).
 
-        For readings (y, b), known torques (w, b), speeds to hold (k, b) and torques that are added (k, b); see
-        :meth:`modelling.controller.law.SupervisedController.step`.
+        For readings (y, b), known torques (w, b), speeds to hold (k, b), torques that are added (k, b), and speeds
+        (k, b) of vehicles that are stepped outside; see :meth:`modelling.controller.law.SupervisedController.step`.
         """
+        wheel = np.zeros(hold.shape) if wheel is None else wheel
         more = np.zeros(hold.shape) if added is None else added
         if self._python:
             answers = [
-                one.step(readings[:, b], known[:, b], mode, hold[:, b], life, more[:, b], trigger)
+                one.step(readings[:, b], known[:, b], mode, hold[:, b], life, more[:, b], trigger, wheel[:, b])
                 for b, one in enumerate(self._python)
             ]
             commands = np.stack([answer.commands for answer in answers], axis=1)
             modes, faults = (np.array([getattr(one, key) for one in answers]) for key in ("mode", "fault"))
+            self.cut_torque = np.stack([one.cut_torque for one in self._python], axis=1)
             return commands, modes, faults
-        given = np.ascontiguousarray(np.vstack([readings, known, hold, more]).T, dtype=float)
-        sent, state = np.empty((self._count, self._k)), np.empty((self._count, 2), np.int32)
+        of_vehicle = [wheel] if self._foreign else []
+        given = np.ascontiguousarray(np.vstack([readings, known, hold, more, *of_vehicle]).T, dtype=float)
+        sent, state = np.empty((self._count, self._k * (1 + self._foreign))), np.empty((self._count, 2), np.int32)
         memory, numbers, to, found = (ctypes.c_void_p(part.ctypes.data) for part in (self.memory, given, sent, state))
         life_sign = ctypes.c_uint(life & 0xFFFFFFFF)
         self._batch_step(memory, self._count, numbers, mode, life_sign, int(trigger), to, found)
-        return sent.T.copy(), state[:, 0].copy(), state[:, 1].copy()
+        self.cut_torque = sent[:, self._k :].T.copy()
+        return sent[:, : self._k].T.copy(), state[:, 0].copy(), state[:, 1].copy()

@@ -11,7 +11,8 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from modelling.bed.bed import ControlLaw
-from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SteppedLaw
+from modelling.bed.foreign_vehicle import ForeignVehicleLaw
+from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SteppedLaw, own_vehicle
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
     DELIVERY_S,
@@ -52,16 +53,25 @@ def memory_bytes(controller: ExportedController) -> int:
     """Size of the controller's structure in double precision, padding aside."""
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
     x, w, s = controller.law.states, len(controller.law.known), len(controller.watched.shafts)
-    v, t = controller.law.vehicle_states, len(tyres_of(controller))
+    v, t = _vehicle_states(controller), len(tyres_of(controller))
     settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 2 + (t + 3 if v else 0)
     state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
     state += (controller.rotors.kept + 4) * k
+    if isinstance(controller.law, ForeignVehicleLaw):
+        timing = controller.law.timing
+        state += controller.law.by_load.shape[1] + (timing.late + timing.steps + 5) * k
     return 8 * (settings + state) + 4 * (20 + 2 * k + 3 * y + 2 * (s + 1))
 
 
 def tyres_of(controller: ExportedController) -> tuple[str, ...]:
     """Shafts whose tyres slip in the vehicle that is stepped beside the law."""
-    return controller.law.vehicle.tyres if isinstance(controller.law, SteppedLaw) else ()
+    own = own_vehicle(controller.law)
+    return () if own is None else own.tyres
+
+
+def _vehicle_states(controller: ExportedController) -> int:
+    """States of the vehicle that is stepped beside the law."""
+    return 0 if own_vehicle(controller.law) is None else controller.law.vehicle_states
 
 
 def _header(controller: ExportedController) -> str:
@@ -79,7 +89,9 @@ def _header(controller: ExportedController) -> str:
             bytes=memory_bytes(controller),
             states=law.states,
             speeds=len(law.speeds) if isinstance(law, SteppedLaw) else 0,
-            vehicle_states=law.vehicle_states,
+            vehicle_states=_vehicle_states(controller),
+            foreign=law.timing if isinstance(law, ForeignVehicleLaw) else None,
+            loads=law.by_load.shape[1] if isinstance(law, SteppedLaw) else 0,
             tyres=[c_comment(name) for name in tyres_of(controller)],
             readings=[c_comment(reading) for reading in readings],
             known=[c_comment(name) for name in law.known],
@@ -150,7 +162,7 @@ def _data(controller: ExportedController) -> str:
     opened = ", ".join(_real(value) for value in (*settings.opened_torque, 0.0))
     lines += [f"    {{{opened}}}, /* opened_torque */", f"    {_real(settings.opened_share)}, /* opened_share */"]
     lines += [f"    {_real(settings.undelivered_share)}, /* undelivered_share */"]
-    if isinstance(law, SteppedLaw):
+    if isinstance(law, SteppedLaw) and law.steps_vehicle:
         lines += [f"    {{{', '.join(['1.0'] * (len(law.vehicle.tyres) + 1))}}}, 1.0, 0.0, /* friction, mass, grade */"]
     lines += [f"    {settings.frozen_samples}, {settings.life_samples}, {settings.ride_samples}}};"]
     matrices = {
@@ -171,42 +183,70 @@ def _data(controller: ExportedController) -> str:
     played = controller.learned if len(controller.learned) else np.zeros((1, len(law.dynamometers)))
     lines += ["", "static const controller_real LEARNED[][CONTROLLER_DYNAMOMETERS] = {"]
     lines += [f"    {{{', '.join(map(_real, row))}}}," for row in played.tolist()] + ["};"]
-    if isinstance(law, SteppedLaw):
+    if isinstance(law, ForeignVehicleLaw):
+        lines += _foreign(law)
+    elif isinstance(law, SteppedLaw):
         lines += _vehicle(law)
     return "\n".join(lines) + "\n"
 
 
-def _vehicle(law: SteppedLaw) -> list[str]:
-    """Numbers and functions of the residual vehicle that is stepped beside the law."""
+def _listed(name: str, values: np.ndarray, meaning: str) -> str:
+    return f"static const controller_real {name}[] = {{{', '.join(map(_real, values))}}}; /* {meaning} */"
+
+
+def _beside(law: SteppedLaw) -> list[str]:
+    """Numbers that both kinds of vehicle need, in the controller or outside."""
     vehicle, settings = law.vehicle, law.settings
-    functions = {"rates": vehicle.rates, "slopes": vehicle.slopes, "outputs": vehicle.outputs}
-    steady = (f"    {{{', '.join(map(_real, row))}}}," for row in vehicle.steady)
-
-    def listed(name: str, values: np.ndarray, meaning: str) -> str:
-        return f"static const controller_real {name}[] = {{{', '.join(map(_real, values))}}}; /* {meaning} */"
-
-    lines = [
+    return [
         "",
         f"#define CONTROLLER_VEHICLE_INPUTS {len(vehicle.inputs)}",
-        f"#define CONTROLLER_PIECES {vehicle.pieces} /* steps of its integration in a sample */",
-        f"#define CONTROLLER_RADIUS {_real(vehicle.radius)} /* m */",
         f"#define CONTROLLER_ANGLE_TIME {_real(settings.angle_time)} /* s */",
         f"#define CONTROLLER_ANGLE_ROLL {_real(settings.angle_roll)} /* rad */",
-        f"#define GAMMA (controller_real){_real(GAMMA)}",
         f"enum {{ OBSERVED = {law.observed.start} }};",
-        listed("NONLINEAR", np.r_[vehicle.nonlinear, 0], "1 of an own input whose effect depends on the motion"),
-        listed("OVER", law.over, "speed of a rotor over its wheel's"),
-        listed("SPEED", law.designed, "rad/s of the vehicle"),
+        _listed("OVER", law.over, "speed of a rotor over its wheel's"),
+        _listed("SPEED", law.designed, "rad/s of the vehicle"),
         f"#define CONTROLLER_DESIGNS {len(law.designed)}",
+        _listed("ROTOR_SPEED", law.rotor_speeds, "rad/s there"),
+        _listed("ROTOR_SHARE", law.rotor_shares, "of each rotor in it"),
+        "", *_rows("MOMENTUM", law.momentum), "", *_rows("WHEEL", vehicle.wheel),
+        "", *_rows("CUT_TORQUE", law.cut_torque), "", *_rows("CUT_BY_READING", law.cut_by_reading),
+        "", *_rows("CUT_BY_COMMAND", law.cut_by_command),
+    ]  # fmt: skip
+
+
+def _foreign(law: ForeignVehicleLaw) -> list[str]:
+    """Numbers for a vehicle that is stepped outside."""
+    vehicle, run_in = law.vehicle, law.run_in
+    return [
+        *_beside(law),
+        f"#define CONTROLLER_LOAD_STAYS {_real(law.load_stays)} /* from sample to sample */",
+        f"#define CONTROLLER_DESIGN_STATES {law.vehicle_states}",
+        _listed("STEADY_BODY", vehicle.steady @ vehicle.body, "rad/s"),
+        _listed("RUN_IN_PROPORTIONAL", run_in.proportional, "N*m*s/rad"),
+        _listed("RUN_IN_INTEGRAL", run_in.integral, "N*m/rad"),
+        _listed("RUN_IN_LARGEST", run_in.largest, "N*m"),
+        "", *_rows("BODY_SPEED", vehicle.body[None]), "", *_rows("BY_LOAD", law.by_load),
+        "", *_at_speeds("BY_WHEEL", list(law.by_late_wheel)), "", *_at_speeds("CATCHES", list(law.catches)),
+        "", *_at_speeds("BY_OWN", list(law.by_own)),
+    ]  # fmt: skip
+
+
+def _vehicle(law: SteppedLaw) -> list[str]:
+    """Numbers and functions of the residual vehicle that is stepped beside the law."""
+    vehicle = law.vehicle
+    functions = {"rates": vehicle.rates, "slopes": vehicle.slopes, "outputs": vehicle.outputs}
+    steady = (f"    {{{', '.join(map(_real, row))}}}," for row in vehicle.steady)
+    lines = [
+        *_beside(law),
+        f"#define CONTROLLER_PIECES {vehicle.pieces} /* steps of its integration in a sample */",
+        f"#define CONTROLLER_RADIUS {_real(vehicle.radius)} /* m */",
+        f"#define GAMMA (controller_real){_real(GAMMA)}",
+        _listed("NONLINEAR", np.r_[vehicle.nonlinear, 0], "1 of an own input whose effect depends on the motion"),
         f"#define SMALLEST_SLOPE (controller_real){_real(SMALLEST_SLOPE)}",
-        listed("ROTOR_SPEED", law.rotor_speeds, "rad/s there"),
-        listed("ROTOR_SHARE", law.rotor_shares, "of each rotor in it"),
-        listed("BODY", vehicle.body, "speed by state"),
+        _listed("BODY", vehicle.body, "speed by state"),
         "static const controller_real STEADY[CONTROLLER_SPEEDS][CONTROLLER_VEHICLE_STATES] = {", *steady, "};",
         "", *_at_speeds("BY_WHEEL", list(law.by_wheel)), "", *_at_speeds("LIKENESS", list(law.likeness)),
-        "", *_rows("BY_CUT", vehicle.by_cut), "", *_rows("MOMENTUM", law.momentum),
-        "", *_rows("WHEEL", vehicle.wheel), "", *_rows("CUT_TORQUE", law.cut_torque),
-        "", *_rows("CUT_BY_READING", law.cut_by_reading), "", *_rows("CUT_BY_COMMAND", law.cut_by_command),
+        "", *_rows("BY_CUT", vehicle.by_cut),
         "", "/* the vehicle: rates of its states, their derivatives by the states, slips and torques of its tyres */",
     ]  # fmt: skip
     return [*lines, *_functions(functions)]

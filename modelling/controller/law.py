@@ -9,7 +9,8 @@ import scipy
 from scipy.linalg import solve_discrete_are
 
 from modelling.bed.bed import ControlLaw
-from modelling.bed.stepped import Emulation, Law, SteppedLaw, shown_of
+from modelling.bed.foreign_vehicle import Followed, ForeignVehicleLaw
+from modelling.bed.stepped import Emulation, Law, SteppedLaw, own_vehicle, shown_of
 from modelling.bed.vehicle import FeedForward
 from modelling.errors import NoDesign
 from modelling.linear.state_space import StateSpace
@@ -426,7 +427,8 @@ class SupervisedController:
         self._learned = np.zeros((0, 0)) if learned is None else learned
         self.law, self.settings, self._watch = law, settings, ShaftWatch(watched)
         self._torques, self._speeds = torque_readings, speed_readings
-        self.road = law.vehicle.as_planned if isinstance(law, SteppedLaw) else np.zeros(0)  # may change at any time
+        own = own_vehicle(law)
+        self.road = np.zeros(0) if own is None else own.as_planned  # may change at any time
         self.reset()
 
     def reset(self) -> None:
@@ -438,9 +440,13 @@ class SupervisedController:
         self._start = np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)
         # now, when it began, and the torques at the cuts then
         self._emulation: tuple[Emulation, Emulation, np.ndarray] | None = None
-        if isinstance(self.law, SteppedLaw):
+        if isinstance(self.law, SteppedLaw) and not isinstance(self.law, ForeignVehicleLaw):
             begun, cut = self.law.begin(np.zeros(y), np.zeros(k))
             self._emulation = begun, begun, cut
+        # of a vehicle that is stepped outside: what is kept, where it began, torques into it and those that hold it
+        self._followed: Followed | None = None
+        self._follow_start = np.zeros(k), np.zeros(k), 0.0
+        self.cut_torque, self._held_cut, self._cut_integral = np.zeros(k), np.zeros(k), np.zeros(k)
         self._last, self._averaged = np.zeros(y), 0
         # of readings, known torques and commands, and the means of these means
         self._means, self._slow = ((np.zeros(y), np.zeros(len(self.law.known)), np.zeros(k)) for _ in range(2))
@@ -464,7 +470,7 @@ class SupervisedController:
 
     def step(
         self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int = 0,
-        added: np.ndarray | None = None, trigger: bool = False,
+        added: np.ndarray | None = None, trigger: bool = False, wheel: np.ndarray | None = None,
     ) -> Answer:  # fmt: skip
         """One sample.
 
@@ -480,9 +486,12 @@ class SupervisedController:
             Torques, N·m, that speed hold and emulation add to their own and the check of the channels commands alone.
         trigger : bool
             From false to true: the manoeuvre begins, and what was learned of it is played.
+        wheel : ndarray (k,), optional
+            Speeds, rad/s, that a vehicle which is stepped outside gives at the cuts; :attr:`cut_torque` goes to it.
         """
         added = np.zeros(len(self._sent)) if added is None else added
-        if np.isfinite(known).all():
+        self._wheel = np.zeros(len(self._sent)) if wheel is None else wheel
+        if np.isfinite(known).all() and np.isfinite(self._wheel).all():
             self._catch_up(known, life, trigger)
         fault = self._check(readings, known, np.concatenate([hold, added]), life)
         readings, below = self._seen, HELD_BELOW_LIMIT * self.settings.speed_limit
@@ -502,6 +511,8 @@ class SupervisedController:
         self._enter(ZERO_TORQUE if unknown else wanted, readings, known, hold)
         self._follow_trigger(trigger)
         self._sent = self._command(readings, known, hold, added)
+        if isinstance(self.law, ForeignVehicleLaw):
+            self._drive_vehicle(readings, unknown)
         if not np.isfinite(self._sent).all():  # a law that has left all bounds
             self._mode, self._fault, self._fallback = ZERO_TORQUE, 1, ZERO_TORQUE
             self._sent = np.zeros(len(self._sent))
@@ -522,14 +533,38 @@ class SupervisedController:
     def shown(self) -> np.ndarray:
         """What the emulated vehicle does (e,), as the last sample left it: see
         :func:`modelling.bed.stepped.shown_of`; NaN while nothing is emulated."""
-        if not isinstance(self.law, SteppedLaw) or self._mode != EMULATION:
+        vehicle = own_vehicle(self.law)
+        if vehicle is None or self._mode != EMULATION:
             return np.full(len(shown_of(self.law)), np.nan)
-        vehicle, now = self.law.vehicle, self.vehicle
+        now = self.vehicle
         tyres = vehicle.outputs(
             now.vehicle, np.zeros(len(self._sent)), np.zeros(len(vehicle.inputs)), self.road
         ).full()  # fmt: skip
         speed = vehicle.radius * vehicle.body @ now.vehicle
         return np.r_[speed, now.distance, vehicle.wheel @ now.vehicle, tyres[: 2 * len(vehicle.tyres), 0]]
+
+    def _drive_vehicle(self, readings: np.ndarray, unknown: bool) -> None:
+        """Torques at the cuts of a vehicle that is stepped outside.
+
+        In emulation they are those of the law. In speed hold they run the vehicle to the rotors' speeds, elsewhere
+        there are none.
+        """
+        law = self.law
+        assert isinstance(law, ForeignVehicleLaw)
+        if self._mode == EMULATION:
+            assert self._followed is not None
+            self.cut_torque = self._followed.cut_torque
+        elif self._mode == SPEED_HOLD and not unknown:
+            own, slower = law.run_in, law.started(readings) - self._wheel
+            slower = np.where(np.isfinite(slower), slower, 0.0)
+            asked = own.proportional * slower + self._cut_integral
+            self.cut_torque = np.clip(asked, -own.largest, own.largest)
+            within = asked == self.cut_torque
+            self._cut_integral = self._cut_integral + within * own.integral * law.sample_time * slower
+            samples = min(self._averaged + 1, self._mean_samples)
+            self._held_cut = self._held_cut + (self.cut_torque - self._held_cut) / samples
+        else:
+            self.cut_torque = self._held_cut = self._cut_integral = np.zeros(len(self._sent))
 
     def _follow_trigger(self, trigger: bool) -> None:
         if trigger and not self._triggered:
@@ -589,6 +624,9 @@ class SupervisedController:
         if self._mode != EMULATION:
             self._surprised = 0
             return 0
+        if not np.isfinite(self._wheel).all():  # of the vehicle, while what the bed reads is right
+            self.sensor, self.reason = -1, "the speed of the vehicle at a cut is not finite"
+            return UNEXPECTED
         expected = self._start[0] + self.law.E @ self._state
         self._deviations = np.vstack([self._seen - expected, self._deviations[:-1]])
         # a torque that is gone is no wrong reading: it counts as it is read
@@ -726,13 +764,18 @@ class SupervisedController:
             blind = self._distrusted[self._speeds]
             error = np.where(blind, 0.0, wanted - readings[self._speeds])
             self._integral = carried - self.settings.hold_proportional * error
+            self._cut_integral = self.cut_torque
         if mode == EMULATION:
             self._average(readings, known)
             readings_start, known_start, sent_start = (
                 2 * mean - slow for mean, slow in zip(self._means, self._slow, strict=True)
             )
             self._start = readings_start, known_start, sent_start
-            if isinstance(self.law, SteppedLaw):
+            if isinstance(self.law, ForeignVehicleLaw):
+                law, at = self.law, readings_start
+                self._follow_start = law.started(at), law.started_torque(at, sent_start), law.started_speed(at)
+                self._followed = law.start_following(at, sent_start, self._held_cut, self._wheel)
+            elif isinstance(self.law, SteppedLaw):
                 begun, cut = self.law.begin(readings_start, sent_start)
                 self._emulation = begun, begun, cut
             self._state = np.zeros(self.law.states)
@@ -756,7 +799,14 @@ class SupervisedController:
         """Torques (k,), N·m, between limits, and the states a sample later."""
         y0, w0, u0 = self._start
         within = limits[0] - u0, limits[1] - u0
-        if isinstance(self.law, SteppedLaw):
+        if isinstance(self.law, ForeignVehicleLaw):
+            assert self._followed is not None
+            sent, now_followed = self.law.follow(
+                self._followed, self._follow_start, readings - y0, known - w0, self._wheel, within,
+                readings[self._speeds], added,
+            )  # fmt: skip
+            self._followed, self._state = now_followed, now_followed.state
+        elif isinstance(self.law, SteppedLaw):
             assert self._emulation is not None
             now, begun, cut = self._emulation
             sent, now = self.law.step(

@@ -18,7 +18,8 @@ import casadi as ca
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from modelling.bed.stepped import Law, SteppedLaw, shown_of
+from modelling.bed.foreign_vehicle import ForeignVehicleLaw
+from modelling.bed.stepped import Law, own_vehicle, shown_of
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import ExportedController
 from modelling.effects.effect import SECOND_STATE
@@ -766,9 +767,16 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
 
 def _vehicle(law: Law) -> tuple[list[Variable], list[Variable]]:
     """What the emulated vehicle is told while it drives, and what it does; nothing of a law without one."""
-    if not isinstance(law, SteppedLaw):
+    if isinstance(law, ForeignVehicleLaw):
+        speed, torque = "of the vehicle at this cut, newest step", "into the vehicle at this cut, for its next step"
+        return (
+            [Variable(f"cut.{name}.speed", "input", "rad/s", 0.0, speed) for name in law.dynamometers],
+            [Variable(f"cut.{name}.torque", "output", "N*m", 0.0, torque) for name in law.dynamometers],
+        )
+    own = own_vehicle(law)
+    if own is None:
         return [], []
-    tyres = law.vehicle.tyres
+    tyres = own.tyres
     road = [
         *(Variable(f"{tyre}.friction", "input", "1", 1.0, "of the tyre's road over the planned one") for tyre in tyres),
         Variable("vehicle.mass", "input", "1", 1.0, "of the emulated vehicle's bodies over the planned one"),

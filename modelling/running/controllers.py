@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from modelling.bed.foreign_vehicle import ForeignVehicleLaw
 from modelling.bed.stepped import Law, shown_of
+from modelling.controller.batch import ControllerBatch
 from modelling.controller.law import (
     EMULATION,
     NO_LIMIT,
@@ -15,6 +17,7 @@ from modelling.controller.law import (
     Settings,
     nothing_watched,
 )
+from modelling.running.vehicles import TimedVehicle
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ class ControllerRows:
     """The same exported controller on every row; a :class:`modelling.running.plant.Controller`.
 
     With rows of the product and a compiler its C sources run (:func:`modelling.running.run.run`); elsewhere the same in
-    Python.
+    Python. Where others step the vehicle, ``vehicle`` is it: it takes its own inputs from the known torques.
 
     Attributes
     ----------
@@ -64,20 +67,33 @@ class ControllerRows:
         What the emulated vehicle shows, by name.
     """
 
-    def __init__(self, controller: ExportedController, schedule: Schedule, count: int = 1):
+    def __init__(
+        self, controller: ExportedController, schedule: Schedule, count: int = 1, vehicle: TimedVehicle | None = None
+    ):
+        if (vehicle is None) == isinstance(controller.law, ForeignVehicleLaw):
+            raise ValueError("a vehicle is needed by, and only by, a law whose vehicle is stepped outside")
         self.controller, self.schedule, self.count = controller, schedule, count
         self.sensors, self.known = tuple(controller.law.sensors), tuple(controller.law.known)
         self.shown = tuple(name for name, _, _ in shown_of(controller.law))
+        self.vehicle: TimedVehicle | None = None
         self.begin()
+        self.vehicle = vehicle  # begins with a run
 
     def begin(self) -> None:
         """Everything forgotten."""
         self.fault, self.fault_at = np.zeros(self.count, np.int32), np.full(self.count, -1, np.int64)
-        self._each = [self.controller.running() for _ in range(self.count)]
+        self._batch = None if self.vehicle is None else ControllerBatch(self.controller, self.count)
+        self._each = [] if self._batch is not None else [self.controller.running() for _ in range(self.count)]
+        if self.vehicle is not None:
+            law = self.controller.law
+            assert isinstance(law, ForeignVehicleLaw)
+            held = np.flatnonzero(self.schedule.mode == EMULATION)  # the speed of the hold as it ends
+            rotors = np.broadcast_to(self.schedule.hold[held[0] if len(held) else -1], (len(law.over), self.count))
+            self.vehicle.begin(rotors / law.over[:, None])
 
     def show(self) -> np.ndarray:
         """What the emulated vehicles do (e, b), as the last sample left it; NaN of a row that emulates nothing."""
-        return np.stack([one.shown() for one in self._each], axis=1)
+        return np.stack([one.shown() for one in self._each], axis=1) if self._each else np.zeros((0, self.count))
 
     def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray:
         """See :class:`modelling.running.plant.Controller`."""
@@ -86,6 +102,18 @@ class ControllerRows:
         shape = len(self.controller.law.dynamometers), rows
         hold, added = np.broadcast_to(asked.hold[at], shape), np.broadcast_to(asked.added[at], shape)
         mode, trigger = int(asked.mode[at]), bool(asked.trigger[at])
+        if self._batch is not None and self.vehicle is not None:
+            sent, _, faults = self._batch.step(
+                readings, known, mode, hold, sample, added, trigger, self.vehicle.read()
+            )  # fmt: skip
+            # while the speeds are held the vehicle waits at them: it was brought there before
+            if mode != EMULATION:
+                return sent
+            told = [known[self.known.index(name)] for name in self.vehicle.vehicle.own]
+            self.vehicle.go_on(self._batch.cut_torque, np.array(told).reshape(-1, rows))
+            first = (faults != 0) & (self.fault_at < 0)
+            self.fault[first], self.fault_at[first] = faults[first], sample
+            return sent
         answers = [
             one.step(readings[:, b], known[:, b], mode, hold[:, b], sample, added[:, b], trigger)
             for b, one in enumerate(self._each)

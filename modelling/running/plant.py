@@ -1,4 +1,4 @@
-"""What is stepped in time: a plant and its controller, as two small protocols. A user's own simulator is a row, too."""
+"""What is stepped in time: plant, controller and vehicle, as small protocols. A user's own simulator is a row, too."""
 
 from __future__ import annotations
 
@@ -65,3 +65,33 @@ class Controller(Protocol):
 
     def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray | None:
         """Commands (k, b), N·m, for readings (y, b) and known torques (w, b) of a sample; None ends the run."""
+
+
+@runtime_checkable
+class Vehicle(Protocol):
+    """A vehicle that others simulate, beyond the cuts; ``count`` of them side by side, each with a state of its own.
+
+    k cuts, r inputs of its own, b rows; everything in SI.
+
+    Attributes
+    ----------
+    cuts : tuple of str (k)
+        Names of the dynamometers that stand for it.
+    own : tuple of str (r)
+        Inputs of its own, as brakes.
+    count : int
+    """
+
+    cuts: tuple[str, ...]
+    own: tuple[str, ...]
+    count: int
+
+    def begin(self, speed: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """Back to the start: speeds (k, b) at the cuts, rad/s.
+
+        A vehicle whose states can be set begins at ``speed`` (k, b), rad/s, under ``torque`` (k, b), N·m. Another one
+        begins where it does: torques at its cuts then bring it to the rotors' speeds while these are held.
+        """
+
+    def step(self, torque: np.ndarray, own: np.ndarray, span: float) -> np.ndarray:
+        """Speeds (k, b), rad/s, after ``span`` (s) under torques (k, b), N·m, and own inputs (r, b), held."""

@@ -135,7 +135,11 @@ def run(
     told_names = () if controller is None else controller.known
     told = _stacked({name: each for name, each in (known or {}).items() if name in told_names}, told_names, count,
                     plant.count, "known")  # fmt: skip
-    if isinstance(plant, BedRows) and not plant.held and (controller is None or type(controller) is ControllerRows):
+    if (
+        isinstance(plant, BedRows)
+        and not plant.held
+        and (controller is None or (type(controller) is ControllerRows and controller.vehicle is None))
+    ):
         names = tuple(plant.beds.model.sensors) if keep is None else tuple(keep)
         if compiler() and (loop := _compiled_loop()) is not None:
             done = _Compiled(plant, controller, drive, told, count, names, every, states, loop).motion()

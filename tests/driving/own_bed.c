@@ -82,11 +82,14 @@ static double slip_rate(const plant *p, const double *s, int i)
     return (p->slip[i] * (s[TYRE + i] - s[BODY + i]) - v * p->k_car[i] * s[Z + i]) / (p->slip[i] + v * p->c_car[i]);
 }
 
-static void car_rates(const plant *p, const double *s, const double *u, int pinned, double *d)
+/* given: torques at the wheels of a car without a drivetrain, or NULL */
+static void car_rates(const plant *p, const double *s, const double *u, int pinned, const double *given, double *d)
 {
-    double into = front(p, s, u[U_MOTOR], u + U_CLUTCH, d);
+    double into = 0.0;
+    if (given) memset(d, 0, CAR * sizeof *d);
+    else into = front(p, s, u[U_MOTOR], u + U_CLUTCH, d);
     for (int i = 0; i < 2; i++) {
-        const double w = s[WHEEL + i], body = s[BODY + i], torque = side_torque(p, s, i, w);
+        const double w = s[WHEEL + i], body = s[BODY + i], torque = given ? given[i] : side_torque(p, s, i, w);
         const double belt = p->k_belt[i] * s[BELT + i] + p->c_belt[i] * (w - s[TYRE + i]);
         const double z_rate = slip_rate(p, s, i);
         const double road = tyre_torque(p, i, p->k_car[i] * s[Z + i] + p->c_car[i] * z_rate, u[U_MU + i]);
@@ -103,7 +106,7 @@ static void car_rates(const plant *p, const double *s, const double *u, int pinn
         d[PAD + i] = pad_rate;
         into -= torque;
     }
-    d[DIFF] = into / p->J_diff;
+    d[DIFF] = given ? 0.0 : into / p->J_diff;
 }
 
 static void bed_rates(const plant *p, const double *s, double motor, const double *carries, const double *acting,
@@ -126,16 +129,16 @@ static void bed_rates(const plant *p, const double *s, double motor, const doubl
     d[DIFF] = into / p->J_diff;
 }
 
-static void car_step(const plant *p, double *s, const double *u, int pinned, double h)
+static void car_step(const plant *p, double *s, const double *u, int pinned, const double *given, double h)
 {
     double a[CAR], b[CAR], c[CAR], d[CAR], x[CAR];
-    car_rates(p, s, u, pinned, a);
+    car_rates(p, s, u, pinned, given, a);
     for (int i = 0; i < CAR; i++) x[i] = s[i] + h / 2 * a[i];
-    car_rates(p, x, u, pinned, b);
+    car_rates(p, x, u, pinned, given, b);
     for (int i = 0; i < CAR; i++) x[i] = s[i] + h / 2 * b[i];
-    car_rates(p, x, u, pinned, c);
+    car_rates(p, x, u, pinned, given, c);
     for (int i = 0; i < CAR; i++) x[i] = s[i] + h * c[i];
-    car_rates(p, x, u, pinned, d);
+    car_rates(p, x, u, pinned, given, d);
     for (int i = 0; i < CAR; i++) s[i] += h / 6 * (a[i] + 2 * b[i] + 2 * c[i] + d[i]);
 }
 
@@ -202,7 +205,7 @@ void run_car(const double *values, double speed, const double *u, int samples, i
         for (int q = 0; q < pieces; q++) {
             double act[INPUTS];
             for (int i = 0; i < INPUTS; i++) act[i] = now[i] + (after[i] - now[i]) * (q + 0.5) / pieces;
-            car_step(&p, s, act, n < 0, step / pieces);
+            car_step(&p, s, act, n < 0, NULL, step / pieces);
         }
     }
 }
@@ -210,17 +213,47 @@ void run_car(const double *values, double speed, const double *u, int samples, i
 /* channels of the controller: 0, 1 torque flanges, 2, 3 rotors, 4 motor, as `channel` maps them to its readings */
 static int ask(int n, int from, int samples) { return n >= from && n < from + samples; }
 
+/* inputs at a time counted in samples, straight between them */
+static void inputs_at(const double *u, int samples, double at, double *act)
+{
+    const int n = at < 0.0 ? 0 : (int)at;
+    const int low = n < samples - 1 ? n : samples - 1, high = low + 1 < samples ? low + 1 : low;
+    const double share = at < 0.0 || n >= samples - 1 ? 0.0 : at - n;
+    for (int i = 0; i < INPUTS; i++) act[i] = u[low * INPUTS + i] + share * (u[high * INPUTS + i] - u[low * INPUTS + i]);
+}
+
+/* a car without a drivetrain, beyond the cuts, that nobody but this file steps: its steps and lateness in samples */
+typedef struct {
+    int steps, late;
+    double speed; /* rad/s at which it begins */
+} outside;
+
 /* The bed under the controller, `before` samples of speed hold first; out (t, BED_OUT). Known torques go where
  * known_of (motor, brake left, brake right, road left, road right) says; −1: nowhere. more: callback of own inputs. */
 void run_bed(const double *values, double speed, double held_motor, const double *u, int samples, int before, double step,
              int pieces, const int *channel, const int *known_of, const wrong *w, int wrongs, unsigned long long seed,
-             double motor_share, double missing, double sent_share_from, double sent_share, double *out)
+             double motor_share, double missing, double sent_share_from, double sent_share, const double *beyond,
+             const outside *own, double *out)
 {
     static controller c;
     plant p;
     double s[BED] = {0}, queue[LONGEST][2] = {{0}}, counts[3] = {0}, stuck[CONTROLLER_READINGS] = {0};
     int begun = 0;
     controller_output sent;
+#if CONTROLLER_FOREIGN > 0
+    plant v;
+    double vehicle[CAR] = {0}, answer[LONGEST][2], wheels[2] = {own->speed, own->speed};
+    int is_due[LONGEST] = {0};
+    memcpy(&v, beyond, sizeof v);
+    for (int i = 0; i < 2; i++) {
+        vehicle[WHEEL + i] = vehicle[TYRE + i] = vehicle[BODY + i] = own->speed;
+        vehicle[PAD + i] = own->speed > 0.0 ? v.pad[i] : 0.0;
+    }
+#else
+    (void)beyond;
+    (void)own;
+    (void)inputs_at;
+#endif
     (void)held_motor;
     memcpy(&p, values, sizeof p);
     memset(&sent, 0, sizeof sent);
@@ -278,7 +311,28 @@ void run_bed(const double *values, double speed, double held_motor, const double
         in.mode = n < 0 ? CONTROLLER_SPEED_HOLD : CONTROLLER_EMULATION;
         in.life = (uint32_t)(n + before);
         in.trigger = n >= 0;
+#if CONTROLLER_FOREIGN > 0
+        const int turn = (n + before) % LONGEST;
+        if (is_due[turn]) {
+            memcpy(wheels, answer[turn], sizeof wheels);
+            is_due[turn] = 0;
+        }
+        for (int i = 0; i < 2; i++) in.cut_speed[i] = wheels[i];
+#endif
         if (!(even() < missing && n > 0)) controller_step(&c, &in, &sent);
+#if CONTROLLER_FOREIGN > 0
+        if ((n + before) % own->steps == 0) { /* it goes on to the next sample with the mean torque of its step */
+            const int fine = pieces * own->steps, due = (n + before + 1 + own->late) % LONGEST;
+            const double into[2] = {sent.cut_torque[0], sent.cut_torque[1]};
+            for (int q = 0; q < fine; q++) {
+                double act[INPUTS];
+                inputs_at(u, samples, n + 1 - own->steps + (q + 0.5) / pieces, act);
+                car_step(&v, vehicle, act, 0, into, step / pieces);
+            }
+            for (int i = 0; i < 2; i++) answer[due][i] = vehicle[WHEEL + i];
+            is_due[due] = 1;
+        }
+#endif
         for (int k = LONGEST - 1; k > 0; k--) memcpy(queue[k], queue[k - 1], sizeof queue[k]);
         for (int i = 0; i < 2; i++) queue[0][i] = sent.command[i] * (n >= sent_share_from ? sent_share : 1.0);
         if (n >= 0) {
@@ -299,6 +353,13 @@ void run_bed(const double *values, double speed, double held_motor, const double
                 o[BED_SEEN + 2 + i] = sent.slip[i];
                 o[BED_SEEN + 4 + i] = sent.tyre_torque[i];
                 o[BED_SEEN + 6 + i] = sent.wheel_speed[i];
+            }
+#endif
+#if CONTROLLER_FOREIGN > 0
+            o[BED_SEEN] = (vehicle[BODY] + vehicle[BODY + 1]) / 2;
+            for (int i = 0; i < 2; i++) {
+                o[BED_SEEN + 2 + i] = sent.cut_torque[i];
+                o[BED_SEEN + 6 + i] = vehicle[WHEEL + i];
             }
 #endif
             for (int i = 0; i < 5; i++) {

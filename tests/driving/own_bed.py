@@ -50,6 +50,12 @@ class Wrong(ctypes.Structure):
     _fields_ = [(name, ctypes.c_int) for name in ("channel", "kind", "first", "samples")] + [("size", ctypes.c_double)]
 
 
+class Outside(ctypes.Structure):
+    """A car beyond the cuts: samples in one of its steps, by which it is late, and the speed at which it begins."""
+
+    _fields_ = [("steps", ctypes.c_int), ("late", ctypes.c_int), ("speed", ctypes.c_double)]
+
+
 def plant(vehicle: Path, rig: Path, dead_time: float, draw=None, brush=False, extra=None) -> Plant:
     """Car and bed of these files; ``draw`` (a generator) makes the bed and its specimen one within the case's box."""
     car, bed = (tomllib.loads(path.read_text()) for path in (vehicle, rig))
@@ -174,9 +180,12 @@ class Beside:
 
     def run(
         self, of: Plant, speed: float, u: np.ndarray, hold=1.0, wrong=(), seed=1, bed: Plant | None = None,
-        motor_share=1.0, missing=0.0, sent_share=(1e9, 1.0),
+        motor_share=1.0, missing=0.0, sent_share=(1e9, 1.0), outside=(1, 0),
     ):  # fmt: skip
-        """Car and bed under inputs u (t, 10), from a speed of the bodies, rad/s."""
+        """Car and bed under inputs u (t, 10), from a speed of the bodies, rad/s.
+
+        With a law for a vehicle of others the car beyond the cuts is stepped outside: ``outside`` (steps, late).
+        """
         u = np.ascontiguousarray(u)
         bed = of if bed is None else bed
         samples, before = len(u), round(hold / self.step)
@@ -193,7 +202,8 @@ class Beside:
             ctypes.byref(bed), ctypes.c_double(wheel), ctypes.c_double(0), u.ctypes.data_as(double), samples, before,
             ctypes.c_double(self.step), pieces, self.channel, self.known, faults, len(wrong), ctypes.c_ulonglong(seed),
             ctypes.c_double(motor_share), ctypes.c_double(missing), ctypes.c_double(sent_share[0]),
-            ctypes.c_double(sent_share[1]), out.ctypes.data_as(double),
+            ctypes.c_double(sent_share[1]), ctypes.byref(of), ctypes.byref(Outside(*outside, speed)),
+            out.ctypes.data_as(double),
         )  # fmt: skip
         return Run(car, out)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from driving.own_bed import Beside, Wrong, held_motor, inputs, plant, ramp, up_and_down
+from driving.test_foreign_vehicle import of_others
 from needs import compiles
 
 from matching.match.case_file import case_from_tables
@@ -110,7 +111,7 @@ def played(beside, dead_time, shift, draw=None, seed=1):
     """Error of the side shafts over their range in the shift, the largest deviation (N·m), and the faults."""
     car = shifting(dead_time, shift, draw)
     u, part = shift.played(car)
-    run = beside.run(car, shift.kmh / 3.6 / RADIUS, u, seed=seed)
+    run = beside.run(car, shift.kmh / 3.6 / RADIUS, u, seed=seed, outside=(1, 0))
     wanted, found = run.car[part, 1:3], run.bed[part, 1:3]
     apart = found - wanted
     errors = np.sqrt(np.mean(apart**2, axis=0)) / np.ptp(wanted, axis=0)
@@ -201,6 +202,32 @@ def test_it_drives_through_the_range_as_the_car_does(untuned):
     print({name: round(100 * error, 2) for name, error in errors.items()})
     assert not run.faults.any()
     assert max(errors.values()) <= 0.02, errors
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("dead_time", "drives", "shifts"), [(0.003, 0.02, 0.012), (0.008, 0.025, 0.03)])
+def test_neither_specimen_nor_vehicle_is_known(dead_time, drives, shifts, tmp_path):
+    """The car beyond the cuts is stepped outside of the controller; weights of a search's start. Medians, no fault."""
+    beside = Beside(of_others(exported_controller(case_of(dead_time))), tmp_path)
+    found, shifted, random = [], [], np.random.default_rng(31)
+    for number in range(12):
+        draw = np.random.default_rng(70 + number)
+        car = plant(EXAMPLE / "vehicle.toml", EXAMPLE / "rig.toml", dead_time - STEP / 2, draw=draw)
+        u, parts = up_and_down(60, of=car)
+        run = beside.run(car, 0.0, u, seed=number + 1, outside=(1, 0))
+        assert not run.faults.any()
+        found.append([run.error(*parts[name]) for name in PARTS])
+    for number in range(60):
+        _, error, apart, faults = played(beside, dead_time, drawn(random), random, number + 1)
+        assert not faults
+        shifted.append((error, apart))
+    errors, apart = np.array(shifted).T
+    of_shifts = np.round(100 * np.quantile(errors, [0.5, 0.95, 1]), 2)
+    print(f"{1e3 * dead_time:g} ms, drives: {np.round(100 * np.median(found, axis=0), 2)} %, at most "
+          f"{np.round(100 * np.max(found, axis=0), 2)} %; shifts: {of_shifts} %, "
+          f"{np.round(np.quantile(apart, [0.5, 0.95, 1]))} N·m")  # fmt: skip
+    assert np.median(found, axis=0).max() <= drives
+    assert np.median(errors) <= shifts
 
 
 @pytest.mark.long

@@ -457,10 +457,18 @@ static int32_t check(controller *c, const controller_input *in, controller_input
         } else if (c->mode != CONTROLLER_EMULATION) {
             c->surprised = 0;
         } else {
+#if CONTROLLER_FOREIGN > 0
+            const bool vehicle = all_finite(in->cut_speed, DYNAMOMETERS);
+#else
+            const bool vehicle = true;
+#endif
             note_deviation(c, seen);
             const bool lost = has_lost_torque(c, in, seen);
             const bool opened = has_opened(c);
-            if (lost || opened) {
+            if (!vehicle) {
+                c->sensor = -1; /* what the bed reads is right */
+                fault = CONTROLLER_UNEXPECTED;
+            } else if (lost || opened) {
                 fault = CONTROLLER_TORQUE_GONE;
             } else {
                 fault = judge_unexpected(c, in, seen);
@@ -506,7 +514,7 @@ static void average(controller *c, const controller_input *in)
     average_of(c->sent_mean, c->sent_slow, c->sent, DYNAMOMETERS, c->averaged);
 }
 
-#if CONTROLLER_VEHICLE_STATES > 0
+#if (CONTROLLER_VEHICLE_STATES > 0) || (CONTROLLER_FOREIGN > 0)
 /* where a value stands on a rising grid: number of the lower neighbour and share of the upper one */
 static int32_t place(const controller_real *grid, int32_t count, controller_real value, controller_real *share)
 {
@@ -520,19 +528,143 @@ static int32_t place(const controller_real *grid, int32_t count, controller_real
     return at;
 }
 
-/* the vehicle as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in proportion */
-static void place_vehicle(controller *c, const controller_real *reading)
+/* mean speed of the rotors as they turn forwards */
+static controller_real mean_rotor(const controller_real *reading)
 {
     controller_real rotor = (controller_real)0.0;
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         rotor += ROTOR_SHARE[j] * reading[SPEED_READING[j]];
     }
+    return rotor;
+}
+
+/* share of the lowest speed of a grid above 0 that a speed is, 1 beyond it */
+static controller_real share_of(controller_real speed, controller_real lowest)
+{
+    return (lowest > (controller_real)0.0) ? within(speed / lowest, (controller_real)-1.0, (controller_real)1.0)
+                                           : (controller_real)1.0;
+}
+#endif
+
+#if CONTROLLER_FOREIGN > 0
+/* a vehicle that is stepped outside: where its emulation begins */
+static void begin_foreign(controller *c, const controller_input *in)
+{
     controller_real share;
+    const controller_real rotor = mean_rotor(c->reading_start);
     const int32_t at = place(ROTOR_SPEED, CONTROLLER_SPEEDS, rotor, &share);
-    controller_real part = (controller_real)1.0;
-    if (ROTOR_SPEED[0] > (controller_real)0.0) {
-        part = within(rotor / ROTOR_SPEED[0], (controller_real)-1.0, (controller_real)1.0);
+    c->body_start =
+        share_of(rotor, ROTOR_SPEED[0]) * (STEADY_BODY[at] + (share * (STEADY_BODY[at + 1] - STEADY_BODY[at])));
+    (void)memset(c->load, 0, sizeof c->load);
+    (void)memset(c->expected_wheel, 0, sizeof c->expected_wheel);
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        c->wheel_start[j] = c->reading_start[SPEED_READING[j]] / OVER[j];
+        c->at_cut[j] = row(&CUT_BY_READING, j, c->reading_start) + row(&CUT_BY_COMMAND, j, c->sent_start);
+        c->load[j] = c->at_cut[j] - c->held_cut[j]; /* it needs the one to keep its speed, and gets the other */
+        c->angle[j] = (controller_real)0.0;
+        c->last_wheel[j] = in->cut_speed[j];
+        for (int32_t n = 0; n < CONTROLLER_VEHICLE_STEPS; n++) {
+            c->past_cut[n][j] = c->held_cut[j];
+        }
     }
+    c->since_wheel = 0;
+}
+
+/* what the vehicle that is stepped outside says of its wheels corrects the design vehicle and its loads */
+static void use_wheels(controller *c, const controller_input *in, int32_t at, controller_real share, controller_real *z)
+{
+    const controller_real h = (controller_real)CONTROLLER_SAMPLE_TIME;
+    controller_real off[DYNAMOMETERS];
+    bool is_new = false;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        for (int32_t n = 0; n < CONTROLLER_VEHICLE_LATE; n++) {
+            c->expected_wheel[n][j] = c->expected_wheel[n + 1][j];
+        }
+        c->expected_wheel[CONTROLLER_VEHICLE_LATE][j] = row(&WHEEL, j, c->state + OBSERVED);
+    }
+    c->since_wheel++;
+    for (int32_t i = 0; i < CONTROLLER_LOADS; i++) {
+        c->load[i] *= (controller_real)CONTROLLER_LOAD_STAYS;
+    }
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        const controller_real wheel = in->cut_speed[j];
+        const controller_real apart = (in->reading[SPEED_READING[j]] / OVER[j]) - wheel;
+        const controller_real rolled = (controller_real)fabs((double)wheel) / (controller_real)CONTROLLER_ANGLE_ROLL;
+        c->angle[j] = (c->angle[j] + (h * apart)) / ((controller_real)1.0 + (h * rolled));
+        off[j] = wheel - (c->angle[j] / (controller_real)CONTROLLER_ANGLE_TIME) - c->wheel_start[j] -
+                 c->expected_wheel[0][j];
+        is_new = is_new || (c->since_wheel >= CONTROLLER_VEHICLE_STEPS) || (wheel != c->last_wheel[j]);
+        c->last_wheel[j] = wheel;
+    }
+    if (is_new) {
+        c->since_wheel = 0;
+        for (int32_t i = 0; i < CONTROLLER_DESIGN_STATES; i++) {
+            z[OBSERVED + i] += between(BY_WHEEL, at, share, i, off);
+        }
+        for (int32_t i = 0; i < CONTROLLER_LOADS; i++) {
+            c->load[i] += between(BY_WHEEL, at, share, CONTROLLER_DESIGN_STATES + i, off);
+        }
+        for (int32_t n = 0; n < CONTROLLER_VEHICLE_LATE; n++) {
+            for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+                c->expected_wheel[n + 1][j] += between(CATCHES, at, share, (n * DYNAMOMETERS) + j, off);
+            }
+        }
+    }
+}
+
+/* rates of the design vehicle by its loads, and by torques of its own that act as it moves */
+static void loads_of(const controller *c, controller_real body, int32_t at, controller_real share,
+                     const controller_real *known, controller_real *found)
+{
+    controller_real own[CONTROLLER_VEHICLE_INPUTS + 1];
+    const controller_real part = share_of(body, SPEED[0]);
+    for (int32_t i = 0; i < CONTROLLER_VEHICLE_INPUTS; i++) {
+        own[i] = part * known[(KNOWN - CONTROLLER_VEHICLE_INPUTS) + i];
+    }
+    for (int32_t i = 0; i < CONTROLLER_DESIGN_STATES; i++) {
+        found[i] = row(&BY_LOAD, i, c->load) + between(BY_OWN, at, share, i, own);
+    }
+}
+
+/* torques at the cuts of the vehicle that is stepped outside, for its next step */
+static void drive_vehicle(controller *c, const controller_input *in, bool unknown, controller_output *out)
+{
+    const int32_t samples = (c->averaged < CONTROLLER_MEAN_SAMPLES) ? (c->averaged + 1) : CONTROLLER_MEAN_SAMPLES;
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        controller_real torque = (controller_real)0.0;
+        if (c->mode == CONTROLLER_EMULATION) {
+            for (int32_t n = 0; n < CONTROLLER_VEHICLE_STEPS; n++) {
+                torque += c->past_cut[n][j] / (controller_real)CONTROLLER_VEHICLE_STEPS;
+            }
+        } else if ((c->mode == CONTROLLER_SPEED_HOLD) && !unknown) {
+            controller_real slower = (in->reading[SPEED_READING[j]] / OVER[j]) - in->cut_speed[j];
+            if (!isfinite(slower)) {
+                slower = (controller_real)0.0;
+            }
+            const controller_real asked = (RUN_IN_PROPORTIONAL[j] * slower) + c->cut_integral[j];
+            torque = within(asked, -RUN_IN_LARGEST[j], RUN_IN_LARGEST[j]);
+            if (torque == asked) {
+                c->cut_integral[j] += RUN_IN_INTEGRAL[j] * (controller_real)CONTROLLER_SAMPLE_TIME * slower;
+            }
+            c->held_cut[j] += (torque - c->held_cut[j]) / (controller_real)samples;
+        } else {
+            c->held_cut[j] = (controller_real)0.0;
+            c->cut_integral[j] = (controller_real)0.0;
+        }
+        c->cut_torque[j] = torque;
+        out->cut_torque[j] = torque;
+    }
+}
+#endif
+
+#if CONTROLLER_VEHICLE_STATES > 0
+/* the vehicle as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in proportion */
+static void place_vehicle(controller *c, const controller_real *reading)
+{
+    controller_real share;
+    const controller_real rotor = mean_rotor(reading);
+    const int32_t at = place(ROTOR_SPEED, CONTROLLER_SPEEDS, rotor, &share);
+    const controller_real part = share_of(rotor, ROTOR_SPEED[0]);
     for (int32_t i = 0; i < VEHICLE; i++) {
         c->vehicle[i] = part * (STEADY[at][i] + (share * (STEADY[at + 1][i] - STEADY[at][i])));
     }
@@ -747,6 +879,9 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
                 const controller_real error =
                     blind ? (controller_real)0.0 : (wanted_speed(c, in, j) - in->reading[SPEED_READING[j]]);
                 c->integral[j] = carried - (c->settings.hold_proportional[j] * error);
+#if CONTROLLER_FOREIGN > 0
+                c->cut_integral[j] = c->cut_torque[j];
+#endif
             }
         }
         if (mode == CONTROLLER_EMULATION) {
@@ -757,6 +892,9 @@ static void enter(controller *c, const controller_input *in, int32_t mode)
             start_of(c->sent_start, c->sent_mean, c->sent_slow, DYNAMOMETERS);
 #if CONTROLLER_VEHICLE_STATES > 0
             begin_vehicle(c);
+#endif
+#if CONTROLLER_FOREIGN > 0
+            begin_foreign(c, in);
 #endif
             for (int32_t n = 0; n < CONTROLLER_KEPT; n++) {
                 for (int32_t j = 0; j < DYNAMOMETERS; j++) {
@@ -827,6 +965,11 @@ static void emulate(controller *c, const controller_input *in, bool held)
     at = place(SPEED, CONTROLLER_DESIGNS, schedule_speed(c, speed), &share);
     compare_wheels(c, in, off);
 #endif
+#if CONTROLLER_FOREIGN > 0
+    controller_real torque[DYNAMOMETERS];
+    const controller_real speed = c->body_start + row(&BODY_SPEED, 0, c->state + OBSERVED);
+    at = place(SPEED, CONTROLLER_DESIGNS, speed, &share);
+#endif
     for (int32_t i = 0; i < READINGS; i++) {
         z[AT_READINGS + i] = in->reading[i] - c->reading_start[i];
         deviation[i] = z[AT_READINGS + i] - row(&EXPECTED, i, c->state);
@@ -848,6 +991,14 @@ static void emulate(controller *c, const controller_input *in, bool held)
     }
     remainder_of(c, in, at, share, z + AT_KNOWN + KNOWN);
 #endif
+#if CONTROLLER_FOREIGN > 0
+    use_wheels(c, in, at, share, z);
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        torque[j] = c->at_cut[j] + (row(&CUT_TORQUE, j, z) / (controller_real)2.0) +
+                    (row(&MOMENTUM, j, deviation) / (controller_real)CONTROLLER_SAMPLE_TIME);
+    }
+    loads_of(c, speed, at, share, z + AT_KNOWN, z + AT_KNOWN + KNOWN);
+#endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
         const controller_real added = in->added_torque[j] + learned_torque(c, j);
@@ -867,6 +1018,14 @@ static void emulate(controller *c, const controller_input *in, bool held)
     }
     step_vehicle(c, torque, in->known + (KNOWN - CONTROLLER_VEHICLE_INPUTS));
     c->distance += (controller_real)(CONTROLLER_SAMPLE_TIME * CONTROLLER_RADIUS / 2.0) * (speed + body_speed(c));
+#endif
+#if CONTROLLER_FOREIGN > 0
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        for (int32_t n = CONTROLLER_VEHICLE_STEPS - 1; n > 0; n--) {
+            c->past_cut[n][j] = c->past_cut[n - 1][j];
+        }
+        c->past_cut[0][j] = torque[j] + (row(&CUT_TORQUE, j, c->state) / (controller_real)2.0);
+    }
 #endif
 }
 
@@ -973,7 +1132,12 @@ void controller_step(controller *c, const controller_input *input, controller_ou
         show_vehicle(c, out); /* as it is when this sample begins */
     }
 #endif
-    if (all_finite(input->known, KNOWN)) {
+#if CONTROLLER_FOREIGN > 0
+    const bool told = all_finite(input->known, KNOWN) && all_finite(input->cut_speed, DYNAMOMETERS);
+#else
+    const bool told = all_finite(input->known, KNOWN);
+#endif
+    if (told) {
         catch_up(c, input);
     }
     const int32_t fault = check(c, input, &seen);
@@ -991,6 +1155,9 @@ void controller_step(controller *c, const controller_input *input, controller_ou
     } else {
         (void)memset(c->sent, 0, sizeof c->sent);
     }
+#if CONTROLLER_FOREIGN > 0
+    drive_vehicle(c, in, unknown, out);
+#endif
     if (!all_finite(c->sent, DYNAMOMETERS)) { /* a law that has left all bounds */
         c->fault = CONTROLLER_NOT_FINITE;
         c->fallback = CONTROLLER_ZERO_TORQUE;

@@ -107,6 +107,9 @@ static int advance(Motion *m, double span) {
     m->running.settings.mass = u[IN_ROAD + CONTROLLER_TYRES];
     m->running.settings.grade = u[IN_ROAD + CONTROLLER_TYRES + 1];
 #endif
+#if CONTROLLER_FOREIGN > 0
+    for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) in.cut_speed[j] = u[IN_ROAD + j];
+#endif
     for (double k = 0; k < samples; k++) {
         controller_step(&m->running, &in, &out);
         for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) m->value[OUTPUTS + j] = out.command[j];
@@ -121,6 +124,10 @@ static int advance(Motion *m, double span) {
         for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++) *vehicle++ = out.wheel_speed[j];
         for (int i = 0; i < CONTROLLER_TYRES; i++) *vehicle++ = out.slip[i];
         for (int i = 0; i < CONTROLLER_TYRES; i++) *vehicle++ = out.tyre_torque[i];
+#endif
+#if CONTROLLER_FOREIGN > 0
+        for (int j = 0; j < CONTROLLER_DYNAMOMETERS; j++)
+            m->value[OUTPUTS + CONTROLLER_DYNAMOMETERS + 4 + j] = out.cut_torque[j];
 #endif
     }
     m->value[TIME] += span;

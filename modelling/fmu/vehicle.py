@@ -1,0 +1,234 @@
+"""A vehicle of others as an FMU, in a process of its own: what it does wrong is one line, and nothing is lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from modelling.bed.foreign_vehicle import RunIn
+from modelling.errors import InputError
+
+CHILD = "modelling.fmu.vehicle_process"
+
+
+@dataclass(frozen=True)
+class FmuSettings:
+    """How long an FMU may take, by the clock.
+
+    Attributes
+    ----------
+    start_within, answer_within : float
+        s for loading and for one step of all its instances. Large tools start in tens of seconds; a step that takes
+        longer than this is a hang, not a slow model.
+    within : float
+        rad/s that a wheel may still be off where the vehicle counts as brought to a speed: an encoder's noise.
+    settled, longest : float
+        s of its own time for which it has to stay so, and after which it has not come there.
+    """
+
+    start_within: float = 120.0
+    answer_within: float = 20.0
+    within: float = 0.05
+    settled: float = 0.1
+    longest: float = 120.0
+
+
+FMU = FmuSettings()
+
+
+class FmuVehicle:
+    """Instances of an FMU as a :class:`modelling.running.plant.Vehicle`; k cuts, r own inputs, b rows.
+
+    Parameters
+    ----------
+    path : Path
+        FMI 2.0 or 3.0, co-simulation.
+    torques, speeds : mapping of str to str (k)
+        By cut the FMU's input (N·m into the vehicle) and output (rad/s).
+    own : mapping of str to str (r)
+        By input of the vehicle's own (brakes, grade) that of the FMU.
+    run_in : RunIn
+        What brings it to a speed; its states cannot be set from outside.
+    step : float
+        s, of its steps.
+    count : int
+
+    Raises
+    ------
+    InputError
+        Naming the file and what is wrong of it: no FMU, an unknown variable, no binary, a crash, a hang, a speed that
+        is not finite.
+    ModuleNotFoundError
+        Without FMPy.
+    """
+
+    def __init__(
+        self, path: Path, torques: Mapping[str, str], speeds: Mapping[str, str], own: Mapping[str, str], run_in: RunIn,
+        step: float, count: int = 1, settings: FmuSettings = FMU,
+    ):  # fmt: skip
+        self._processes: list[_Process] = []
+        self.path, self.cuts, self.own = Path(path), tuple(torques), tuple(own)
+        self.count, self.settings, self._run_in, self._step = count, settings, run_in, step
+        self._torques, self._speeds, self._own = dict(torques), [speeds[cut] for cut in self.cuts], dict(own)
+        self.seconds = 0.0  # since it began
+        if not self.path.is_file():
+            raise InputError(str(self.path), "is no file", "name the FMU of the vehicle")
+        self._start()
+
+    def _start(self) -> None:
+        try:
+            self._processes = [self._process(self.count)]
+        except _OnlyOnce:
+            self._processes = [self._process(1) for _ in range(self.count)]
+
+    def _process(self, count: int) -> _Process:
+        request = {
+            "path": str(self.path.resolve()), "count": count,
+            "inputs": [*self._torques.values(), *self._own.values()], "outputs": self._speeds,
+            "run_in": {name: getattr(self._run_in, name).tolist() for name in ("proportional", "integral", "largest")}
+            | {name: getattr(self.settings, name) for name in ("within", "settled", "longest")} | {"step": self._step},
+        }  # fmt: skip
+        return _Process(self.path, request, count, len(self.cuts), self.settings)
+
+    def begin(self, speed: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """Back to its own start, and from there to speeds (k, b), rad/s, by torques at its cuts: the speeds reached.
+
+        Raises
+        ------
+        InputError
+            If it does not come there.
+        """
+        self.seconds, begun = 0.0, 0
+        for each in self._processes:
+            each.send(b"b", speed[:, begun : begun + each.count].T)
+            begun += each.count
+        found = np.hstack([each.answer(self.settings.start_within) for each in self._processes])
+        if not np.isfinite(found).all():
+            cut = int(np.argmin(np.isfinite(found).all(axis=1)))
+            raise InputError(
+                str(self.path), f"its wheel at {self.cuts[cut]} does not come to {speed[cut].max():.4g} rad/s by "
+                f"torques at its cuts within {self.settings.longest:g} s",
+                "check the signs of its torques and speeds, and that no brake acts in it",
+            )  # fmt: skip
+        return found
+
+    def step(self, torque: np.ndarray, own: np.ndarray, span: float) -> np.ndarray:
+        """Speeds (k, b), rad/s, after ``span`` (s) under torques (k, b), N·m, and own inputs (r, b), held."""
+        every, begun = np.vstack([torque, own]), 0
+        for each in self._processes:
+            each.send(b"s", np.r_[span, every[:, begun : begun + each.count].T.ravel()])
+            begun += each.count
+        speeds = np.hstack([each.answer() for each in self._processes])
+        self.seconds += span
+        if not np.isfinite(speeds).all():
+            cut = self.cuts[int(np.argmin(np.isfinite(speeds).all(axis=1)))]
+            raise InputError(
+                str(self.path), f"{self._speeds[self.cuts.index(cut)]} is not finite after {self.seconds:.4g} s",
+                "check its start values, its step and the torques that it gets",
+            )  # fmt: skip
+        return speeds
+
+    def close(self) -> None:
+        """End its processes."""
+        for each in self._processes:
+            each.close()
+        self._processes = []
+
+    def __enter__(self) -> FmuVehicle:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        self.close()
+
+
+class _OnlyOnce(Exception):
+    """The FMU can be made once in a process."""
+
+
+class _Process:
+    """One child with its pipe."""
+
+    def __init__(self, path: Path, request: Mapping[str, object], count: int, cuts: int, settings: FmuSettings):
+        self.path, self.count, self.cuts, self.settings = path, count, cuts, settings
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+        }  # fmt: skip
+        self._child = subprocess.Popen(
+            [sys.executable, "-P", "-m", CHILD], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL, env=environment, bufsize=0,
+        )  # fmt: skip
+        self._write(json.dumps(request).encode() + b"\n")
+        line = b""
+        until = time.monotonic() + settings.start_within
+        while not line.endswith(b"\n"):
+            line += self._read(1 << 16, until, f"does not start within {settings.start_within:g} s")
+        answer = json.loads(line)
+        if "needs" in answer:
+            self.close()
+            raise ModuleNotFoundError(name=answer["needs"])
+        if "wrong" in answer:
+            self.close()
+            if answer["wrong"] == ["only once"]:
+                raise _OnlyOnce
+            raise InputError(str(path), *answer["wrong"])
+
+    def send(self, kind: bytes, numbers: np.ndarray) -> None:
+        """One message."""
+        self._write(kind + np.ascontiguousarray(numbers, dtype=float).tobytes())
+
+    def answer(self, within: float | None = None) -> np.ndarray:
+        """Speeds (k, b)."""
+        size, got = 8 * self.cuts * self.count, b""
+        seconds = self.settings.answer_within if within is None else within
+        while len(got) < size:
+            got += self._read(size - len(got), time.monotonic() + seconds, f"does not answer within {seconds:g} s")
+        return np.frombuffer(got).reshape(self.count, self.cuts).T
+
+    def _write(self, content: bytes) -> None:
+        assert self._child.stdin is not None
+        try:
+            self._child.stdin.write(content)
+        except BrokenPipeError:
+            raise self._crashed() from None
+
+    def _read(self, most: int, until: float, what: str) -> bytes:
+        stream = self._child.stdout
+        assert stream is not None
+        ready, _, _ = select.select([stream], [], [], max(until - time.monotonic(), 0.0))
+        if not ready:
+            self.close()
+            raise InputError(str(self.path), what, "run it alone in its own tool first")
+        content = stream.read(most)
+        if not content:
+            raise self._crashed()
+        return content
+
+    def _crashed(self) -> InputError:
+        code = self._child.wait()
+        self.close()
+        end = signal.Signals(-code).name if code < 0 and -code in set(signal.Signals) else f"exit {code}"
+        return InputError(str(self.path), f"crashed ({end})", "run it alone in its own tool first")
+
+    def close(self) -> None:
+        """End the child, whatever it does."""
+        for stream in (self._child.stdin, self._child.stdout):
+            if stream is not None:
+                stream.close()
+        try:
+            self._child.wait(timeout=1.0)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
