@@ -4,7 +4,7 @@ Two clutches with dry friction that sticks, each with its own ratio (``own_bed.c
 case's files hold one reduction of 10.05; what the controller is told of the shift is nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -111,7 +111,7 @@ def played(beside, dead_time, shift, draw=None, seed=1):
     """Error of the side shafts over their range in the shift, the largest deviation (N·m), and the faults."""
     car = shifting(dead_time, shift, draw)
     u, part = shift.played(car)
-    run = beside.run(car, shift.kmh / 3.6 / RADIUS, u, seed=seed)
+    run = beside.run(car, shift.kmh / 3.6 / RADIUS, u, seed=seed, outside=(1, 0))
     wanted, found = run.car[part, 1:3], run.bed[part, 1:3]
     apart = found - wanted
     errors = np.sqrt(np.mean(apart**2, axis=0)) / np.ptp(wanted, axis=0)
@@ -163,6 +163,33 @@ def test_a_shaft_of_the_bed_that_breaks_is_still_noticed(untuned):
     assert np.flatnonzero(run.faults)[0] - part.start <= 5
 
 
+def dropped(car, shift, within):
+    """Inputs of a clutch that opens at 0.8 s within so many s, and closes from 1.2 s on; the motor idles in between."""
+    u, _ = shift.played(car)
+    time = np.arange(len(u)) * STEP
+    u[:, 8], u[:, 9] = LOCKED * (1 - np.clip((time - 0.8) / within, 0, 1)), LOCKED * np.clip((time - 1.2) / 0.1, 0, 1)
+    u[:, 0] = np.where((time > 0.8) & (time < 1.3), np.minimum(u[:, 0], -20.0), u[:, 0])
+    return u
+
+
+@pytest.mark.long
+def test_a_clutch_that_drops_its_torque_at_once(untuned, tmp_path):
+    """It looks like a broken shaft; where `lost_torque` is raised, the emulation goes on as in any shift."""
+    made = exported_controller(case_of(0.003))
+    raised = replace(made, settings=replace(made.settings, lost_torque=np.full(2, 1e6)))
+    beside, shift, part = Beside(raised, tmp_path), Shift("power-on up"), slice(700, 1600)
+    car = shifting(0.003, shift)
+    for within in (0.001, 0.005, 0.02, 0.1):
+        u = dropped(car, shift, within)
+        usual, run = (one.run(car, shift.kmh / 3.6 / RADIUS, u) for one in (untuned, beside))
+        assert {FAULTS[fault] for fault in usual.faults if fault} == ({"torque gone"} if within < 0.1 else set())
+        assert not run.faults.any()
+        wanted, found = run.car[part, 1:3], run.bed[part, 1:3]
+        error = (np.sqrt(np.mean((found - wanted) ** 2, axis=0)) / np.ptp(wanted, axis=0)).max()
+        print(f"{1e3 * within:g} ms: {100 * error:.2f} %, {np.abs(found - wanted).max():.0f} N·m")
+        assert error <= 0.015
+
+
 PARTS = ("drive away", "tip-in", "braked", "away again")
 
 
@@ -175,6 +202,32 @@ def test_it_drives_through_the_range_as_the_car_does(untuned):
     print({name: round(100 * error, 2) for name, error in errors.items()})
     assert not run.faults.any()
     assert max(errors.values()) <= 0.02, errors
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("dead_time", "drives", "shifts"), [(0.003, 0.02, 0.012), (0.008, 0.025, 0.03)])
+def test_neither_specimen_nor_vehicle_is_known(dead_time, drives, shifts, tmp_path):
+    """The car beyond the cuts is stepped outside of the controller; weights of a search's start. Medians, no fault."""
+    beside = Beside(of_others(exported_controller(case_of(dead_time))), tmp_path)
+    found, shifted, random = [], [], np.random.default_rng(31)
+    for number in range(12):
+        draw = np.random.default_rng(70 + number)
+        car = plant(EXAMPLE / "vehicle.toml", EXAMPLE / "rig.toml", dead_time - STEP / 2, draw=draw)
+        u, parts = up_and_down(60, of=car)
+        run = beside.run(car, 0.0, u, seed=number + 1, outside=(1, 0))
+        assert not run.faults.any()
+        found.append([run.error(*parts[name]) for name in PARTS])
+    for number in range(60):
+        _, error, apart, faults = played(beside, dead_time, drawn(random), random, number + 1)
+        assert not faults
+        shifted.append((error, apart))
+    errors, apart = np.array(shifted).T
+    of_shifts = np.round(100 * np.quantile(errors, [0.5, 0.95, 1]), 2)
+    print(f"{1e3 * dead_time:g} ms, drives: {np.round(100 * np.median(found, axis=0), 2)} %, at most "
+          f"{np.round(100 * np.max(found, axis=0), 2)} %; shifts: {of_shifts} %, "
+          f"{np.round(np.quantile(apart, [0.5, 0.95, 1]))} N·m")  # fmt: skip
+    assert np.median(found, axis=0).max() <= drives
+    assert np.median(errors) <= shifts
 
 
 @pytest.mark.long
