@@ -256,34 +256,3 @@ def test_two_hundred_drawn_shifts_and_twelve_beds_through_the_range(dead_time, m
           f"{np.round(np.quantile(apart, [0.5, 0.95, 1]))} N·m")  # fmt: skip
     assert np.median(errors) <= median
     assert errors.max() <= most
-
-
-@pytest.mark.long
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize(
-    ("dead_time", "driven", "median", "most"), [(0.003, 0.015, 0.012, 0.02), (0.008, 0.02, 0.03, 0.05)]
-)
-def test_neither_specimen_nor_vehicle_is_known(dead_time, driven, median, most, tmp_path):
-    """The car beyond the cuts is stepped outside, too: twelve drawn beds through the range, and forty drawn shifts."""
-    beside = Beside(of_others(exported_controller(case_of(dead_time))), tmp_path)
-    drives, found, random = [], [], np.random.default_rng(4712)
-    for number in range(12):
-        draw = np.random.default_rng(71600 + number)
-        bed = plant(EXAMPLE / "vehicle.toml", EXAMPLE / "rig.toml", dead_time - STEP / 2, draw=draw)
-        u, parts = up_and_down(60, of=bed)
-        run = beside.run(bed, 0.0, u, seed=number + 1)
-        assert not run.faults.any()
-        drives.append([run.error(*parts[name]) for name in PARTS])
-    for number in range(40):
-        _, error, apart, faults = played(beside, dead_time, drawn(random), random, number + 1)
-        assert not faults
-        found.append((error, apart))
-    errors, apart = np.array(found).T
-    print(f"{1e3 * dead_time:g} ms, drives: {np.round(100 * np.median(drives, axis=0), 2)} % in the median, "
-          f"{np.round(100 * np.max(drives, axis=0), 2)} % at most; shifts: median, 95 %, largest "
-          f"{np.round(100 * np.quantile(errors, [0.5, 0.95, 1]), 2)} %, "
-          f"{np.round(np.quantile(apart, [0.5, 0.95, 1]))} N·m")  # fmt: skip
-    assert np.delete(np.median(drives, axis=0), 2).max() <= driven  # braked apart
-    assert np.median(drives, axis=0)[2] <= 0.02
-    assert np.median(errors) <= median
-    assert errors.max() <= most
