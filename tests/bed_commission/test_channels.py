@@ -89,7 +89,12 @@ def with_actuator(bed, name, **changed):
             "at rest",
             marks=pytest.mark.long,
         ),
-        (lambda bed: with_actuator(bed, "dyno_left", factor=-1.0), "dyno_left", "wrong sign"),
+        pytest.param(
+            lambda bed: with_actuator(bed, "dyno_left", factor=-1.0),
+            "dyno_left",
+            "wrong sign",
+            marks=pytest.mark.long,  # free play is looked for next to it
+        ),
         pytest.param(
             lambda bed: with_actuator(bed, "dyno_right", factor=0.0),
             "dyno_right",
