@@ -7,7 +7,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 
-from site_pages import mathml, reference  # noqa: E402
+from site_pages import mathml, reference, reports  # noqa: E402
 
 from modelling.errors import VERSION  # noqa: E402
 
@@ -23,6 +23,7 @@ numpydoc_xref_param_type = False
 autodoc_typehints = "none"
 html_theme = "furo"
 html_static_path = ["_static"]
+html_extra_path = [str(reports.unpack().relative_to(HERE))]
 html_css_files = ["equations.css"]
 html_title = f"rigmatch {VERSION}"
 html_theme_options = {"source_repository": "", "top_of_page_buttons": []}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
+import lzma
+import os
 import shutil
 import subprocess
 import sys
@@ -11,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from PIL import Image
@@ -25,6 +28,17 @@ DRAWN_MS = 1500  # from then on, until fonts and figures stand too
 ENGINE = ("600:6000 1/min", {"engine_torque:2": 150.0, "engine_torque:4": 40.0})
 DEAD_TIMES = (0.5, 1, 2, 5, 10, 20)  # ms
 STRUCTURES = {"pi": "case.toml", "model_based": "case.toml", "observer": "observer.toml"}  # and the case that it is in
+LIVE = {  # reports on the site, and the lines that write them, after `python`
+    "match": ("-m matching new first", "-m matching match first/case.toml --out out"),
+    "diagnosis": (
+        "drive/record.py recordings",
+        "-m matching diagnose drive/model.toml recordings/play.csv --out out",
+    ),
+    "commissioning": (
+        "-m matching export two/bed.toml --fmu bed.fmu",
+        "-m matching commission two/case.toml --vehicle-recording two/road.csv --bed bed.fmu --rounds 1 --out out",
+    ),
+}
 MAP_AXES = ("loop.dead_time=1 ms,3 ms,5 ms,8 ms,12 ms", "rig.shafts.flange_left.stiffness=4e4,2e5,1e6")
 
 
@@ -50,6 +64,8 @@ def generators() -> dict[str, Callable[[], Any]]:
     figures |= {f"docs/gallery/explorer_{tab.lower()}.png": lambda tab=tab: explorer(tab) for tab in TABS}
     shown = {"channels": "play", "unseen": "play", "discrepancy": "shaken_from_outside"}
     figures |= {f"docs/gallery/diagnosis_{k}.png": lambda k=k, of=of: diagnosed(of, k) for k, of in shown.items()}
+    figures |= {f"docs/reports/{name}.html.xz": lambda name=name: live_report(name) for name in LIVE}
+    figures |= {f"docs/gallery/report_{name}.png": lambda name=name: first_screen(name) for name in LIVE}
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
     return figures | {f"notebooks/{path.name}": lambda path=path: run_notebook(path) for path in notebooks}
 
@@ -221,6 +237,33 @@ def explorer(tab: str) -> bytes:
         browser.close()
     page_of.stop()
     return base64.b64decode(with_palette(base64.b64encode(taken).decode(), 256))
+
+
+def live_report(name: str) -> bytes:
+    """The page that commands write, typed in a folder of their own, packed."""
+    with TemporaryDirectory() as folder:
+        shutil.copytree(ROOT / "examples" / "from_recordings", Path(folder) / "two")
+        shutil.copytree(ROOT / "examples" / "diagnosis", Path(folder) / "drive")
+        for line in LIVE[name]:
+            subprocess.run(
+                [sys.executable, *line.split()], cwd=folder, check=True, env=os.environ | {"PYTHONPATH": str(ROOT)}
+            )
+        return lzma.compress((Path(folder) / "out" / "report.html").read_bytes(), preset=9 | lzma.PRESET_EXTREME)
+
+
+def first_screen(name: str) -> bytes:
+    """What a browser shows of a live report when it is opened, small."""
+    from playwright.sync_api import sync_playwright
+    from site_pages.reports import unpack
+
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 800, "height": 500})
+        page.goto((unpack() / f"report_{name}.html").as_uri())
+        page.wait_for_timeout(DRAWN_MS)
+        taken = page.screenshot()
+        browser.close()
+    return base64.b64decode(with_palette(base64.b64encode(taken).decode()))
 
 
 def run_notebook(path: Path) -> None:

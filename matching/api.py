@@ -599,9 +599,9 @@ def _speeds(stated: str | np.ndarray) -> np.ndarray:
     right = 'write LOWEST:HIGHEST with a unit, e.g. "600:6000 1/min" or "60:600 rad/s"'
     if not isinstance(stated, str):
         raise InputError("speed", f"{stated!r} has no unit", f"{right}; or give an array in rad/s")
-    parts = [part.strip().partition(" ") for part in stated.split(":")]
-    units = [unit for _, _, unit in parts if unit]
-    numbers = [number for number, _, _ in parts]
+    parts = [_number_and_unit(part.strip()) for part in stated.split(":")]
+    units = [unit for _, unit in parts if unit]
+    numbers = [number for number, _ in parts]
     if len(parts) not in (2, 3):
         raise InputError("speed", f"{stated!r} is no range", right)
     if not units:
@@ -609,10 +609,17 @@ def _speeds(stated: str | np.ndarray) -> np.ndarray:
     points = numbers[2] if len(parts) == 3 else str(POINTS)
     if not points.isdecimal() or int(points) < 2:
         raise InputError("speed", f"{points!r} is no number of speeds", "give 2 or more")
-    low, high = (in_si(f"{number} {own or units[0]}", "rad/s", "speed") for number, _, own in parts[:2])
+    low, high = (in_si(f"{number} {own or units[0]}", "rad/s", "speed") for number, own in parts[:2])
     if not 0 < low < high:
         raise InputError("speed", f"{stated!r} does not rise from above 0", "give the lowest speed first")
     return np.linspace(low, high, int(points))
+
+
+def _number_and_unit(text: str) -> tuple[str, str]:
+    """A number and what stands behind it, with a blank between them or without: ``6000rpm``."""
+    number = re.match(r"[-+.,\d]*(?:[eE][-+]?\d+)?", text)
+    end = number.end() if number else 0
+    return text[:end], text[end:].strip()
 
 
 def to_ss(of: System | Case | MatchResult | File, part: str = "") -> StateSpace:

@@ -238,6 +238,8 @@ def run_modes(arguments: Arguments) -> dict[str, Any]:
         changes = _changes(arguments.change, system)
         analysed = api.modes(system, damped=arguments.damped)
         result = analysed.to_dict()
+        if apart := _apart(system):
+            result["notes"] = [apart]
         if len(analysed) < len(analysed.coordinates) and not arguments.damped:
             result["degrees_of_freedom"] = len(analysed.coordinates)
         if arguments.reduced:
@@ -255,6 +257,17 @@ def run_modes(arguments: Arguments) -> dict[str, Any]:
 
         *_, files = modes_files(analysed, title=system.title or str(arguments.model))
     return write_results(arguments.out, "modes.json", result, files)
+
+
+def _apart(system: System) -> str:
+    """A note on a model that falls into parts which no joint connects; empty if it does not."""
+    from modelling.topology import connected_parts, joints
+
+    parts = connected_parts([part.name for part in system.inertias], joints(system))
+    if len(parts) == 1:
+        return ""
+    smallest: list[str] = min(parts, key=len)
+    return f"{', '.join(smallest)}: no shaft and no gear joins this to the rest; if it is no model of its own, correct a `between`"
 
 
 def _add_reduced(result: dict[str, Any], system: System, analysed: Modes) -> None:
@@ -290,6 +303,7 @@ def modes_summary(result: dict[str, Any]) -> str:
     from matching.report.page import aligned
 
     lines = [aligned(mode_table(result["modes"]))]
+    lines += [f"note: {note}" for note in result.get("notes", ())]
     if "degrees_of_freedom" in result:
         lines += ["", f"the lowest {len(result['modes'])} of {result['degrees_of_freedom']} modes"]
     if "what_if" in result:

@@ -291,6 +291,11 @@ def quantity(value: Any, si: str, where: str) -> Quantity:
             raise InputError(
                 f"{where}.tolerance", f"{tolerance:g} is negative", "write the relative half-width, e.g. 0.1"
             )
+        if tolerance > 1:
+            raise InputError(
+                f"{where}.tolerance", f"{tolerance:g} is a half-width of {100 * tolerance:g} %",
+                f"write the relative half-width: {tolerance / 100:g} is {tolerance:g} %; or lower and upper",
+            )  # fmt: skip
         half = abs(middle) * tolerance
         low, high = middle - half, middle + half
     elif "lower" in keys:

@@ -100,6 +100,9 @@ class Inertia:
 MOVABLE_DIMENSIONS = ("length", "diameter", "inner_diameter")  # of a drawing; its material stays
 
 
+LARGEST = {"length": 500.0, "diameter": 5.0}  # m: twice those of the largest ships' shafting; beyond, mm were meant
+
+
 @dataclass(frozen=True)
 class Drawing:
     """A shaft by its drawing: a round bar or tube, sizes in m, ``shear_modulus`` in Pa, ``density`` in kg/m³.
@@ -162,6 +165,11 @@ class Drawing:
             least = size.ends[0]
             if least < 0 or (least == 0 and key not in ("inner_diameter", "density")):
                 raise InputError(f"{place}.{key}".lstrip("."), f"{least:g} is not possible", "greater than 0 is needed")
+            if size.value > LARGEST.get(key, math.inf):
+                raise InputError(
+                    f"{place}.{key}".lstrip("."), f"{size.value:g} m is longer than any shaft",
+                    f'write a unit: "{size.value:g} mm"',
+                )  # fmt: skip
         if self.inner_diameter.ends[1] >= self.diameter.ends[0]:
             raise InputError(f"{place}.inner_diameter".lstrip("."), "is not smaller than the diameter", "exchange them")
 

@@ -6,10 +6,23 @@ import os
 import re
 from pathlib import Path
 
+from site_pages.reports import report_cards
+
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE, PICTURES = ROOT / "docs" / "reference", ROOT / "docs" / "gallery"
 LINK = re.compile(r"(\[[^\]]*\]\()(?!https?:|#)([^)#\s]+)")
 TOP = """# Gallery
+
+## Reports, as the commands write them
+
+They are live: point at a curve, zoom, save the curves.
+
+::::{grid} 1 2 2 3
+:gutter: 3
+
+REPORTS::::
+
+## Examples and notebooks
 
 Examples to start from, and notebooks to read: each card leads to its page. The files lie in `examples/` and
 `notebooks/`.
@@ -36,7 +49,8 @@ def gallery_pages() -> dict[str, str | bytes]:
         pages |= pictures
         cards.append(_card(f"notebook_{path.stem}", text, next(iter(pictures), "")))
     hidden = "".join(f"{name.removesuffix('.md')}\n" for name in pages if name.endswith(".md"))
-    pages["gallery.md"] = f"{TOP}\n{''.join(cards)}::::\n\n```{{toctree}}\n:hidden:\n\n{hidden}```\n"
+    top = TOP.replace("REPORTS", report_cards())
+    pages["gallery.md"] = f"{top}\n{''.join(cards)}::::\n\n```{{toctree}}\n:hidden:\n\n{hidden}```\n"
     return pages
 
 

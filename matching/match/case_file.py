@@ -194,6 +194,11 @@ def read_loop(data: Mapping[str, Any], rig: System, residual: ResidualVehicle, w
             f"{where}: dynamometers.{blind[0]}.torque_sensor", f"is missing, and structure {structure.name!r} needs it",
             'name the sensor of the torque flange; without one, structure = "observer" estimates the torque',
         )  # fmt: skip
+    if own := [one.torque_input for one in dynamometers if one.torque_input in knows]:
+        raise InputError(
+            f"{where}: loop.knows", f"{own[0]!r} is the torque of a dynamometer, which the controller commands",
+            "take it out; name torques that act from elsewhere, as the motor's",
+        )  # fmt: skip
     those = {name for one in dynamometers for name in (one.torque_sensor, one.speed_sensor)}
     further = tuple(name for name in measures if name not in those)
     return Loop(structure, dynamometers, knows, values, further, fixed, _specimen(table, structure, where))
@@ -336,6 +341,11 @@ def read_moves(
             raise unknown(name, list(places), place)
         if loop.fixed and name.startswith("loop."):
             raise InputError(place, "belongs to a fixed controller", "take it out, or fixed = true of [loop]")
+        if name.removeprefix("loop.") in HARDWARE:
+            raise InputError(
+                place, "is the bed's, and no match can choose it",
+                f"state it under [loop]; `rigmatch map CASE --x {name}` shows what another value gives",
+            )  # fmt: skip
         start, unit, together = places[name]
         if not isinstance(entry, dict) or not {"lower", "upper"} <= set(entry) <= MOVE_KEYS | BUYING_KEYS:
             raise InputError(
@@ -605,6 +615,7 @@ def _with_road_load(vehicle: System, bodies: list[str], load: Any, radius: float
 # --- Reading case files; every complaint is one line that names file and key.
 
 # Response errors that are still called matched, unless the case says otherwise.
+LENIENT = 1.0  # a response error, at which responses differ by a factor of e: a case may allow it, not more in earnest
 TOLERANCES = {"tolerance": ERROR_SCALES.measured, "unmeasured_tolerance": ERROR_SCALES.unmeasured}
 UNLIKE = 0.01  # relative difference of a shared quantity's values from which a note asks whether it is the same part
 TOP = {
@@ -677,6 +688,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
             *one_of_two(moves, movable(rig, residual, loop), rig, vehicle),
             *_elsewhere(rig, loop),
             *_in_turns(data),
+            *_lenient(data),
             *notes,
             *of_dynamometers,
             *of_specimen,
@@ -775,6 +787,17 @@ def _in_turns(data: Mapping[str, Any]) -> list[str]:
     if not isinstance(stated, int | float) or isinstance(stated, bool):
         return []
     return [f"limits.dynamometer_speed = {stated:g} is in rad/s: {30 / np.pi * stated:.0f} 1/min"]
+
+
+def _lenient(data: Mapping[str, Any]) -> list[str]:
+    """A note on a tolerance of the response error that hardly refuses anything: per cent, perhaps."""
+    response = data.get("response")
+    stated = {key: response.get(key) for key in TOLERANCES} if isinstance(response, dict) else {}
+    return [
+        f"response.{key} = {value:g} lets responses differ {np.exp(min(value, 99)):.3g} times; 0.1 is about 10 %"
+        for key, value in stated.items()
+        if isinstance(value, int | float) and value > LENIENT
+    ]
 
 
 def _named_model(data: Mapping[str, Any], key: str, path: Path) -> System:

@@ -4,8 +4,10 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from matching.api import _speeds
 from matching.cli import main
 from matching.match.case_file import load_case
 
@@ -37,6 +39,16 @@ def changed(folder, name, pattern, by):
         (r"^band = .*", "band = [0.5, 6000]", "reaches half the sampling frequency"),
         (r"^band = .*", "band = [0, 30]", "begins at 0 Hz, where a free drivetrain has no response"),
         (r"^title = .*", 'title = "compact', 'line 4: a text begins with " and does not end'),
+        (
+            r"^knows = .*",
+            'knows = ["dyno_left"]',
+            "'dyno_left' is the torque of a dynamometer, which the controller commands",
+        ),
+        (
+            r"^\[move\]",
+            '[move]\n"loop.dead_time" = { lower = 0, upper = 0.01 }',
+            "is the bed's, and no match can choose it",
+        ),
     ],
 )
 @pytest.mark.parametrize("more", [["--check"], ["--out", "out"]])
@@ -155,3 +167,42 @@ def test_an_effect_at_the_wrong_kind_of_place(folder, capsys, kind, at, said):
         file.write(f'\n[[effects]]\nkind = "{kind}"\nat = "{at}"\n')
     assert main(["modes", "rig.toml"]) == 2
     assert re.search(said, capsys.readouterr().err)
+
+
+def test_a_tolerance_of_the_response_error_in_per_cent_is_noted(folder, capsys):
+    changed(folder, "case.toml", r"^\[response\]", "[response]\ntolerance = 10")
+    assert main(["match", "case.toml", "--check"]) == 0
+    assert "response.tolerance = 10 lets responses differ 2.2e+04 times; 0.1 is about 10 %" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("shaft", "said"),
+    [
+        ("stiffness = { value = 100, tolerance = 10 }", "tolerance: 10 is a half-width of 1000 %; write the relative"),
+        ("length = 0.62\ndiameter = 27", 'shafts.ab.diameter: 27 m is longer than any shaft; write a unit: "27 mm"'),
+        ("length = 620\ndiameter = 0.027", 'shafts.ab.length: 620 m is longer than any shaft; write a unit: "620 mm"'),
+    ],
+)
+def test_of_a_shaft(tmp_path, capsys, shaft, said):
+    model = f"[inertias.a]\nJ = 1\n[inertias.b]\nJ = 2\n[shafts.ab]\nbetween = ['a', 'b']\n{shaft}\n"
+    (tmp_path / "model.toml").write_text(model, encoding="utf-8")
+    assert main(["modes", str(tmp_path / "model.toml")]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_part_that_nothing_joins_is_noted(tmp_path, capsys):
+    inertias = "".join(f"[inertias.{name}]\nJ = 1\n" for name in "abc")
+    shafts = "[shafts.ab]\nbetween = ['a', 'b']\nstiffness = 50\n"
+    shafts += "".join(f"[inputs.on_{name}]\non = '{name}'\n" for name in "ac")
+    (tmp_path / "model.toml").write_text(inertias + shafts, encoding="utf-8")
+    assert main(["modes", str(tmp_path / "model.toml")]) == 0
+    assert "note: c: no shaft and no gear joins this to the rest" in capsys.readouterr().out
+    whole = inertias + shafts + "[shafts.bc]\nbetween = ['b', 'c']\nstiffness = 50\n"
+    (tmp_path / "model.toml").write_text(whole, encoding="utf-8")
+    assert main(["modes", str(tmp_path / "model.toml")]) == 0
+    assert "note" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("stated", ["600:6000rpm", "600rpm:6000", "600:6000 1/min", "62.83185307:628.3185307 rad/s"])
+def test_the_unit_of_a_speed_may_stand_without_a_blank(stated):
+    assert _speeds(stated)[[0, -1]] == pytest.approx([20 * np.pi, 200 * np.pi])

@@ -34,6 +34,12 @@ def test_the_site_builds_without_a_warning_and_loads_nothing_from_elsewhere(tmp_
         text = style.read_text(encoding="utf-8")
         assert not re.search(r"(?:@import|url\()\s*['\"]?(?:https?:)?//", text), style.name
     assert (tmp_path / "html" / "equations.html").read_text(encoding="utf-8").count("<math") > 20
+    gallery = (tmp_path / "html" / "reference" / "gallery.html").read_text(encoding="utf-8")
+    for name, verdict in {"match": "matched", "diagnosis": "explained", "commissioning": "as predicted"}.items():
+        assert f'href="../report_{name}.html"' in gallery
+        report = (tmp_path / "html" / f"report_{name}.html").read_text(encoding="utf-8")
+        assert verdict in re.findall(r'<span class="status[^"]*">([^<]*)', report)
+        assert "<svg" in report
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if GENERATED not in p.parents], ids=lambda page: page.name)
