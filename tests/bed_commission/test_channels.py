@@ -112,6 +112,21 @@ def test_a_wrong_channel_is_named(case, controller, plan, tmp_path, change, name
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("name", ["flange_left_torque", "side_right_torque"])
+def test_the_end_of_a_range_is_named_and_nothing_else(case, controller, plan, tmp_path, name):
+    """An amplifier whose range ends at a drawn share of what the check needs."""
+    found, _ = checked(case, controller, plan, reference_bed(case), tmp_path)
+    assert found.right
+    recording = read_recording(tmp_path / "recording.csv", case.rig)
+    end = np.random.default_rng().uniform(0.3, 0.8) * np.abs(recording[name]).max()
+    clipped = replace(recording, channels={**recording.channels, name: np.clip(recording[name], -end, end)})
+    judged = judge_channels(case, clipped)
+    assert [(one.channel, one.kind) for one in judged.wrong] == [(name, "clipped")]
+    assert judged.wrong[0].size == pytest.approx(end)
+    assert not judged.off
+
+
+@pytest.mark.long
 def test_two_wrong_channels_are_both_named(case, controller, plan, tmp_path):
     bed = with_reader(reference_bed(case), "motor_speed", gain=-1.0)
     bed = with_reader(bed, "flange_right_torque", gain=1e-3, noise=1e-3 * bed.readers["flange_right_torque"].noise)
