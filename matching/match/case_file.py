@@ -630,6 +630,11 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     check_file(data, TOP, where, "case")
     data = with_point_in_range(data, where)
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
+    in_gear = [
+        f"{role}: gearboxes.{box.name} is in gear 1, its clutch locked"
+        for role, system in (("vehicle", vehicle), ("rig", rig)) for box in system.gearboxes
+    ]  # fmt: skip
+    vehicle, rig = vehicle.in_gear(1), rig.in_gear(1)
     _check_not_swapped(data, vehicle, rig, where)
     rig, late = _without_late_dynamometers(data, rig)
     unlike = _unlike(vehicle, rig, where)
@@ -673,6 +678,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         simple_vehicle=simple,
         vehicle_in_the_loop=read_vehicle_in_the_loop(data, vehicle, rig, loop, where),
         notes=(
+            *in_gear,
             *unlike,
             *one_of_two(moves, movable(rig, residual, loop), rig, vehicle),
             *_elsewhere(rig, loop),
@@ -794,7 +800,7 @@ def _simple_vehicle(
     table = table_of(data, "residual_vehicle", where, {"model"})
     path = Path(where).parent / text_of(table, "model", f"{where}: residual_vehicle")
     try:
-        simple = with_residual_vehicle(vehicle, residual, load(no_pipe(path, f"{where}: residual_vehicle")))
+        simple = with_residual_vehicle(vehicle, residual, load(no_pipe(path, f"{where}: residual_vehicle")).in_gear(1))
     except InputError as fault:
         raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None
     return simple_at_operating_point(data, vehicle, simple, residual, where)
