@@ -15,7 +15,9 @@ TASKS = {  # every public name, by what one wants to do
                            "CriticalSettings"],
     "Find what a model lacks": ["diagnose", "read_recording", "Recording", "DiagnosisSettings"],
     "Go onto the bed": ["identify", "export", "excite", "verify", "commission", "learn"],
-    "Step beds and controllers by yourself": ["bed", "controller", "run", "Plant", "Controller"],
+    "Step beds and controllers by yourself": [
+        "bed", "controller", "run", "Plant", "Controller", "Vehicle", "RecordedPlant",
+    ],
     "Say how far it can be trusted": ["uncertainty", "fidelity"],
     "Begin, look, and load what was saved": ["new", "show", "explore", "load_result"],
     "Results": ["MatchResult", "Map", "Tolerance", "Modes", "Response", "Campbell", "OrderResponse", "StateSpace",

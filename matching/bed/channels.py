@@ -487,6 +487,9 @@ class ChannelCheck(Displayed):
         Whether the bed with these values answers as it was recorded: it has no free play, then.
     shown : mapping of str to ndarray (t,)
         ``time`` (s), and of every wrong sensor the reading and, as ``NAME model``, what it should have read.
+    mended : Recording or None
+        The recording with its wrong channels mended, by which a further defect is looked for; None of one that a trip
+        ended, or with a channel that stands still.
     """
 
     channels: tuple[CheckedChannel, ...]
@@ -502,6 +505,7 @@ class ChannelCheck(Displayed):
     measured: tuple[Deviation, ...] = ()
     explained: bool = False
     shown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
+    mended: Recording | None = field(default=None, repr=False)
 
     @property
     def right(self) -> bool:
@@ -699,8 +703,8 @@ def judge_channels(
         unlike = []
         wrong, off = _with_factors(case, found, wiring, names, run.quantities, wrong, settings)
     measured = found.quantities if found is not None and explained else ()
-    if not tripped and not explained and not wrong:  # free play: its dynamometers may be late all the same
-        commands, readings = dict(zip(inputs, sent.T, strict=True)), dict(zip(names, read.T, strict=True))
+    commands, readings = _mended(sent, read, names, moved, inputs, wiring)
+    if not tripped and not explained:  # free play: its dynamometers may be late all the same
         measured = delays_at_edges(case, system, time - time[0], commands, readings)
         off = [one for one in measured if one.beyond]
     open_ = [one for one in wrong if not one.certain]
@@ -745,12 +749,28 @@ def judge_channels(
         tuple(channels), tuple(wrong), tuple(name for name in unlike if name in judged), alike, tuple(open_), fastest,
         tripped, tuple(unjudged), tuple(needed), tuple(off), measured, explained,
         _shown(time, names, read - zero, wrong, found, wiring, model),
+        None if tripped or any(one.kind == "stuck" for one in wrong) else replace(
+            recording, time=time, channels=commands | readings
+        ),
     )  # fmt: skip
 
 
 def _told(one: Deviation | None, factor: float) -> tuple[float | None, float | None]:
     """Gain of a channel and its uncertainty, with the factor that it was read with."""
     return (None, None) if one is None else (one.value * factor, abs(one.uncertainty * factor))
+
+
+def _mended(
+    sent: np.ndarray, read: np.ndarray, names: list[str], moved: list[str], inputs: Sequence[str], wiring: _Wiring
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Commands and readings by name as they are at the places where they belong; the sign of a command alone."""
+    truth, commands = dict[str, np.ndarray](), dict(zip(inputs, sent.T, strict=True))
+    for i, (place, factor) in enumerate(zip(wiring.outputs, wiring.factors, strict=True)):
+        if factor:
+            truth[names[place]] = read[:, i] / factor
+    for j, (place, gain) in enumerate(zip(wiring.inputs, wiring.gains, strict=True)):
+        commands[moved[place]] = sent[:, inputs.index(moved[j])] * (np.sign(gain) or 1.0)
+    return commands, truth
 
 
 def _measured(
@@ -761,13 +781,7 @@ def _measured(
     right = _Wiring(tuple(range(len(names))), (1.0,) * len(names), tuple(range(len(moved))), (1.0,) * len(moved))
 
     def of(own: _Wiring) -> Deviations | None:
-        truth, commands = dict[str, np.ndarray](), dict(zip(inputs, sent.T, strict=True))
-        for i, (place, factor) in enumerate(zip(own.outputs, own.factors, strict=True)):
-            if factor:
-                truth[names[place]] = read[:, i] / factor
-        for j, (place, gain) in enumerate(zip(own.inputs, own.gains, strict=True)):
-            commands[moved[place]] = sent[:, inputs.index(moved[j])] * (np.sign(gain) or 1.0)
-        return deviations(case, system, time - time[0], commands, truth, lead)
+        return deviations(case, system, time - time[0], *_mended(sent, read, names, moved, inputs, own), lead)
 
     found = of(wiring)
     if wrong and wiring != right and (found is None or found.misfit > DEVIATIONS.explained):
