@@ -309,7 +309,8 @@ def _apart(system: System) -> str:
     if len(parts) == 1:
         return ""
     smallest: list[str] = min(parts, key=len)
-    return f"{', '.join(smallest)}: no shaft and no gear joins this to the rest; if it is no model of its own, correct a `between`"
+    joined = "no shaft and no gear joins this to the rest"
+    return f"{', '.join(smallest)}: {joined}; if it is no model of its own, correct a `between`"
 
 
 def _add_reduced(result: dict[str, Any], system: System, analysed: Modes) -> None:
