@@ -119,7 +119,7 @@ def test_every_command_answers_a_case_whose_rig_has_a_gearbox(tmp_path, capsys, 
     shutil.copytree(ROOT / "examples" / "gear_change", folder / "gear_change")
     shutil.copytree(ROOT / "examples" / "drive_away", folder / "drive_away")
     case = folder / "gear_change" / "case.toml"
-    text = case.read_text(encoding="utf-8").replace('"../drive_away/rig.toml"', '"rig.toml"')
+    text = case.read_text(encoding="utf-8").replace('"../drive_away/rig.toml"', '"gearbox.toml"')
     case.write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     _answers(_calls_of_a_case(case, tmp_path), capsys)

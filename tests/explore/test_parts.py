@@ -238,7 +238,7 @@ def test_what_was_taken_back_is_made_again(rig, folder):
 def test_a_gearbox_is_opened_edited_renamed_and_removed(tmp_path):
     """Ratios are edited where they stand in their list; a clutch is renamed with what names it."""
     file = tmp_path / "rig.toml"
-    file.write_text((EXAMPLES / "gear_change" / "rig.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    file.write_text((EXAMPLES / "gear_change" / "gearbox.toml").read_text(encoding="utf-8"), encoding="utf-8")
     rig = ModelDocument(file)
     rig.set_value("gearboxes.box.ratio_2", 7.0)
     assert "ratios = [12.0, 7.0]" in rig.text

@@ -78,6 +78,7 @@ def seeds() -> tuple[Seed, ...]:
 
 def _of_drives() -> Iterator[Seed]:
     """Cases and models of the examples, and their models as the case reads them."""
+    yield Seed("model", "gear_change_gearbox", (ROOT / "examples" / "gear_change" / "gearbox.toml").read_bytes())
     for folder in (*(path.parent for path in sorted(ROOT.glob("examples/*/rig.toml"))), ROOT / "matching" / "starter"):
         named = (*folder.glob("*.toml"), *folder.glob("stop_and_go.csv"))  # a speed profile, which a case names
         files = {path.name: path.read_bytes() for path in sorted(named)}

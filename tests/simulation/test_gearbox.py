@@ -190,7 +190,7 @@ def test_a_case_is_in_the_gear_whose_clutch_is_closed_at_the_operating_point(tmp
     for example in ("gear_change", "drive_away"):
         shutil.copytree(EXAMPLES / example, tmp_path / example)
     file = tmp_path / "gear_change" / "case.toml"
-    text = file.read_text(encoding="utf-8").replace('"../drive_away/rig.toml"', '"rig.toml"')
+    text = file.read_text(encoding="utf-8").replace('"../drive_away/rig.toml"', '"gearbox.toml"')
 
     def read(point: str = ""):
         file.write_text(text.replace("[operating_point]", f"[operating_point]\n{point}"), encoding="utf-8")
