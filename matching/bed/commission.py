@@ -591,7 +591,8 @@ class Circle:
             result = match(case, self._order.seed, 1 if number > 1 else None)
             entries = result.to_dict()
             files = {"result.json": strict_json(entries), **case_files(result.tuned)}
-            return files, {"status": result.status, "limits": list(result.limits)}
+            told = {key: entries.get(key) for key in ("structure", "targets", "response_error", "beds")}
+            return files, {"status": result.status, "limits": list(result.limits), **told}
 
         name = f"{number}_match"
         self._found(match=self._stages.run(name, checksum(f"{_of_case(case)} seed {self._order.seed}"), work))

@@ -36,6 +36,7 @@ from matching.report.common import (
     unit,
 )
 from matching.report.drivetrain import MOST_INERTIAS, noted_figure
+from matching.report.match import HEADS, key_figures
 from matching.report.page import Fold, Picture, Provenance, Report, Step, Table, View, register
 
 # --- The curves of a verification's figure as a table (CSV), to be calculated with.
@@ -144,7 +145,7 @@ def verification_report(
             "Why it falls short": [Step(spaced(sentence)) for sentence in why(content)],
             "What to do now": verification_steps(content, _case_of(made), folder),
         },
-        table=Table([_error(f"all {error['name']} torques", error) for error in content["errors"]]),
+        table=error_table(content),
         folds=[
             Fold("Modes", [Table([row for mode in content["modes"] for row in _mode(mode)], HOW_MODES)], told=True),
             Fold("XiL fidelity of the recordings", [Table(fidelity, HOW_FIDELITY)], told=True),
@@ -321,12 +322,6 @@ def commissioning_report(
     """What a commissioning says."""
     told = [("Vehicle on the road", identification_lines(content["vehicle"]), content["vehicle"]["values"])] \
         if content.get("vehicle") else []  # fmt: skip
-    if content.get("channels") and content["status"] != "wrong_channel":
-        told.append(("Channels before the first emulation", [content["channels"]["sentence"]], ()))
-    told += [
-        (f"Round {entry['round']}", round_lines(entry), entry.get("identification", {}).get("values", ()))
-        for entry in content["rounds"]
-    ]
     checked = content.get("channels")
     wrong = content["status"] == "wrong_channel"
     last = content["rounds"][-1].get("verification", {}) if content["rounds"] else {}
@@ -339,14 +334,32 @@ def commissioning_report(
         good=content["status"] == "as_predicted",
         lists={"Why it falls short": [Step(spaced(sentence)) for sentence in why(last)],
                "What to do now": next_steps(content, _case_of(made), folder)},
-        table=channel_table(checked) if checked and wrong else Table(()),
+        table=channel_table(checked) if checked and wrong else error_table(last),
         folds=[
             *(Fold(name, [lines, *([Table([_value(own) for own in values])] if values else [])], told=True)
               for name, lines, values in told),
-            *([Fold("Every channel", [channel_table(checked)])] if checked and not wrong else []),
+            *([Fold("Channels before the first emulation", [[checked["sentence"]], channel_table(checked)], told=True)]
+              if checked and not wrong else []),
+            *(Fold(f"Round {entry['round']}", [round_lines(entry), *round_tables(entry)], told=True)
+              for entry in content["rounds"]),
             Fold("Files beside this page", [BESIDE]),
         ],
     )  # fmt: skip
+
+
+def round_tables(entry: Mapping[str, Any]) -> list[Table]:
+    """Tables of a round: what a recording told, what the match reaches, and the modes of the bed then."""
+    values, matched, proof = (entry.get(key) or {} for key in ("identification", "match", "verification"))
+    made = [Table([_value(own) for own in values.get("values", ())])]
+    if matched.get("response_error"):  # a match that was done before, or a round that waits, has none
+        made.append(Table([dict(zip(HEADS, row, strict=True)) for row in key_figures(matched)], "The match."))
+    made.append(Table([row for mode in proof.get("modes", ()) for row in _mode(mode)], HOW_MODES))
+    return [table for table in made if table.rows]
+
+
+def error_table(verification: Mapping[str, Any]) -> Table:
+    """Measured response errors of a verification, by what they are judged."""
+    return Table([_error(f"all {error['name']} torques", error) for error in verification.get("errors", ())])
 
 
 def channel_table(checked: Mapping[str, Any]) -> Table:

@@ -14,8 +14,6 @@ from functools import partial
 from math import isfinite, log, pi
 
 import numpy as np
-from scipy import signal
-from scipy.optimize import minimize_scalar
 
 from modelling.errors import InputError
 
@@ -107,6 +105,8 @@ def _delayed(values: np.ndarray, delay: float, step: float, _: int) -> np.ndarra
 
 def _filtered(values: np.ndarray, corner: float, step: float, order: int) -> np.ndarray:
     """By a Butterworth filter, settled at the first value; ``corner`` in Hz."""
+    from scipy import signal  # slow to import, and few need it
+
     sections = signal.butter(order, corner, output="sos", fs=1 / step)
     return np.asarray(signal.sosfilt(sections, values, zi=signal.sosfilt_zi(sections) * values[0])[0])
 
@@ -261,6 +261,8 @@ def likeliest_fault(
     noise : float
         Standard deviation of a sample, SI.
     """
+    from scipy.optimize import minimize_scalar
+
     step, size = min(part[2] for part in parts), max(float(np.abs(part[0]).max()) for part in parts)
     longest = max(len(part[0]) * part[2] for part in parts)
     ranges = {
