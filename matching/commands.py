@@ -267,7 +267,10 @@ def _apart(system: System) -> str:
     if len(parts) == 1:
         return ""
     smallest: list[str] = min(parts, key=len)
-    return f"{', '.join(smallest)}: no shaft and no gear joins this to the rest; if it is no model of its own, correct a `between`"
+    return (
+        f"{', '.join(smallest)}: no shaft and no gear joins this to the rest; if it is no model of its own, correct "
+        "a `between`"
+    )
 
 
 def _add_reduced(result: dict[str, Any], system: System, analysed: Modes) -> None:
