@@ -251,6 +251,17 @@ def system_of(model: System | File) -> System:
     return load(model) if isinstance(model, str | PathLike) else _of_kind(model, Drivetrain, "model", "rm.load")
 
 
+def in_one_gear(system: System) -> System:
+    """A drivetrain with its gearboxes in the first gear, and a warning that says so; others as they are."""
+    if not system.gearboxes:
+        return system
+    import warnings
+
+    named = ", ".join(f"gearboxes.{box.name}" for box in system.gearboxes)
+    warnings.warn(f"{named}: in gear 1, its clutch locked; System.in_gear(2) is the second gear", stacklevel=3)
+    return system.in_gear(1)
+
+
 def _of_kind(given: Any, kind: type[Kind], name: str, loader: str) -> Kind:
     """An argument that was not given as a path, if it is of its kind."""
     if not isinstance(given, kind):
@@ -349,6 +360,7 @@ def recording_of(recording: Recording | File, system: System, channels: File | N
 def modes(model: System | File, values: Mapping[str, float | str] | None = None, *, damped: bool = False) -> Modes:
     """Modes of a model: frequencies, energy shares, left/right symmetry (Eqs. 1–8 of the paper).
 
+    The command answers gear by gear where the model has a gearbox; in Python it is gear 1, see ``System.in_gear``.
     Of more than 300 degrees of freedom the lowest 100 modes. The command writes modes.json and, with --out, modes.svg
     (frequencies and shares of the first modes) and energy_shares.svg (all shares).
 
@@ -376,7 +388,7 @@ def modes(model: System | File, values: Mapping[str, float | str] | None = None,
     from modelling.modal.modes import damped_modes
     from modelling.modal.modes import modes as undamped
 
-    system = system_of(model)
+    system = in_one_gear(system_of(model))
     computing()
     return (damped_modes if damped else undamped)(system, None if values is None else system.in_si(values))
 
@@ -408,7 +420,7 @@ def response(model: System | File, frequencies: Sequence[float | str] | np.ndarr
     from modelling.linear.state_space import response as of
 
     hertz = [in_si(each, "Hz", "frequencies") if isinstance(each, str) else each for each in frequencies]
-    return of(system_of(model), np.asarray(hertz, dtype=float))
+    return of(in_one_gear(system_of(model)), np.asarray(hertz, dtype=float))
 
 
 def campbell(
@@ -445,7 +457,7 @@ def campbell(
     from modelling.modal.orders import campbell as find
     from modelling.modal.orders import check_orders, checked_speeds
 
-    system = system_of(model)
+    system = in_one_gear(system_of(model))
     of = of or _first_driven(system)
     given = [in_si(one, "1", "orders") for one in (orders.split(",") if isinstance(orders, str) else orders)]
     speeds = checked_speeds(system, of, _speeds(speed))
@@ -501,7 +513,7 @@ def order_response(
     from modelling.modal.forced import order_response as find
     from modelling.modal.orders import checked_speeds
 
-    system, phases = system_of(model), phases or {}
+    system, phases = in_one_gear(system_of(model)), phases or {}
     speeds = checked_speeds(system, of or _first_driven(system), _speeds(speed))
     for name in phases:
         if name not in torques:
@@ -666,7 +678,7 @@ def to_ss(of: System | Case | MatchResult | File, part: str = "") -> StateSpace:
     if isinstance(of, System):
         if part:
             raise InputError("part", f"{part!r} of a model", "leave it out, or give a case")
-        return state_space(of)
+        return state_space(in_one_gear(of))
     case = of
     parts = {
         "vehicle": lambda: state_space(case.vehicle), "rig": lambda: state_space(case.rig),
@@ -803,6 +815,9 @@ def diagnose(
     from modelling.recordings.plausible import check_motion
 
     system = system_of(model)
+    for box in system.gearboxes:
+        right = f"write [gears.{box.name}] with the ratio of the gear that was recorded, and no capacities"
+        raise InputError(f"gearboxes.{box.name}", "a diagnosis needs the drivetrain in one gear", right)
     fitted, judging = ([*_each(what)] for what in (recordings, holdout))
     for each in judging:
         if any(same_file(each, other) for other in fitted):

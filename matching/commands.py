@@ -41,6 +41,29 @@ def run_function(arguments: Arguments) -> dict[str, Any]:
     return written(called_with_pool(arguments), arguments)
 
 
+def run_in_gears(arguments: Arguments) -> dict[str, Any]:
+    """:func:`run_function` in every gear of the model's gearboxes: the first gear in the folder, others in its own."""
+    system = api.load(arguments.model)
+    if not system.gearboxes:
+        return run_function(arguments)
+
+    def in_gear(gear: dict[str, int], folder: str, more: dict[str, Any]) -> dict[str, Any]:
+        own = argparse.Namespace(**vars(arguments) | {"out": str(Path(arguments.out, folder))})
+        return written(called_with_pool(own, model=system.in_gear(gear)), own, {"gear": _gear_words(gear), **more})
+
+    first, *others = system.gears_of_gearboxes
+    gears = [in_gear(gear, _gear_folder(gear), {}) for gear in others]
+    return in_gear(first, "", {"gears": gears})
+
+
+def _gear_words(gear: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} in gear {number}" for name, number in gear.items())
+
+
+def _gear_folder(gear: Mapping[str, int]) -> str:
+    return "gear_" + "_".join(str(number) for number in gear.values())
+
+
 def called_with_pool(arguments: Arguments, **more: Any) -> Any:
     """The result of a command's function; ``more`` are given as they are."""
     from matching.worker_pool import executor_of
@@ -230,12 +253,31 @@ def modes_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_modes(arguments: Arguments) -> dict[str, Any]:
-    """Find the modes and write files; the result object is the content of ``modes.json``."""
+    """Find the modes, with a gearbox gear by gear, and write files; the result is the content of ``modes.json``."""
     from modelling.writing import write_results
 
     system = api.load(arguments.model)
+    gears = system.gears_of_gearboxes
+    results, files = [], dict[str, str | bytes]()
+    for gear in gears or [{}]:
+        result, drawn = _modes_in_gear(arguments, system, gear)
+        results.append({"gear": _gear_words(gear), **result} if gear else result)
+        folder = f"{_gear_folder(gear)}/" if len(results) > 1 else ""
+        files |= {f"{folder}{name}": content for name, content in drawn.items()}
+    first, *others = results
+    return write_results(arguments.out, "modes.json", first | ({"gears": others} if others else {}), files)
+
+
+def _modes_in_gear(
+    arguments: Arguments, system: System, gear: Mapping[str, int]
+) -> tuple[dict[str, Any], dict[str, str | bytes]]:
+    """Result and figures of the modes in one gear."""
     try:
         changes = _changes(arguments.change, system)
+        if gear:  # by their names in the gear
+            changed, system = system.with_values(changes).in_gear(gear), system.in_gear(gear)
+            values = ((name, quantity.value) for name, quantity in changed.parameters.items())
+            changes = {name: value for name, value in values if value != system.parameters[name].value}
         analysed = api.modes(system, damped=arguments.damped)
         result = analysed.to_dict()
         if apart := _apart(system):
@@ -251,12 +293,12 @@ def run_modes(arguments: Arguments) -> dict[str, Any]:
             result["what_if"] = {"changes": changes, "modes": rows}
     except InputError as error:
         raise InputError(f"{arguments.model}: {error.where}".rstrip(": "), error.wrong, error.right) from None
-    files: dict[str, str | bytes] = {}
-    if arguments.out is not None:
-        from matching.report.modes import modes_files
+    if arguments.out is None:
+        return result, {}
+    from matching.report.modes import modes_files
 
-        *_, files = modes_files(analysed, title=system.title or str(arguments.model))
-    return write_results(arguments.out, "modes.json", result, files)
+    *_, files = modes_files(analysed, title=system.title or str(arguments.model))
+    return result, dict(files)
 
 
 def _apart(system: System) -> str:
@@ -267,10 +309,8 @@ def _apart(system: System) -> str:
     if len(parts) == 1:
         return ""
     smallest: list[str] = min(parts, key=len)
-    return (
-        f"{', '.join(smallest)}: no shaft and no gear joins this to the rest; if it is no model of its own, correct "
-        "a `between`"
-    )
+    joined = "no shaft and no gear joins this to the rest"
+    return f"{', '.join(smallest)}: {joined}; if it is no model of its own, correct a `between`"
 
 
 def _add_reduced(result: dict[str, Any], system: System, analysed: Modes) -> None:
@@ -539,8 +579,8 @@ def export_summary(result: dict[str, Any]) -> str:
 
 # Quantities that every component of a table has, and those it has where its file gives them
 ALWAYS = {"inertias": ("J", "drag"), "shafts": ("stiffness", "damping"), "gears": ("ratio",),
-          "planetary_gears": ("ratio",)}  # fmt: skip
-WHERE_GIVEN = {"shafts": ("ratio",)}
+          "planetary_gears": ("ratio",), "gearboxes": ("deflection",)}  # fmt: skip
+WHERE_GIVEN = {"shafts": ("ratio",), "gearboxes": ("settling",)}
 OF_A_DRAWING = ("length", "diameter", "inner_diameter")  # of a shaft of the rig
 LOOP = ("dead_time", "inverter_lag", "torque_sensor_lag", "sample_time")  # of every control structure
 SPEED_CONTROLLER = (
@@ -587,6 +627,8 @@ def _completed_parameters(model: dict[str, Any]) -> list[str]:
         for name, content in model.get(table, {}).items()
         for key in (*keys, *(key for key in WHERE_GIVEN.get(table, ()) if key in content))
     ]
+    for name, content in model.get("gearboxes", {}).items():
+        names += [f"gearboxes.{name}.ratio_{gear}" for gear in range(1, len(content["ratios"]) + 1)]
     for effect in model.get("effects", []):
         names += [f"{effect['at']}.{effect['kind']}.{key}" for key in effect if key not in ("at", "kind")]
     return names
@@ -635,7 +677,11 @@ class Command:
     defect: Callable[[Mapping[str, Any]], bool] = lambda _: False
 
     def told(self, result: dict[str, Any], arguments: Arguments | None = None) -> str:
-        """The result for a reader at a terminal."""
+        """The result for a reader at a terminal; of a model with gearboxes gear by gear."""
+        if "gears" in result:
+            first = {key: value for key, value in result.items() if key != "gears"}
+            every = [first, *result["gears"]]
+            return "\n\n".join(f"{one['gear']}:\n{self.told(one, arguments)}" for one in every)
         return told(result, self.file, arguments) if self.summary is None else self.summary(result)
 
 
@@ -759,8 +805,8 @@ COMMANDS: dict[str, Command] = {
     "modes": Command(
         UNDERSTAND, api.modes, run_modes, summary=modes_summary, hidden=("values",), further=modes_arguments, **IF_ASKED
     ),
-    "campbell": Command(UNDERSTAND, api.campbell, required=("speed",)),
-    "response": Command(UNDERSTAND, api.order_response, required=("speed", "torques")),
+    "campbell": Command(UNDERSTAND, api.campbell, run_in_gears, required=("speed",)),
+    "response": Command(UNDERSTAND, api.order_response, run_in_gears, required=("speed", "torques")),
     "simulate": Command(UNDERSTAND, api.simulate, run_simulate, summary=simulate_summary),
     "match": Command(MATCH, api.match),
     "map": Command(MATCH, api.map, required=("x",), hidden=("record",), further=study_arguments),

@@ -55,7 +55,8 @@ def model_words(system: System) -> str:
     parts = [
         counted(len(getattr(system, table)), word)
         for table, word in (
-            ("inertias", "inertia"), ("shafts", "shaft"), ("gears", "gear"), ("differentials", "differential"),
+            ("inertias", "inertia"), ("shafts", "shaft"), ("gears", "gear"), ("gearboxes", "gearbox"),
+            ("differentials", "differential"),
             ("planetary_gears", "planetary gear"), ("inputs", "input"), ("sensors", "sensor"), ("effects", "effect"),
         )
         if getattr(system, table)

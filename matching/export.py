@@ -54,7 +54,10 @@ def read_export_source(path: str | Path) -> ExportSource:
     data = read_toml(path)
     if "inertias" in data or not {"vehicle", "rig"} & set(data):
         system = from_dict(data, str(path))
-        return ExportSource(_block([system], system.title or path.stem, path.stem, path), "model", STEP, (), ())
+        notes = [f"gearboxes.{box.name}: in gear 1, its clutch locked" for box in system.gearboxes]
+        system = system.in_gear(1)
+        block = _block([system], system.title or path.stem, path.stem, path)
+        return ExportSource(block, "model", STEP, (), tuple(notes))
     return _residual_vehicle(path)
 
 

@@ -6,6 +6,7 @@ MODEL = {
     "inertias": "rotating masses",
     "shafts": "springs with dampers between two inertias",
     "gears": "rigid and ideal ratios between two inertias",
+    "gearboxes": "gears with a clutch each, whose torques are inputs: for a simulation of shifts",
     "differentials": "ideal differentials: a cage that drives two sides",
     "planetary_gears": "ideal planetary gears whose three members all turn; with one held it is one of the gears",
     "inputs": "torques on inertias",
@@ -31,6 +32,13 @@ MODEL_TABLES = {
         "ratio": "speed(first) = ratio · speed(second)",
         "efficiency": "power out over power in; ideal unless stated; the effect `gear_loss`",
         "efficiency_reverse": "the same where the second end drives; as efficiency unless stated",
+    },
+    "gearboxes": {
+        "between": "two inertias",
+        "ratios": "by gear: speed(first) = ratio · speed(second) while the gear's clutch sticks",
+        "capacities": "by gear: the input that is the torque its clutch can carry, N·m at the first inertia",
+        "deflection": "by which a clutch gives way before it slips under its whole torque, angle of the first inertia",
+        "settling": "time with which it does so; 2 ms unless stated",
     },
     "differentials": {"cage": "the driven inertia", "left": "first output", "right": "second output"},
     "planetary_gears": {

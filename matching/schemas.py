@@ -31,7 +31,7 @@ from modelling.effects import EFFECTS
 from modelling.errors import InputError
 from modelling.fidelity.measures import ARITHMETICS, DYNAMIC_DOMAINS, MEASUREMENT_DOMAIN, NRMSE_FORMS
 from modelling.recordings import read as recordings
-from modelling.units import INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS
+from modelling.units import GEARBOX_UNITS, INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS
 from modelling.writing import write_all
 
 Schema = dict[str, Any]
@@ -43,8 +43,9 @@ NAMES: Schema = {"type": "array", "items": TEXT}
 PAIR: Schema = {"type": "array", "items": TEXT, "minItems": 2, "maxItems": 2}
 READINGS: Schema = {"type": "array", "items": NUMBER}
 COMPONENTS = {
-    "inertias": system.Inertia, "shafts": system.Shaft, "gears": system.Gear, "differentials": system.Differential,
-    "planetary_gears": system.PlanetaryGear, "inputs": system.Input, "sensors": system.Sensor,
+    "inertias": system.Inertia, "shafts": system.Shaft, "gears": system.Gear, "gearboxes": system.Gearbox,
+    "differentials": system.Differential, "planetary_gears": system.PlanetaryGear, "inputs": system.Input,
+    "sensors": system.Sensor,
 }  # fmt: skip
 
 
@@ -90,9 +91,12 @@ def _component(name: str) -> Schema:
         "measures": {"enum": list(SENSOR_UNITS if name == "sensors" else INPUT_UNITS)},
         "uncertainty": VALUE,
         "counts": VALUE,
+        "capacities": NAMES,
+        "ratios": {"type": "array", "minItems": 1, "items": quantity("1")},
     }
+    units = QUANTITY_UNITS | GEARBOX_UNITS
     keys = {
-        key: special.get(key) or (quantity(QUANTITY_UNITS[key]) if key in QUANTITY_UNITS else TEXT)
+        key: special.get(key) or (quantity(units[key]) if key in units else TEXT)
         for key in sorted(model_file.KEYS[name])
     }
     drawn: Mapping[str, tuple[str, float | None]] = model_file.BY_DRAWING.get(name, {})

@@ -18,6 +18,7 @@ from modelling.system import (
     Differential,
     Effect,
     Gear,
+    Gearbox,
     Inertia,
     Input,
     PlanetaryGear,
@@ -25,10 +26,11 @@ from modelling.system import (
     Sensor,
     Shaft,
     System,
+    quantity_unit,
 )
 from modelling.toml import check_file, check_keys, read_toml, text, title
 from modelling.topology import connected_parts, joints, speed_ratios
-from modelling.units import QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
+from modelling.units import GEARBOX_UNITS, QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 # --- Files
 
@@ -36,6 +38,7 @@ KEYS = {
     "inertias": {"J", "drag"},
     "shafts": {"between", "ratio", "stiffness", "damping"},
     "gears": {"between", "ratio"},
+    "gearboxes": {"between", "ratios", "capacities", "deflection", "settling"},
     "differentials": {"cage", "left", "right"},
     "planetary_gears": {"sun", "carrier", "ring", "ratio"},
     "inputs": {"on", "measures", "reference"},
@@ -84,6 +87,7 @@ def from_dict(data: Mapping[str, Any], where: str = "model") -> System:
                 replace(shaft, drawing=drawings.get(shaft.name)) for shaft in _parts(data, "shafts", where, _shaft)
             ),
             gears=tuple(_parts(data, "gears", where, _gear)),
+            gearboxes=tuple(_parts(data, "gearboxes", where, _gearbox)),
             differentials=tuple(_parts(data, "differentials", where, _differential)),
             planetary_gears=tuple(_parts(data, "planetary_gears", where, _planetary_gear)),
             inputs=tuple(_parts(data, "inputs", where, _input)),
@@ -149,6 +153,21 @@ def _shaft(name: str, table: dict, place: str) -> Shaft:
 
 def _gear(name: str, table: dict, place: str) -> Gear:
     return Gear(name, _between(table, place), _needed(table, "ratio", place))
+
+
+def _gearbox(name: str, table: dict, place: str) -> Gearbox:
+    for key, example in (("ratios", "[12.0, 7.5]"), ("capacities", '["clutch_1", "clutch_2"]')):
+        if not isinstance(table.get(key), list):
+            raise InputError(
+                f"{place}.{key}", "is no list" if key in table else "is missing", f"write {key} = {example}"
+            )
+    for each in table["capacities"]:
+        if not isinstance(each, str):
+            raise InputError(f"{place}.capacities", f"{each!r} is no name", "write the names of inputs in quotes")
+    ratios = tuple(quantity(each, "1", f"{place}.ratios") for each in table["ratios"])
+    deflection = _needed(table, "deflection", place)
+    return Gearbox(name, _between(table, place), ratios, tuple(table["capacities"]), deflection,
+                   _optional(table, "settling", place))  # fmt: skip
 
 
 def _differential(name: str, table: dict, place: str) -> Differential:
@@ -310,12 +329,12 @@ def quantity(value: Any, si: str, where: str) -> Quantity:
 
 def _needed(table: dict, key: str, place: str) -> Quantity:
     if key not in table:
-        raise InputError(place, f"{key!r} is missing", f"give a number{in_unit(QUANTITY_UNITS[key])}")
-    return quantity(table[key], QUANTITY_UNITS[key], f"{place}.{key}")
+        raise InputError(place, f"{key!r} is missing", f"give a number{in_unit(quantity_unit(key))}")
+    return quantity(table[key], quantity_unit(key), f"{place}.{key}")
 
 
 def _optional(table: dict, key: str, place: str) -> Quantity | None:
-    return quantity(table[key], QUANTITY_UNITS[key], f"{place}.{key}") if key in table else None
+    return quantity(table[key], quantity_unit(key), f"{place}.{key}") if key in table else None
 
 
 def _between(table: dict, place: str) -> tuple[str, str]:
@@ -358,11 +377,17 @@ def dumps(system: System) -> str:
 
 
 def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
-    members = ("between", "cage", "left", "right", "sun", "carrier", "ring")
-    order = (*members, "on", "measures", "reference", "of", "uncertainty", "counts", *QUANTITY_UNITS)
+    members = ("between", "ratios", "capacities", "cage", "left", "right", "sun", "carrier", "ring")
+    order = (*members, "on", "measures", "reference", "of", "uncertainty", "counts", *QUANTITY_UNITS, *GEARBOX_UNITS)
     fields = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
     return {
-        key: value.written() if isinstance(value, Quantity) else list(value) if isinstance(value, tuple) else value
+        key: _written(value)
         for key, value in fields.items()
         if not (key in ("drag", "damping") and value == Quantity(0.0))
     }
+
+
+def _written(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_written(each) for each in value]
+    return value.written() if isinstance(value, Quantity) else value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -14,8 +15,8 @@ from modelling import display
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind, members, shared_place
 from modelling.errors import InputError, listed, unknown
-from modelling.topology import connected_parts, joints
-from modelling.units import INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
+from modelling.topology import Joint, connected_parts, joints
+from modelling.units import GEARBOX_UNITS, INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 # --- A number in SI with the range it is known to lie in.
 
@@ -84,8 +85,8 @@ class Quantity:
 
 # --- The components of a drivetrain: inertias, what connects them, inputs, sensors, and effects on them.
 
-TABLES = ("inertias", "shafts", "gears", "differentials", "planetary_gears", "inputs", "sensors")
-TABLES_WITH_QUANTITIES = ("inertias", "shafts", "gears", "planetary_gears")
+TABLES = ("inertias", "shafts", "gears", "gearboxes", "differentials", "planetary_gears", "inputs", "sensors")
+TABLES_WITH_QUANTITIES = ("inertias", "shafts", "gears", "gearboxes", "planetary_gears")
 
 
 @dataclass(frozen=True)
@@ -215,6 +216,46 @@ class Gear:
 
 
 @dataclass(frozen=True)
+class Gearbox:
+    """Gears with a clutch each, in parallel: speed(first) = ratio · speed(second) in the gear whose clutch sticks.
+
+    Each clutch is dry friction whose torque is an input, see :func:`modelling.effects.torques.dry_friction`: the slip
+    is speed(first) − ratio · speed(second), and the torque acts on the first inertia.
+
+    Attributes
+    ----------
+    ratios : tuple of Quantity
+        By gear, the first one first.
+    capacities : tuple of str
+        The input of each gear's clutch: the torque that it can carry, N·m at the first inertia, 0 or more.
+    deflection : Quantity
+        By which a clutch gives way before it slips under its whole torque, rad of the first inertia.
+    settling : Quantity or None
+        Time with which it does so, s.
+    """
+
+    name: str
+    between: tuple[str, str]
+    ratios: tuple[Quantity, ...]
+    capacities: tuple[str, ...]
+    deflection: Quantity
+    settling: Quantity | None = None
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """Every quantity by its key: ``ratio_1`` is that of the first gear."""
+        ratios = {f"ratio_{gear}": ratio for gear, ratio in enumerate(self.ratios, 1)}
+        settling = {} if self.settling is None else {"settling": self.settling}
+        return {**ratios, "deflection": self.deflection, **settling}
+
+    def with_quantities(self, changed: Mapping[str, Quantity]) -> Gearbox:
+        """The same gearbox with other quantities by their keys."""
+        every = {**self.quantities, **changed}
+        ratios = tuple(every[f"ratio_{gear}"] for gear in range(1, len(self.ratios) + 1))
+        return dataclasses.replace(self, ratios=ratios, deflection=every["deflection"], settling=every.get("settling"))
+
+
+@dataclass(frozen=True)
 class Differential:
     """An open, ideal differential: 2·speed(cage) = speed(left) + speed(right)."""
 
@@ -283,7 +324,20 @@ class Sensor:
         return SENSOR_UNITS[self.measures]
 
 
-Component = Inertia | Shaft | Gear | Differential | PlanetaryGear | Input | Sensor
+Component = Inertia | Shaft | Gear | Gearbox | Differential | PlanetaryGear | Input | Sensor
+
+
+def quantities(part: Any) -> dict[str, Quantity]:
+    """The quantities of a component by their keys, in the order of the parameter vector."""
+    if isinstance(part, Gearbox):
+        return part.quantities
+    return {key: own for key in QUANTITY_UNITS if (own := getattr(part, key, None)) is not None}
+
+
+def quantity_unit(key: str) -> str:
+    """SI unit of a quantity of a component by its key; ``ratio_2`` is a ratio."""
+    word, _, number = key.rpartition("_")
+    return (QUANTITY_UNITS | GEARBOX_UNITS)[word if number.isdecimal() else key]
 
 
 @dataclass(frozen=True)
@@ -341,7 +395,7 @@ class Components:
 
     Attributes
     ----------
-    inertias, shafts, gears, differentials, inputs, sensors, effects, planetary_gears : tuple
+    inertias, shafts, gears, differentials, inputs, sensors, effects, planetary_gears, gearboxes : tuple
         The components.
     mirror : tuple of pairs of str
         Names of inertias that left/right symmetry swaps.
@@ -363,6 +417,7 @@ class Components:
     reference: str = ""
     operating_point: OperatingPoint | None = None
     planetary_gears: tuple[PlanetaryGear, ...] = ()
+    gearboxes: tuple[Gearbox, ...] = ()
 
     @functools.cached_property
     def imposed_by(self) -> dict[str, Kind]:
@@ -381,6 +436,11 @@ class Components:
         """Inputs that are the torque of a brake."""
         braked = {place for effect in self.effects if effect.law.brakes for place in effect.places}
         return tuple(part.name for part in self.inputs if f"inputs.{part.name}" in braked)
+
+    @property
+    def capacities(self) -> tuple[str, ...]:
+        """Inputs that are the torque that a clutch can carry."""
+        return tuple(name for box in self.gearboxes for name in box.capacities)
 
     @property
     def input_quantities(self) -> dict[str, str]:
@@ -408,17 +468,14 @@ class Components:
     @functools.cached_property
     def parameters(self) -> dict[str, Quantity]:
         """Every quantity by its full name, e.g. ``shafts.link.stiffness``, in the order of the parameter vector (p)."""
-        quantities: dict[str, Quantity] = {}
+        found: dict[str, Quantity] = {}
         for table in TABLES_WITH_QUANTITIES:
             for part in getattr(self, table):
-                for key in QUANTITY_UNITS:
-                    quantity = getattr(part, key, None)
-                    if quantity is not None:
-                        quantities[f"{table}.{part.name}.{key}"] = quantity
+                found |= {f"{table}.{part.name}.{key}": own for key, own in quantities(part).items()}
         for effect in self.effects:
             for key, quantity in effect.parameters:
-                quantities[f"{effect.name}.{key}"] = quantity
-        return quantities
+                found[f"{effect.name}.{key}"] = quantity
+        return found
 
 
 def resistance(at: str, exponent: int, coefficient: float) -> Effect:
@@ -487,6 +544,8 @@ def check(system: Components) -> None:
     if system.reference and system.reference not in inertias:
         raise unknown(system.reference, list(inertias), "reference")
     _effects(system)
+    for box in system.gearboxes:
+        _gearbox(box, system, inertias)
     _connected(system, inertias)
     _operating_point(system, inertias)
 
@@ -537,6 +596,45 @@ def _ends(where: str, ends: tuple[str, ...], inertias: Collection[str]) -> None:
             raise unknown(end, list(inertias), where)
     if len(set(ends)) < len(ends):
         raise InputError(where, f"joins {ends[0]!r} to itself", "name different inertias")
+
+
+LEAST_DEFLECTION = 5e-4  # rad: slip over it is an eigenvalue, 1e5 1/s at 50 rad/s; faster ones were not integrated
+
+
+def _gearbox(box: Gearbox, system: Components, inertias: Collection[str]) -> None:
+    """Check the gears of a gearbox, and that every clutch is an input of its own at the first inertia.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    where = f"gearboxes.{box.name}"
+    _ends(f"{where}.between", box.between, inertias)
+    if not box.ratios:
+        raise InputError(f"{where}.ratios", "there is no gear", "write ratios = [first, second, …]")
+    for ratio in box.ratios:
+        _ratio(f"{where}.ratios", ratio)
+    least = box.deflection.ends[0]
+    if least < LEAST_DEFLECTION:
+        raise InputError(f"{where}.deflection", f"{least:g} is not possible", f"{LEAST_DEFLECTION:g} rad or more")
+    _sign(f"{where}.settling", box.settling or Quantity(0.0))
+    if len(box.capacities) != len(box.ratios):
+        wrong = f"names {len(box.capacities)} inputs for {len(box.ratios)} ratios"
+        raise InputError(f"{where}.capacities", wrong, "name the input of each gear's clutch")
+    inputs, measures = {part.name: part for part in system.inputs}, system.input_quantities
+    for name in box.capacities:
+        if name not in inputs:
+            raise unknown(name, list(inputs), f"{where}.capacities")
+        if inputs[name].on != box.between[0] or measures[name] != "torque":
+            right = f'[inputs.{name}] on = "{box.between[0]}", the first inertia of the gearbox'
+            raise InputError(f"inputs.{name}", f"is the torque of a clutch of {where}", right)
+        if name in system.brakes:
+            raise InputError(f"inputs.{name}", "is the torque of a clutch and of a brake", "leave out the effect brake")
+        if system.capacities.count(name) > 1:
+            raise InputError(f"{where}.capacities", f"{name!r} stands twice", "each clutch has an input of its own")
+    if any(gear.name == box.name for gear in system.gears):
+        raise InputError(where, f"gears.{box.name} has the same name", "in one gear it is a gear; give another name")
 
 
 def _imposed(system: Components) -> None:
@@ -655,7 +753,8 @@ def _effect(kind: Kind, effect: Effect, system: Components, where: str) -> None:
 
 
 def _connected(system: Components, inertias: Collection[str]) -> None:
-    parts = connected_parts(inertias, joints(system))
+    across = [Joint(f"gearboxes.{box.name}", box.between) for box in system.gearboxes]
+    parts = connected_parts(inertias, [*joints(system), *across])
     driven = {source.on for source in system.inputs}
     apart = [name for part in parts[1:] if not driven & set(part) for name in part]
     if apart or (len(parts) > 1 and not driven & set(parts[0])):
@@ -709,11 +808,10 @@ class System(Components):
     def units(self) -> dict[str, str]:
         """SI unit of every parameter, same keys as :attr:`parameters`."""
         units = {
-            f"{table}.{part.name}.{key}": unit
+            f"{table}.{part.name}.{key}": quantity_unit(key)
             for table in TABLES_WITH_QUANTITIES
             for part in getattr(self, table)
-            for key, unit in QUANTITY_UNITS.items()
-            if getattr(part, key, None) is not None
+            for key in quantities(part)
         }
         for effect in self.effects:
             for key, _ in effect.parameters:
@@ -820,9 +918,9 @@ class System(Components):
         for table in TABLES_WITH_QUANTITIES:
             parts = []
             for part in getattr(self, table):
-                own = {key: ranges[name] for key in QUANTITY_UNITS if (name := f"{table}.{part.name}.{key}") in ranges}
-                moved = {key: Quantity(getattr(part, key).value, *ends) for key, ends in own.items()}
-                parts.append(dataclasses.replace(part, **moved) if moved else part)
+                known = quantities(part)
+                own = {key: ranges[name] for key in known if (name := f"{table}.{part.name}.{key}") in ranges}
+                parts.append(_with_quantities(part, {key: Quantity(known[key].value, *own[key]) for key in own}))
             tables[table] = tuple(parts)
         return dataclasses.replace(self, **tables)
 
@@ -830,28 +928,83 @@ class System(Components):
         """The same system with further effects."""
         return dataclasses.replace(self, effects=self.effects + effects)
 
+    def in_gear(self, gear: int | Mapping[str, int] = 1) -> System:
+        """The drivetrain in one gear: the gear's clutch is locked, so that the gearbox is a rigid gear of its name.
+
+        The torques that the clutches can carry are no inputs any more. A drivetrain without a gearbox stays as it is.
+
+        Parameters
+        ----------
+        gear : int or mapping of str to int
+            Number of the gear, 1 the first; by gearbox where there are several.
+
+        Raises
+        ------
+        InputError
+            If there is no such gearbox or gear.
+        """
+        if not self.gearboxes:
+            return self
+        chosen = dict.fromkeys((box.name for box in self.gearboxes), gear) if isinstance(gear, int) else gear
+        for name in chosen:
+            if all(name != box.name for box in self.gearboxes):
+                raise unknown(name, [box.name for box in self.gearboxes], "gear")
+        held = []
+        for box in self.gearboxes:
+            number, most = chosen.get(box.name, 1), len(box.ratios)
+            if not 1 <= number <= most:
+                raise InputError(f"gearboxes.{box.name}", f"has no gear {number}", f"1 to {most}")
+            held.append(Gear(box.name, box.between, box.ratios[number - 1]))
+        gone, point = set(self.capacities), self.operating_point
+        if point is not None:
+            kept = tuple((name, torque) for name, torque in point.torques if name not in gone)
+            point = dataclasses.replace(point, torques=kept)
+        return dataclasses.replace(
+            self, gears=(*self.gears, *held), gearboxes=(), operating_point=point,
+            inputs=tuple(part for part in self.inputs if part.name not in gone),
+            effects=tuple(_without_places(effect, {f"inputs.{name}" for name in gone}) for effect in self.effects
+                          if not {place.removeprefix("inputs.") for place in effect.places} <= gone),
+        )  # fmt: skip
+
+    @property
+    def gears_of_gearboxes(self) -> list[dict[str, int]]:
+        """Every choice of a gear by gearbox, the first gears first; none without a gearbox."""
+        every = itertools.product(*(range(1, len(box.ratios) + 1) for box in self.gearboxes))
+        return [dict(zip((box.name for box in self.gearboxes), one, strict=True)) for one in every if one]
+
     def __repr__(self) -> str:
-        tables = (
-            (name, getattr(self, name)) for name in ("inertias", "shafts", "gears", "inputs", "sensors", "effects")
-        )
+        names = ("inertias", "shafts", "gears", "gearboxes", "inputs", "sensors", "effects")
+        tables = ((name, getattr(self, name)) for name in names)
         return f"System({', '.join(f'{len(parts)} {name}' for name, parts in tables if parts)})"
 
     def _repr_html_(self) -> str:
         return display.html(self)
 
 
+def _without_places(effect: Effect, places: Collection[str]) -> Effect:
+    """An effect without some of the places that share it."""
+    kept = [place for place in effect.places if place not in places]
+    return effect if len(kept) == len(effect.places) else dataclasses.replace(effect, at=shared_place(kept))
+
+
 def _with_values(part: Any, place: str, values: Mapping[str, float], designed: bool) -> Any:
     moved = Quantity.designed if designed else Quantity.at
     changed: dict[str, Any] = {
-        key: moved(getattr(part, key), float(values[f"{place}.{key}"]))
-        for key in QUANTITY_UNITS
+        key: moved(own, float(values[f"{place}.{key}"]))
+        for key, own in quantities(part).items()
         if f"{place}.{key}" in values
     }
     drawing = getattr(part, "drawing", None)
     sizes = {key: float(values[f"{place}.{key}"]) for key in MOVABLE_DIMENSIONS if f"{place}.{key}" in values}
     if drawing is not None and sizes:
         changed["drawing"] = drawing.with_sizes(sizes, designed=designed)
-    return dataclasses.replace(part, **changed) if changed else part
+    return _with_quantities(part, changed)
+
+
+def _with_quantities(part: Any, changed: Mapping[str, Any]) -> Any:
+    if not changed:
+        return part
+    return part.with_quantities(changed) if isinstance(part, Gearbox) else dataclasses.replace(part, **changed)
 
 
 def _effect_with_values(effect: Effect, values: Mapping[str, float]) -> Effect:

@@ -29,7 +29,7 @@ from modelling import model_file as files
 from modelling.bed.bed import HARDWARE
 from modelling.bed.controllers import STRUCTURES
 from modelling.recordings import read as channels
-from modelling.units import QUANTITY_UNITS
+from modelling.units import GEARBOX_UNITS, QUANTITY_UNITS
 
 TOP = """# Keys of input files
 
@@ -74,7 +74,10 @@ def keys_page() -> str:
 
 
 def _table(
-    title: str, known: Iterable[str], meanings: Mapping[str, str], units: Mapping[str, str] = QUANTITY_UNITS
+    title: str,
+    known: Iterable[str],
+    meanings: Mapping[str, str],
+    units: Mapping[str, str] = QUANTITY_UNITS | GEARBOX_UNITS,
 ) -> str:
     names = list(known)
     if set(names) != set(meanings):

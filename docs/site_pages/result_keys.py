@@ -96,6 +96,8 @@ RESULT_KEYS: dict[str, dict[str, str]] = {
         "drivers": "quantities and the shares of the variance that they cause",
     },
     "`modes.json`": {
+        "gear": "of a model with a gearbox: the gear, also in campbell.json and response.json",
+        "gears": "the results in the further gears",
         "reference": "inertia whose speed the reduced values refer to",
         "reduced": "inertias, stiffnesses and dampings reduced to the reference speed, SI, by name",
         "what_if": "what becomes of each mode under `--change`", "changes": "the changed quantities, SI",

@@ -160,12 +160,14 @@ def draw(found: dict[str, Motion], time: np.ndarray, ended: int, out: Path) -> N
         (of_motor, "motor_speed", "motor [rad/s]"), (of_shaft, "side_left_torque", "side shaft [N·m]"),
         (of_wheel, "rotor_left_speed", "left rotor [rad/s]"),
     ):  # fmt: skip
-        axes.plot(time, motion[name][:, 0], color="#0072B2", label='specimen "unknown"')
+        axes.plot(time, motion[name][:, 0], color="#009E73", label='specimen "unknown"')
         axes.plot(time[:ended], found["known"][name][:ended, 0], "--", color="#D55E00",
                   label='"known", until emulation ends')  # fmt: skip
         axes.set_ylabel(words)
-    of_wheel.plot(time, motion.emulated["left.wheel_speed"][:, 0], ":", color="#000000", label="emulated wheel")
-    of_command.plot(time, motion.commands[:, 0, 0], color="#0072B2")
+    of_wheel.plot(
+        time, motion.emulated["left.wheel_speed"][:, 0], ":", color="#0072B2", linewidth=2.5, label="emulated wheel"
+    )
+    of_command.plot(time, motion.commands[:, 0, 0], color="#009E73")
     of_command.set_ylabel("command, left [N·m]")
     for axes in (of_motor, of_shaft, of_wheel, of_command):
         axes.grid(alpha=0.3)

@@ -39,6 +39,8 @@ from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError, listed
 from modelling.modal.modes import damped_modes
 from modelling.recordings.channel_faults import ChannelFault, conversion, factor_fault, fault
+from modelling.recordings.corrections import SETTINGS as CORRECTIONS
+from modelling.recordings.corrections import kept_values
 from modelling.recordings.recording import Recording
 from modelling.running.run import run
 from modelling.simulation.simulate import simulate
@@ -79,6 +81,7 @@ class ChannelSettings:
     stops: float = (
         1.2  # factor of a channel from which on no emulation begins; a smaller one goes on as a measured value
     )
+    noisy: float = 1.0  # steps of its resolution: eight equal values of a channel with more noise are no chance (1e-4)
     nothing: float = 0.02  # of a torque's command: what acts with less gives no torque
     offset_ratio: float = 5.0  # of a sensor's stated uncertainty, from which on its zero is wrong
     offset_share: float = 0.005  # of the torque limit or a channel's own range: the same where none is stated
@@ -487,6 +490,9 @@ class ChannelCheck(Displayed):
         Whether the bed with these values answers as it was recorded: it has no free play, then.
     shown : mapping of str to ndarray (t,)
         ``time`` (s), and of every wrong sensor the reading and, as ``NAME model``, what it should have read.
+    mended : Recording or None
+        The recording with its wrong channels mended, by which a further defect is looked for; None of one that a trip
+        ended, or with a channel that stands still.
     """
 
     channels: tuple[CheckedChannel, ...]
@@ -502,6 +508,7 @@ class ChannelCheck(Displayed):
     measured: tuple[Deviation, ...] = ()
     explained: bool = False
     shown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
+    mended: Recording | None = field(default=None, repr=False)
 
     @property
     def right(self) -> bool:
@@ -688,24 +695,27 @@ def judge_channels(
     if not findings:
         raise InputError(recording.source, "holds torques that the model cannot follow", "check inertias and shafts")
     best = min(findings, key=lambda one: one.score(settings.largest))
+    units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
     blocks, wiring, wrong, unlike, model = best.blocks, best.wiring, best.wrong, best.unlike, best.model
     if best.model is not findings[0].model:  # friction holds the bed: what little a motor moves says no sign of it
         wrong = [replace(one, certain=one.certain and one.channel not in inputs[driven:]) for one in wrong]
     found, off = None, list[Deviation]()
-    if not tripped:
+    clipped = _clipped(time, read, zero, noise, names, units, settings)
+    if not tripped and not clipped:
         found, wiring, wrong = _measured(case, system, time, sent, read, lead, names, moved, inputs, wiring, wrong)
     explained = found is not None and found.misfit <= DEVIATIONS.explained
     if found is not None and explained:
         unlike = []
         wrong, off = _with_factors(case, found, wiring, names, run.quantities, wrong, settings)
     measured = found.quantities if found is not None and explained else ()
-    if not tripped and not explained and not wrong:  # free play: its dynamometers may be late all the same
-        commands, readings = dict(zip(inputs, sent.T, strict=True)), dict(zip(names, read.T, strict=True))
+    commands, readings = _mended(sent, read, names, moved, inputs, wiring)
+    if not tripped and not clipped and not explained:  # free play: its dynamometers may be late all the same
         measured = delays_at_edges(case, system, time - time[0], commands, readings)
         off = [one for one in measured if one.beyond]
+    if clipped:  # its answer is too small for whatever the bed is: nothing else is said by it
+        wrong, unlike = [one for one in wrong if one.plain and one.channel not in clipped], []
     open_ = [one for one in wrong if not one.certain]
-    wrong = [one for one in wrong if one.certain]
-    units = {sensor.name: sensor.unit for sensor in case.rig.sensors}
+    wrong = [*clipped.values(), *(one for one in wrong if one.certain)]
     uncertain = noise / np.sqrt(max(lead, 1))
     channels = []
     for i, sensor in enumerate(sensors):
@@ -745,12 +755,47 @@ def judge_channels(
         tuple(channels), tuple(wrong), tuple(name for name in unlike if name in judged), alike, tuple(open_), fastest,
         tripped, tuple(unjudged), tuple(needed), tuple(off), measured, explained,
         _shown(time, names, read - zero, wrong, found, wiring, model),
+        None if tripped or any(one.kind in ("stuck", "clipped") for one in wrong) else replace(
+            recording, time=time, channels=commands | readings
+        ),
     )  # fmt: skip
+
+
+def _clipped(
+    time: np.ndarray, read: np.ndarray, zero: np.ndarray, noise: np.ndarray, names: Sequence[str],
+    units: Mapping[str, str], settings: ChannelSettings,
+) -> dict[str, ChannelFault]:  # fmt: skip
+    """Sensors that stay at the end of their range, away from their value at rest, while a torque moves the bed."""
+    found, step = {}, _resolution(read)
+    for i, name in enumerate(names):
+        # equal values are no chance where noise is wider than a step, however short they last
+        shortest = 0.0 if noise[i] > settings.noisy * step[i] else CORRECTIONS.longest_constant
+        ends = {
+            float(read[first, i]) for first, _, kind in kept_values(read[:, i], time, shortest) if kind == "clipped"
+        }
+        beyond = [end for end in ends if abs(end - zero[i]) > settings.over_noise * noise[i]]
+        if beyond:
+            said = " and ".join(f"{end:.4g} {units[name]}" for end in sorted(beyond))
+            found[name] = fault("clipped", name, size=f", {said}", value=max(map(abs, beyond)))
+    return found
 
 
 def _told(one: Deviation | None, factor: float) -> tuple[float | None, float | None]:
     """Gain of a channel and its uncertainty, with the factor that it was read with."""
     return (None, None) if one is None else (one.value * factor, abs(one.uncertainty * factor))
+
+
+def _mended(
+    sent: np.ndarray, read: np.ndarray, names: list[str], moved: list[str], inputs: Sequence[str], wiring: _Wiring
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Commands and readings by name as they are at the places where they belong; the sign of a command alone."""
+    truth, commands = dict[str, np.ndarray](), dict(zip(inputs, sent.T, strict=True))
+    for i, (place, factor) in enumerate(zip(wiring.outputs, wiring.factors, strict=True)):
+        if factor:
+            truth[names[place]] = read[:, i] / factor
+    for j, (place, gain) in enumerate(zip(wiring.inputs, wiring.gains, strict=True)):
+        commands[moved[place]] = sent[:, inputs.index(moved[j])] * (np.sign(gain) or 1.0)
+    return commands, truth
 
 
 def _measured(
@@ -761,13 +806,7 @@ def _measured(
     right = _Wiring(tuple(range(len(names))), (1.0,) * len(names), tuple(range(len(moved))), (1.0,) * len(moved))
 
     def of(own: _Wiring) -> Deviations | None:
-        truth, commands = dict[str, np.ndarray](), dict(zip(inputs, sent.T, strict=True))
-        for i, (place, factor) in enumerate(zip(own.outputs, own.factors, strict=True)):
-            if factor:
-                truth[names[place]] = read[:, i] / factor
-        for j, (place, gain) in enumerate(zip(own.inputs, own.gains, strict=True)):
-            commands[moved[place]] = sent[:, inputs.index(moved[j])] * (np.sign(gain) or 1.0)
-        return deviations(case, system, time - time[0], commands, truth, lead)
+        return deviations(case, system, time - time[0], *_mended(sent, read, names, moved, inputs, own), lead)
 
     found = of(wiring)
     if wrong and wiring != right and (found is None or found.misfit > DEVIATIONS.explained):

@@ -25,7 +25,7 @@ from matching.bed.excite import (
     steady_speed,
 )
 from matching.bed.identify import GAIN, IdentifiedValue, bed_from_recordings, measured_case, vehicle_from_recordings
-from matching.bed.lost_motion import LostMotion, lost_motion, with_free_play
+from matching.bed.lost_motion import LostMotion, play_beside, with_free_play
 from matching.bed.plausible import NotThisBed, check_excitation
 from matching.bed.proof import plan_proof, proof_csv
 from matching.bed.simulated_bed import (
@@ -639,10 +639,13 @@ class Circle:
             keep_recording(self._folder / name, taken)
             recorded = read_recording(self._folder / name / taken.name, bed_system(case), self._names)
             checked = judge_channels(case, recorded, tripped)
-            play = None
-            if checked.right and not checked.explained:  # looked for with the delays that are known already
-                play = lost_motion(measured_case(case, checked.measured)[0], recorded)
+            play = play_beside(case, checked)
             found = checked.to_dict() | {"free_play": None if play is None else play.to_dict()}
+            if play is not None and not checked.right:
+                found["sentence"] += (
+                    f"; with what is wrong mended, the recording shows free play of {play.gap:.2g} rad of "
+                    f"{place_in_words(play.at)}"
+                )
             return {taken.name: taken.content, "channels.json": strict_json(found)}, found
 
         return self._stages.run(name, self._of_run(plan.csv() + _of_case(case)), work, lambda _: self._as_handed(name))

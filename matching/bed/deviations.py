@@ -53,6 +53,7 @@ class DeviationSettings:
     promised: float = 0.5  # of that fall, to first order, below which a candidate is not fitted
     far: float = 0.01  # misfit of a channel, relative, above which a release begins at far values as well
     explained: float = 0.06  # misfit of a channel, relative, up to which a linear bed explains it: friction leaves 0.02
+    right: float = 0.015  # the same, up to which nothing is missing in the model: dry friction leaves more
     worth: float = 0.2  # of what χ² has beyond noise, by which a release is worth its place
     refitted: int = 4  # candidates of a round that are fitted; the others fall less already to first order
     most: int = 3  # releases at most: the recording tells no more
@@ -462,11 +463,19 @@ def _measured(now: _Found, rivals: Mapping[str, tuple[str, ...]]) -> Deviations:
         for one in fit.free
     ]
     spread, misfit, out = np.sqrt(np.diag(covariance)), _misfit(now), []
+    # what the recording tells and a tolerance holds back bends all others
+    held = any(
+        one.name not in now.released and spread[n] < settings.told * one.width
+        and abs(now.x[n]) > 0.99 * settings.farthest * one.width
+        for n, one in enumerate(fit.free)
+    )  # fmt: skip
     for n, one in enumerate(fit.free):
         value, hold = one.at(float(now.x[n])), run.hold if one.name.endswith(".dead_time") else 0.0
         slope = value if one.log else 1.0
         at_end = now.x[n] <= one.lowest
-        free = one.name in now.released and misfit <= settings.explained and not at_end
+        # where the model is right, a value beyond its tolerance counts although releasing it gained too little
+        counts = one.name in now.released or (misfit <= settings.right and not held)
+        free = counts and misfit <= settings.explained and not at_end
         # from the nearer end of the tolerance on, whatever the uncertainty
         far = abs(now.x[n]) - one.width > settings.coverage * spread[n]
         out.append(

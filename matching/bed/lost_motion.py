@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from matching.bed.channels import ChannelCheck
 from matching.bed.excite import bed_inputs
+from matching.bed.identify import measured_case
 from matching.bed.simulated_bed import bed_system, names_in_system
 from matching.match.case import Case
 from modelling.bed.vehicle import cut
@@ -85,6 +87,16 @@ def with_free_play(case: Case, seen: LostMotion) -> Case:
     rig = case.rig.with_effects(effect)
     vehicle = case.vehicle.with_effects(*([effect] if seen.at in case.vehicle.places() else []))
     return replace(case, rig=rig, vehicle=vehicle, residual_vehicle=cut(vehicle, rig))
+
+
+def play_beside(case: Case, checked: ChannelCheck) -> LostMotion | None:
+    """Free play that a check of the channels shows beside what it measures, with its wrong channels mended.
+
+    None where the check explains its recording, or a trip ended it.
+    """
+    if checked.explained or checked.mended is None:
+        return None
+    return lost_motion(measured_case(case, checked.measured)[0], checked.mended)
 
 
 def lost_motion(

@@ -19,7 +19,7 @@ from matching.match.case import Case
 from matching.match.loop import controller_of, frequency_response
 from matching.match.responses import ComparedBed
 from modelling.errors import InputError, listed
-from modelling.recordings.channel_faults import CONVERSIONS, KINDS
+from modelling.recordings.channel_faults import CONVERSIONS, KINDS, fault
 from modelling.recordings.recording import Recording
 
 THIS_BED = "this bed"
@@ -70,7 +70,7 @@ def check_recording(
     for name in sensors:
         if not np.ptp(recording[name]) > 0:
             raise InputError(
-                f"{recording.source}: {name}", f"reads {recording[name][0]:g} all the time",
+                f"{recording.source}: {name}", fault("stuck", name, size=f" from {recording[name][0]:g}").words,
                 "connect the sensor, or leave the channel out",
             )  # fmt: skip
     commands = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from modelling.errors import listed
-from modelling.recordings.channel_faults import with_uncertainty
+from modelling.recordings.channel_faults import fault, with_uncertainty
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def off_words(one: Deviation) -> str:
     if key in ("dead_time", "delay"):
         late = 1e3 * (one.value - one.stated)
         size = with_uncertainty(abs(late), 1e3 * one.uncertainty)
-        text = f"{what} answers {size} ms {'later' if late > 0 else 'earlier'} than stated"
+        text = fault("delay", what, giver=what, size=f"{size} ms {'later' if late > 0 else 'earlier'}").sentence
     elif key in ("torque_gain", "gain"):
         done, of_what = ("reads", "the truth") if table == "sensors" else ("gives", "what it is asked for")
         text = f"{what} {done} {with_uncertainty(one.value, one.uncertainty)} times {of_what}"
@@ -63,7 +63,7 @@ def off_words(one: Deviation) -> str:
         text = f"{name[-1]} has {size}, {one.value / one.stated:.2g} times what is stated"
     else:
         size = with_uncertainty(1e3 * one.value, 1e3 * one.uncertainty)
-        text = f"{what}: {key.replace('_', ' ')} is {size} ms"
+        text = fault("filter", what, key.replace("_", " "), giver=what, size=f"{size} ms").sentence
     return text + other
 
 

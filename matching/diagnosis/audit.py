@@ -20,14 +20,14 @@ from matching.diagnosis.base import as_hypothesis, fit_base
 from matching.diagnosis.data import FitData, Segment
 from matching.diagnosis.descent import Fit, FitOptions, solve
 from matching.diagnosis.hypotheses import at_noise, rms_errors
-from matching.diagnosis.inputs import resolution
 from matching.diagnosis.problem import base_problem
 from matching.diagnosis.settings import DiagnosisSettings
 from matching.diagnosis.times import Times
 from modelling.effects.effect import shared_place
 from modelling.effects.sensors_and_actuators import ClockOffset, DeadTime, Lag, SensorDelay, SensorGain
 from modelling.errors import FitError
-from modelling.recordings.channel_faults import conversion, fault
+from modelling.recordings.channel_faults import ChannelFault, conversion, fault, likeliest_fault
+from modelling.recordings.corrections import resolution
 from modelling.system import System
 
 # --- Exchanged channels: each measured one against each simulated one of its quantity.
@@ -301,11 +301,12 @@ def notes_on_times(system: System, times: Times, named: Collection[str]) -> list
             continue
         late, uncertainty = times.stated_late.between(group, largest)
         late_ones, rest = (" and ".join(names[j + 1] for j in part) for part in (group, largest))
-        are, how = "are" if len(group) > 1 or group == [-1] else "is", "later" if late > 0 else "earlier"
-        notes.append(
-            f"{late_ones} {are} recorded {abs(late):.4g} ± {uncertainty:.1g} s {how} than {rest}, by the part of the "
-            "model between them alone"
-        )
+        size = f"{abs(late):.4g} ± {uncertainty:.1g} s {'later' if late > 0 else 'earlier'}"
+        alone = group != [-1] and len(group) == 1
+        said = fault("delay", late_ones, rest, size=size, value=late, mends=late if alone and late > 0 else np.nan)
+        words = said.words if len(group) == 1 and group != [-1] else said.words.replace("is ", "are ", 1)
+        line = f"; if so, the model needs {said.line}" if said.line else ""
+        notes.append(f"{late_ones} {words}, by the part of the model between them alone{line}")
     told = _of_other_gain(system, replace(times, logarithm=times.stated_logarithm))
     for j in told:
         if refuted([j]):
@@ -324,13 +325,14 @@ SURE = 3.0  # standard uncertainties of a gain, within which a usual conversion 
 ITERATIONS_WITHOUT = 40  # of the fit without a channel, from that with it
 
 
-def wrong_channel(system: System, fit: Fit, settings: DiagnosisSettings) -> str:
+def wrong_channel(system: System, fit: Fit, settings: DiagnosisSettings) -> tuple[str, ChannelFault | None]:
     """The one sensor without which the model leaves noise alone in all others; empty where there is none, or several.
+    What the others say that it should read tells which fault it has, if it is one of the table.
 
-    What is wrong with a channel alone, as clipping, a dead band or a speed that enters a torque, has no kind for each;
-    an effect of the drivetrain shows in its neighbours too.
+    What is wrong with a channel alone, as a dead band or a speed that enters a torque, has no kind for each; an effect
+    of the drivetrain shows in its neighbours too.
     """
-    problem, found = fit.problem, list[str]()
+    problem, found = fit.problem, list[tuple[int, Fit]]()
     several = np.count_nonzero(problem.data.readings_by_sensor) > 1
     beyond = np.flatnonzero(rms_errors(fit) > settings.clearly_beyond).tolist() if several else []
     for j in beyond:
@@ -345,8 +347,14 @@ def wrong_channel(system: System, fit: Fit, settings: DiagnosisSettings) -> str:
         except FitError:
             continue
         if at_noise(as_hypothesis(system, rest)):
-            found.append(system.sensors[j].name)
-    return found[0] if len(found) == 1 else ""
+            found.append((j, rest))
+    if len(found) != 1:
+        return "", None
+    j, rest = found[0]
+    parts = [(part[:, j], segment.readings[:, j], float(np.median(np.diff(segment.time)))) for part, segment in
+             zip(rest.problem.simulated(rest.v), problem.data.segments, strict=True)]  # fmt: skip
+    sensor = system.sensors[j]
+    return sensor.name, likeliest_fault(sensor.name, sensor.unit, parts, float(problem.data.noise[j]))
 
 
 def notes_on(system: System, order: Sequence[int], hum: Sequence[Hum]) -> list[str]:

@@ -10,8 +10,10 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from modelling.errors import InputError
+from modelling.recordings.channel_faults import fault
+from modelling.recordings.corrections import SETTINGS, kept_values, resolution
 from modelling.recordings.recording import Recording, longest_bridge
-from modelling.system import System
+from modelling.system import Sensor, System
 
 # --- A stationary Kalman smoother: states and unknown inputs of a linear system from noisy readings.
 #
@@ -214,13 +216,6 @@ def noise_from_scatter(parts: Sequence[np.ndarray]) -> float:
     return max(scatter, SMALLEST_SHARE * largest, SMALLEST)
 
 
-# --- Channels that keep one value: the sensor hangs, or is at the end of its range.
-
-LONGEST_CONSTANT = 0.05  # s that a sensor may show the same value
-FEWEST_EQUAL = 8  # equal values one after another before a channel counts as stuck
-COARSE_SHARE = 0.5  # of values equal to the one before: the resolution is coarse or the motion slow, nothing is stuck
-
-
 def remove_stuck_values(
     values: np.ndarray, time: np.ndarray, name: str, standing: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[str]]:
@@ -236,19 +231,10 @@ def remove_stuck_values(
         Where the drive stands still by its other sensors: there a sensor that shows one value is sound.
     """
     cleaned, notes = values.copy(), []
-    measured = values[np.isfinite(values)]
-    if len(measured) > 1 and np.mean(np.diff(measured) == 0) > COARSE_SHARE:
-        return cleaned, []
-    low, high = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
-    equals_next = np.concatenate([[False], np.diff(values) == 0, [False]])
-    edges = np.flatnonzero(np.diff(equals_next.astype(int)))
-    shortest = min(LONGEST_CONSTANT, 0.1 * float(np.ptp(time)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        if last - first >= FEWEST_EQUAL and time[last] - time[first] >= shortest:
-            if standing is not None and standing[first + 1 : last].all():
-                continue
-            where = "at the end of its range" if values[first] in (low, high) else "stuck"
-            notes.append(f"{name} is {where} from {time[first]:g} to {time[last]:g} s; left out")
+    for first, last, kind in kept_values(values, time):
+        if standing is None or not standing[first + 1 : last].all():
+            size = f" from {time[first]:g} to {time[last]:g} s"
+            notes.append(f"{fault(kind, name, size=size, value=float(values[first])).sentence}; left out")
             cleaned[first : last + 1] = np.nan
     return cleaned, notes
 
@@ -335,6 +321,16 @@ def _still(system: System, recording: Recording) -> dict[str, np.ndarray]:
     return still
 
 
+def _rounded(sensor: Sensor, readings: np.ndarray) -> list[str]:
+    """A note of readings (t,) that are rounded more coarsely than the sensor's stated uncertainty."""
+    step = resolution(readings[np.isfinite(readings)], SETTINGS.fewest_of_sensor)
+    least = step / np.sqrt(12)
+    if least <= (sensor.uncertainty or np.inf):
+        return []
+    said = fault("rounded", sensor.name, size=f"{step:.3g} {sensor.unit}", value=step, mends=least)
+    return [f"{said.sentence}; the model needs {said.line}"]
+
+
 def _noise(system: System, segments: Sequence[Segment]) -> tuple[np.ndarray, list[str]]:
     """Standard uncertainty (y,) of the sensors, as stated or estimated, and notes on the latter."""
     noise, notes = [], []
@@ -346,6 +342,8 @@ def _noise(system: System, segments: Sequence[Segment]) -> tuple[np.ndarray, lis
             uncertainty = noise_from_scatter([segment.readings[:, j] for segment in segments])
             scatter = f"{uncertainty:.3g} {sensor.unit}"
             notes.append(f"{sensor.name} states no uncertainty: {scatter} is estimated from its scatter")
+        else:
+            notes += _rounded(sensor, np.concatenate([segment.readings[:, j] for segment in segments]))
         noise.append(uncertainty)
     return np.array(noise), notes
 

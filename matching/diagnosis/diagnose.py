@@ -264,13 +264,15 @@ def diagnose(
             with_held = searched(other_base)
             if with_held[-1].best.cost < found.best.cost:
                 kinds, base_fit, (times, unseen, found) = held, other_base, with_held
-        wrong = "" if at_noise(found.best) or time_is_over() else audit.wrong_channel(system, base_fit, settings)
+        wrong, fault_there = "", None
+        if not (at_noise(found.best) or time_is_over()):
+            wrong, fault_there = audit.wrong_channel(system, base_fit, settings)
         if wrong:
             progress(f"{wrong} alone")
             found = search_causes(system, base_fit, unseen, progress, (), f"sensors.{wrong}")
             notes.append(
                 f"without {wrong} the model leaves noise alone in all other channels: the error is in that channel; "
-                "look at its samples over those simulated"
+                + (fault_there.advice if fault_there else "look at its samples over those simulated")
             )
         data = base_fit.problem.data
         identified = with_rivals(found, progress)

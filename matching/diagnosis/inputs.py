@@ -22,6 +22,7 @@ from matching.diagnosis.statistics import BLOCK_LENGTHS, residual_inflation, whi
 from modelling.effects.effect import members
 from modelling.effects.sensors_and_actuators import LATE_SIGN, Lag
 from modelling.errors import FitError
+from modelling.recordings.corrections import resolution
 from modelling.resources import time_is_over
 from modelling.system import System
 
@@ -189,25 +190,7 @@ def _late(segment: Segment, j: int) -> Segment:
 
 # --- The resolution of inputs: what rounding them adds to the residual of a perfect model.
 
-FEWEST_LEVELS = 64  # that a rounded signal takes; a command that switches between a few levels is exact
-MOST_LEVELS = 2**14  # in the range of a channel; finer steps are those of its digits
-ON_A_LEVEL = 0.1  # of the step, from a level, that every value is at most
 DRAWS = 6  # of the rounding; its mean power is then known to a fifth at the slowest scale
-
-
-def resolution(values: np.ndarray) -> float:
-    """The step to which values (t,) are rounded; 0 where none shows."""
-    levels = np.unique(values)
-    if len(levels) < FEWEST_LEVELS:
-        return 0.0
-    gaps = np.diff(levels)
-    step = float(gaps.min())
-    if np.ptp(levels) > MOST_LEVELS * step:
-        return 0.0
-    for _ in range(3):  # the digits of a file blur the step; all gaps together tell it better
-        step = float(gaps.sum() / np.maximum(np.round(gaps / step), 1).sum())
-    places = (levels - levels[0]) / step
-    return step if np.abs(places - np.round(places)).max() < ON_A_LEVEL else 0.0
 
 
 def with_rounding(data: FitData, fit: Fit) -> FitData:

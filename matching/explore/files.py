@@ -293,6 +293,8 @@ class ModelDocument(Document):
             if name.startswith(f"{place}.{effect['kind']}."):
                 return ("effects", number, name.removeprefix(f"{place}.{effect['kind']}."))
         table, part, key = name.split(".", 2)
+        if table == "gearboxes" and key.startswith("ratio_"):
+            return table, part, "ratios", int(key.removeprefix("ratio_")) - 1
         return table, part, key
 
 

@@ -46,7 +46,7 @@ class LiveModel:
     """
 
     def __init__(self, system: System):
-        self.system = system
+        self.system = system = system.in_gear(1)
         self._model = compiled(system)
         if self._model.n > LARGEST_WITH_ALL_MODES:
             raise InputError(
@@ -176,7 +176,8 @@ class WhatIf:
     @property
     def movable(self) -> dict[str, tuple[float, float]]:
         """Range of the slider (SI) of every quantity that has one."""
-        ranges = {name: slider_range(quantity) for name, quantity in self.document.system.parameters.items()}
+        ranges = {name: slider_range(quantity) for name, quantity in self.live.system.parameters.items()
+                  if name in self.document.system.parameters}  # fmt: skip
         return {name: ends for name, ends in ranges.items() if ends is not None}
 
     def try_value(self, name: str, value: float) -> None:

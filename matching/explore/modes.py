@@ -388,7 +388,7 @@ class ModesTab:
         numbers = {f"{place + 1}: {hertz(modes[place].frequency)} Hz": place for place in range(len(modes))}
         offer(self.mode, numbers, elastic[0] if elastic else 0)
         offer(self.quantity, {spaced(name.replace(".", " ")): name for name in self.trial.movable})
-        offer(self.input, {part.name: part.name for part in document.system.inputs})
+        offer(self.input, {part.name: part.name for part in document.system.in_gear(1).inputs})
         offer(self.sensor, {part.name: part.name for part in document.system.sensors})
         self.measured = self._measured()
         self.same.set(same("modes", str(write_model(self.workspace, self.role.value)), out=self.workspace.out))

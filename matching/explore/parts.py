@@ -143,12 +143,14 @@ def _with_dependents(system: System, place: str) -> list[str]:
     table, _, name = place.partition(".")
     gone = [place]
     if table == "inertias":
-        for own, parts in (("shafts", system.shafts), ("gears", system.gears)):
-            for part in parts:
+        for own in ("shafts", "gears", "gearboxes"):
+            for part in getattr(system, own):
                 if name in part.between:
                     gone += _with_dependents(system, f"{own}.{part.name}")
         gone += [joint.place for joint in joints(system, *DIVIDING) if name in joint.ends]
         gone += [f"inputs.{part.name}" for part in system.inputs if part.on == name]
+    if table == "gearboxes":
+        gone += [f"inputs.{capacity}" for part in system.gearboxes if part.name == name for capacity in part.capacities]
     if table in ("inertias", "shafts"):
         of_shaft = table == "shafts"
         gone += [f"sensors.{part.name}" for part in system.sensors
@@ -268,8 +270,9 @@ def _in_model(content: Mapping[str, Any], table: str, old: str, new: str) -> dic
     if table == "inertias":
         same(("reference",), content.get("reference"))
         ends = {
-            "shafts": ("between",), "gears": ("between",), "differentials": ("cage", "left", "right"),
-            "planetary_gears": ("sun", "carrier", "ring"), "inputs": ("on",),
+            "shafts": ("between",), "gears": ("between",), "gearboxes": ("between",),
+            "differentials": ("cage", "left", "right"), "planetary_gears": ("sun", "carrier", "ring"),
+            "inputs": ("on",),
         }  # fmt: skip
         for own, keys in ends.items():
             for name, part in content.get(own, {}).items():
@@ -278,6 +281,9 @@ def _in_model(content: Mapping[str, Any], table: str, old: str, new: str) -> dic
         pairs = content.get("mirror", {}).get("pairs", [])
         if any(old in pair for pair in pairs):
             values["mirror", "pairs"] = [[new if each == old else each for each in pair] for pair in pairs]
+    if table == "inputs":
+        for name, part in content.get("gearboxes", {}).items():
+            same(("gearboxes", name, "capacities"), part.get("capacities"))
     if table in ("inertias", "shafts"):
         for name, part in content.get("sensors", {}).items():
             if (part.get("measures") == "torque") == (table == "shafts"):

@@ -503,6 +503,40 @@ def at_operating_point(data: Mapping[str, Any], vehicle: System, rig: System, wh
         raise InputError(place, fault.wrong, fault.right) from None
 
 
+def _in_one_gear(
+    data: Mapping[str, Any], vehicle: System, rig: System, where: str
+) -> tuple[Mapping[str, Any], System, System, list[str]]:
+    """Gearboxes in the gear whose clutch has a torque at the operating point, the first without one; notes on it.
+
+    The tables come back without these torques: the clutches are locked.
+
+    Raises
+    ------
+    InputError
+        If the operating point closes the clutches of several gears.
+    """
+    stated, place = data.get("operating_point"), f"{where}: operating_point"
+    table = stated if isinstance(stated, Mapping) else {}
+    held, notes = list[System](), list[str]()
+    for role, system in (("vehicle", vehicle), ("rig", rig)):
+        gears: dict[str, int] = {}
+        for box in system.gearboxes:
+            torques = (to_si(table.get(name, 0.0), "N*m", f"{place}.{name}") for name in box.capacities)
+            closed = [gear for gear, torque in enumerate(torques, 1) if torque > 0]
+            if len(closed) > 1:
+                wrong = f"closes the clutches of {len(closed)} gears of gearboxes.{box.name}"
+                raise InputError(place, wrong, "state a torque for the clutch of one gear")
+            gears[box.name] = closed[0] if closed else 1
+            notes.append(f"{role}: gearboxes.{box.name} is in gear {gears[box.name]}, its clutch locked")
+        held.append(system.in_gear(gears))
+    clutches = {*vehicle.capacities, *rig.capacities}
+    rest = {key: value for key, value in table.items() if key not in clutches}
+    if len(rest) < len(table):
+        data = {key: value for key, value in data.items() if key != "operating_point"}
+        data |= {"operating_point": rest} if rest else {}
+    return data, held[0], held[1], notes
+
+
 def rig_at_operating_point(vehicle: System, rig: System, residual: ResidualVehicle, loop: Loop, where: str) -> System:
     """The rig where each cut turns as in the vehicle and each drive gives the vehicle's torque; dynamometers
     hold it."""
@@ -641,6 +675,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     check_file(data, TOP, where, "case")
     data = with_point_in_range(data, where)
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
+    data, vehicle, rig, in_gear = _in_one_gear(data, vehicle, rig, where)
     _check_not_swapped(data, vehicle, rig, where)
     rig, late = _without_late_dynamometers(data, rig)
     unlike = _unlike(vehicle, rig, where)
@@ -684,6 +719,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         simple_vehicle=simple,
         vehicle_in_the_loop=read_vehicle_in_the_loop(data, vehicle, rig, loop, where),
         notes=(
+            *in_gear,
             *unlike,
             *one_of_two(moves, movable(rig, residual, loop), rig, vehicle),
             *_elsewhere(rig, loop),
@@ -817,7 +853,7 @@ def _simple_vehicle(
     table = table_of(data, "residual_vehicle", where, {"model"})
     path = Path(where).parent / text_of(table, "model", f"{where}: residual_vehicle")
     try:
-        simple = with_residual_vehicle(vehicle, residual, load(no_pipe(path, f"{where}: residual_vehicle")))
+        simple = with_residual_vehicle(vehicle, residual, load(no_pipe(path, f"{where}: residual_vehicle")).in_gear(1))
     except InputError as fault:
         raise InputError(f"{path}: {fault.where}", fault.wrong, fault.right) from None
     return simple_at_operating_point(data, vehicle, simple, residual, where)

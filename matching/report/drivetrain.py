@@ -34,9 +34,8 @@ from modelling.equations import lagrange
 from modelling.equations.lagrange import derive
 from modelling.errors import InputError
 from modelling.modal.result import Mode
-from modelling.system import System
+from modelling.system import System, quantities, quantity_unit
 from modelling.topology import DIVIDING
-from modelling.units import QUANTITY_UNITS
 
 # --- Where the inertias of a drivetrain stand on paper: a tree from one end, branches in lanes of their own.
 #
@@ -198,6 +197,7 @@ def _with_lanes(tree: _Tree, lane: dict[str, float]) -> Layout:
 def _connections(system: System) -> list[tuple[str, str, tuple[str, ...]]]:
     connections = [("shafts", part.name, tuple(part.between)) for part in system.shafts]
     connections += [("gears", part.name, tuple(part.between)) for part in system.gears]
+    connections += [("gearboxes", part.name, tuple(part.between)) for part in system.gearboxes]
     return connections + [(table, part.name, part.ends) for table in DIVIDING for part in getattr(system, table)]
 
 
@@ -266,6 +266,13 @@ def gear_pair(axes: Axes, x: float, y: float) -> None:
         place = (x, y + side * GEAR_RADIUS)
         axes.add_patch(Circle(place, GEAR_RADIUS, facecolor="white", edgecolor=INK, linewidth=1.1, zorder=3))
         axes.add_patch(Circle(place, 0.02, color=INK, zorder=4))
+
+
+def clutch(axes: Axes, x: float, y: float) -> None:
+    """Two plates with a gap, the shaft interrupted between them."""
+    axes.add_patch(Rectangle((x - 0.04, y - 0.16), 0.08, 0.32, facecolor="white", edgecolor="none", zorder=2))
+    for plate in (x - 0.04, x + 0.04):
+        axes.plot((plate, plate), (y - 0.16, y + 0.16), **{**LINE, "linewidth": 2.0}, zorder=3)
 
 
 def differential(axes: Axes, x: float, y: float) -> None:
@@ -440,12 +447,13 @@ def _as_part(axes: Axes, part: str) -> Iterator[None]:
 def _notes(system: System) -> dict[str, list[str]]:
     """Lines below every component: torques that act, sensors, effects."""
     notes: dict[str, list[str]] = {}
+    of_box = {name: f"gearboxes.{box.name}" for box in system.gearboxes for name in box.capacities}
     for source in system.inputs:
-        notes.setdefault(f"inertias.{source.on}", []).append(f"{ARROW} {spaced(source.name)}")
+        notes.setdefault(of_box.get(source.name, f"inertias.{source.on}"), []).append(f"{ARROW} {spaced(source.name)}")
     for sensor in system.sensors:
         table = "shafts" if sensor.measures == "torque" else "inertias"
         notes.setdefault(f"{table}.{sensor.of}", []).append(f"{LETTERS[sensor.measures]}: {spaced(sensor.name)}")
-    on_what = {f"inputs.{part.name}": f"inertias.{part.on}" for part in system.inputs} | {
+    on_what = {f"inputs.{part.name}": of_box.get(part.name, f"inertias.{part.on}") for part in system.inputs} | {
         f"sensors.{part.name}": f"{'shafts' if part.measures == 'torque' else 'inertias'}.{part.of}"
         for part in system.sensors
     }
@@ -491,7 +499,8 @@ def _joint(axes: Axes, drawn: Drawing, joint: Joint) -> None:
     line(axes, (x, y), (turn, y), (turn, across), (centre - reach, across))
     back = [] if across == to_y else [(to_x - ELBOW, across), (to_x - ELBOW, to_y)]
     line(axes, (centre + reach, across), *back, (to_x, to_y))
-    (_shaft if joint.table == "shafts" else _gear)(axes, drawn, joint.name, centre, across)
+    draw_joint = {"shafts": _shaft, "gears": _gear, "gearboxes": _gearbox}[joint.table]
+    draw_joint(axes, drawn, joint.name, centre, across)
     if joint.name in drawn.emphasis.cuts and joint.table == "shafts":
         behind = drawn.place(drawn.emphasis.cuts[joint.name])[0]
         cut(axes, behind + (-CUT if behind >= to_x else CUT), across, RIG)
@@ -513,6 +522,15 @@ def _gear(axes: Axes, drawn: Drawing, name: str, x: float, y: float) -> None:
     gear_pair(axes, x, y)
     _text(axes, x, y + 0.32, spaced(name), va="bottom")
     _text(axes, x, y - 0.32, f"i = {number(part.ratio.value)}", va="top")
+
+
+def _gearbox(axes: Axes, drawn: Drawing, name: str, x: float, y: float) -> None:
+    part = next(part for part in drawn.system.gearboxes if part.name == name)
+    clutch(axes, x - 0.22, y)
+    gear_pair(axes, x + 0.14, y)
+    _text(axes, x, y + 0.32, spaced(name), va="bottom")
+    ratios = "i = " + ", ".join(number(ratio.value) for ratio in part.ratios)
+    _text(axes, x, y - 0.32, "\n".join([ratios, *drawn.notes.get(f"gearboxes.{name}", [])]), va="top")
 
 
 def _text(axes: Axes, x: float, y: float, text: str, va: str, weight: str = "normal") -> None:
@@ -615,7 +633,7 @@ def _figure(drawings: list[tuple[str, str, Drawing]], legend: str | None = "") -
 
 AROUND = 4.0  # points between a part and the frame that marks it
 WORDS = {
-    "inertias": "inertia", "shafts": "shaft", "gears": "gear", "differentials": "differential",
+    "inertias": "inertia", "shafts": "shaft", "gears": "gear", "gearboxes": "gearbox", "differentials": "differential",
     "planetary_gears": "planetary gear",
 }  # fmt: skip
 LARGEST_OPACITY = 0.6  # of the colour for energy, so that texts on it stay readable
@@ -708,8 +726,7 @@ def _energy(mode: Mode, part: str) -> float:
 def _words(system: System, name: str, share: float) -> str:
     """What a reader who does not see the drawing is told of a part."""
     table, _, part = name.partition(".")
-    quantities = [(key, getattr(system[name], key, None), unit) for key, unit in QUANTITY_UNITS.items()]
-    amounts = [f"{key} {amount(quantity.value, unit)}" for key, quantity, unit in quantities if quantity is not None]
+    amounts = [f"{key} {amount(own.value, quantity_unit(key))}" for key, own in quantities(system[name]).items()]
     energy = [f"{100 * share:.0f} % of the energy"] if share > LEAST_SHARE else []
     return ", ".join([f"{WORDS[table]} {spaced(part)}", *amounts, *energy])
 

@@ -90,16 +90,29 @@ class Brake(Kind):
     sought = False  # whether an input is a brake is known
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
-        speed, deflection = assembly.motions[path.on].speed, p["deflection"]
-
-        def rate(d: Expr) -> Expr:
-            return speed - Max(Abs(speed), assembly.creep) * d / deflection
-
-        d = assembly.add_state(f"{path.place}.{self.kind}", rate)
-        path.value *= -(d + p.get("settling", Float(SETTLING)) * rate(d)) / deflection
+        speed, name = assembly.motions[path.on].speed, f"{path.place}.{self.kind}"
+        path.value *= -dry_friction(speed, p["deflection"], p.get("settling"), assembly, name)
 
 
 SETTLING = 0.002  # s: a braked wheel that comes to rest swings once or twice
+
+
+def dry_friction(speed: Expr, deflection: Expr, settling: Expr | None, assembly: EquationBuilder, state: str) -> Expr:
+    """Dry friction against a sliding speed (rad/s) as a share of its torque: the law of :class:`Brake`.
+
+    Parameters
+    ----------
+    deflection, settling : Expr
+        rad, s; without ``settling`` it is :data:`SETTLING`.
+    state : str
+        Name of the state that it adds, the deflection.
+    """
+
+    def rate(d: Expr) -> Expr:
+        return speed - Max(Abs(speed), assembly.creep) * d / deflection
+
+    d = assembly.add_state(state, rate)
+    return (d + (Float(SETTLING) if settling is None else settling) * rate(d)) / deflection
 
 
 # --- Torque that varies with the angle (cogging, torque ripple, universal joint).
@@ -487,7 +500,7 @@ class WrongParameter(Kind):
     replaces_quantity = True
 
     def places(self, system: Drivetrain) -> list[str]:
-        return [name for name in system.parameters if name.count(".") == 2]
+        return [name for name in system.parameters if name.count(".") == 2 and name.partition(".")[0] != "gearboxes"]
 
     def candidate_places(self, system: Drivetrain) -> list[str]:
         """A whole-number ratio is counted in teeth: it is known, and what looks like another one is a loss."""

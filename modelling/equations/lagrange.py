@@ -25,6 +25,7 @@ from modelling.effects.effect import (
     Spring,
     members,
 )
+from modelling.effects.torques import dry_friction
 from modelling.equations import shaft_law
 from modelling.equations.shaft_law import CONTACT_TIME, differentiate
 from modelling.errors import ExcludedEffects, InputError
@@ -379,7 +380,8 @@ class Assembly:
     def load(self, place: str) -> sm.Expr:
         """The torque that all inputs together put on the inertia at a place."""
         on = [part.name for part in self.system.inputs if f"inertias.{part.on}" == place]
-        return sm.Add(*(self.inputs[name].value for name in on if name not in self.system.imposed_by))
+        other = {*self.system.imposed_by, *self.system.capacities}
+        return sm.Add(*(self.inputs[name].value for name in on if name not in other))
 
     def impose(self, place: str, motion: Motion, acceleration: sm.Expr) -> None:
         """Let a motion have an acceleration whatever torques act on it; a later one replaces an earlier.
@@ -460,10 +462,13 @@ class Assembly:
         for source in system.inputs:
             path, motion = self.inputs[source.name], self.motions[source.on]
             imposing = system.imposed_by.get(source.name)
+            if source.name in system.capacities:
+                continue
             if imposing is None:
                 self.add_torque(path.place, path.value, motion)
             else:
                 imposing.imposed_input(path, system.input_quantities[source.name], motion, self)
+        self._close_gearboxes()
         self._close_gears(by_place)
         for reading in system.sensors:
             place = f"sensors.{reading.name}"
@@ -473,6 +478,21 @@ class Assembly:
             )
             for kind, p in by_place.get(place, ()):
                 kind.sensor(sensor, p, self)
+
+    def _close_gearboxes(self) -> None:
+        """The clutches of gearboxes: dry friction between both ends, whose torque is an input."""
+        for box in self.system.gearboxes:
+            place = f"gearboxes.{box.name}"
+            first, second = (self.motions[name] for name in box.between)
+            deflection = self.symbol(f"{place}.deflection")
+            settling = None if box.settling is None else self.symbol(f"{place}.settling")
+            for gear, capacity in enumerate(box.capacities, 1):
+                ratio = self.symbol(f"{place}.ratio_{gear}")
+                slip = first.speed - ratio * second.speed
+                share = dry_friction(slip, deflection, settling, self, f"{place}.{capacity}")
+                torque = self.inputs[capacity].value * share
+                self.add_torque(f"inertias.{box.between[0]}", -torque, first)
+                self.add_torque(f"inertias.{box.between[1]}", ratio * torque, second)
 
     def _close_gears(self, by_place: Mapping[str, Sequence[tuple[Kind, dict[str, sm.Symbol]]]]) -> None:
         """Effects of rigid gears, once all torques are known."""
@@ -580,6 +600,7 @@ class _Structure:
             tuple(part.name for part in system.inertias),
             tuple((part.name, part.between, part.ratio is None) for part in system.shafts),
             tuple((part.name, part.between) for part in system.gears),
+            tuple((part.name, part.between, part.capacities, part.settling is None) for part in system.gearboxes),
             system.differentials,
             tuple((part.name, part.ends) for part in system.planetary_gears),
             system.inputs,
@@ -669,6 +690,8 @@ def signs(equations: Equations) -> dict[sm.Symbol, Sign]:
     for name, symbol in assembly.parameters.items():
         parts = name.split(".")
         quantity, component = parts[-1], parts[1] if len(parts) > 2 else ""
+        if parts[0] == "gearboxes" and quantity.startswith("ratio_"):
+            quantity, component = "ratio", f"{component}, {quantity.removeprefix('ratio_')}"
         signs_by_symbol[symbol] = Sign(LETTERS.get(quantity, quantity) if len(parts) == 3 else quantity, component)
     signs_by_symbol |= {symbol: Sign("k", str(number)) for number, symbol in enumerate(assembly.abbreviations, 1)}
     signs_by_symbol |= {symbol: Sign(STATE, _state_of(name)) for name, (symbol, _) in assembly.states.items()}

@@ -67,9 +67,7 @@ class FmuVehicle:
     ------
     InputError
         Naming the file and what is wrong of it: no FMU, an unknown variable, no binary, a crash, a hang, a speed that
-        is not finite.
-    ModuleNotFoundError
-        Without FMPy.
+        is not finite, or that FMPy is missing.
     """
 
     def __init__(
@@ -178,7 +176,8 @@ class _Process:
         answer = json.loads(line)
         if "needs" in answer:
             self.close()
-            raise ModuleNotFoundError(name=answer["needs"])
+            right = 'in rigmatch\'s folder: pip install -e ".[fmu]"'
+            raise InputError(str(path), f"needs the package {answer['needs']} to run", right)
         if "wrong" in answer:
             self.close()
             if answer["wrong"] == ["only once"]:

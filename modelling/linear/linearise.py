@@ -62,10 +62,12 @@ def linearise(
     Raises
     ------
     InputError
-        If a name is unknown, a vector has the wrong length, the operating point is no steady motion, or a derivative
-        is not finite there.
+        If a name is unknown, a vector has the wrong length, the operating point is no steady motion, a derivative is
+        not finite there, or the system is in no gear.
     """
     model = system if isinstance(system, Model) else compiled(system)
+    for box in model.system.gearboxes:
+        raise InputError(f"gearboxes.{box.name}", "a linear model holds one gear", "take System.in_gear(1)")
     p = model.vector(values)
     if model.system.operating_point is not None:
         p = without_ripple(model, p)

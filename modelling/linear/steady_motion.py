@@ -233,7 +233,7 @@ class ReferenceMotion:
 
 def is_linear(system: System) -> bool:
     """Whether the linear model says everything about a system."""
-    return all(effect.law.linear for effect in system.effects)
+    return not system.gearboxes and all(effect.law.linear for effect in system.effects)
 
 
 def reference_motion(model: Model, p: np.ndarray) -> ReferenceMotion:

@@ -8,11 +8,14 @@ model (:mod:`modelling.simulation.simulate`, :mod:`matching.bed.plausible`), the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite, log, pi
 
 import numpy as np
+from scipy import signal
+from scipy.optimize import minimize_scalar
 
 from modelling.errors import InputError
 
@@ -83,34 +86,75 @@ def units_of(quantity: str) -> Iterator[tuple[str, float]]:
 
 @dataclass(frozen=True)
 class Kind:
-    """What a fault of a size does to the signal (t,) of its place; words of a sensor, of a torque; the line.
+    """What a fault of a size, and of an order, does to the signal (t,) of its place, at even steps in s; words of a
+    sensor, of a torque; the line of a channel file, or of a model (``model``).
 
-    ``{0}`` is the size in words, ``{1}`` the other channel, ``{2}`` who gives the torque.
+    ``{0}`` is the size in words, ``{1}`` the other channel or a second size, ``{2}`` who gives the torque.
     """
 
-    act: Callable[[np.ndarray, float], np.ndarray]
+    act: Callable[[np.ndarray, float, float, int], np.ndarray]
     sensor: str
     torque: str = ""
     line: str = ""
+    model: str = ""
     plain: bool = False
+
+
+def _delayed(values: np.ndarray, delay: float, step: float, _: int) -> np.ndarray:
+    at = np.arange(len(values)) * step
+    return np.interp(at - delay, at, values)
+
+
+def _filtered(values: np.ndarray, corner: float, step: float, order: int) -> np.ndarray:
+    """By a Butterworth filter, settled at the first value; ``corner`` in Hz."""
+    sections = signal.butter(order, corner, output="sos", fs=1 / step)
+    return np.asarray(signal.sosfilt(sections, values, zi=signal.sosfilt_zi(sections) * values[0])[0])
+
+
+def _held(values: np.ndarray, interval: float, step: float, _: int) -> np.ndarray:
+    every = max(round(interval / step), 1)
+    return values[np.arange(len(values)) // every * every]
+
+
+def _dropped(values: np.ndarray, interval: float, step: float, _: int) -> np.ndarray:
+    lost = np.arange(1, len(values) + 1) % max(round(interval / step), 1) == 0
+    return np.where(lost, np.nan, values)
 
 
 KINDS = {
     "sign": Kind(
-        lambda values, _: -values, "has the wrong sign", "acts with the wrong sign: mend the command of {2}",
+        lambda values, *_: -values, "has the wrong sign", "acts with the wrong sign: mend the command of {2}",
         "sign = -1", plain=True,
     ),
     "factor": Kind(
-        lambda values, size: size * values, "reads {0}", "acts {0}: mend the command of {2}", "factor = {0}"
+        lambda values, size, *_: size * values, "reads {0}", "acts {0}: mend the command of {2}", "factor = {0}"
     ),
     "stuck": Kind(
-        lambda values, _: 0 * values, "does not move: it is stuck or not connected",
+        lambda values, *_: 0 * values, "does not move{0}: it is stuck or not connected",
         "is not followed: {2} gives no torque",
     ),
-    "zero": Kind(lambda values, size: values + size, "reads {0} at rest: set its zero"),
+    "zero": Kind(lambda values, size, *_: values + size, "reads {0} at rest: set its zero"),
     "exchanged": Kind(
-        lambda values, _: values, "is exchanged with {1}",
+        lambda values, *_: values, "is exchanged with {1}",
         "drives the dynamometer of {1}: the commands are exchanged", '"{1}"', plain=True,
+    ),
+    "delay": Kind(
+        _delayed, "is recorded {0} than {1}", "answers {0} than stated",
+        model='[[effects]] kind = "sensor_delay", at = "sensors.{0}", delay = {1:.4g}',
+    ),
+    "filter": Kind(
+        _filtered, "passes a filter of order {1} with its corner near {0}", "has a {1} of {0}",
+        model='[[effects]] kind = "lag", at = "sensors.{0}", time_constant = {1:.4g}',
+    ),
+    "held": Kind(_held, "repeats every value over {0} rows"),
+    "dropouts": Kind(_dropped, "lacks {0}, first {1}"),
+    "rounded": Kind(
+        lambda values, size, *_: size * np.round(values / size),
+        "is rounded to steps of {0}, which is coarser than its stated uncertainty",
+        model="[sensors.{0}] uncertainty = {1:.3g}",
+    ),
+    "clipped": Kind(
+        lambda values, size, *_: np.clip(values, -size, size), "is at the end of its range{0}",
     ),
 }  # fmt: skip
 
@@ -130,7 +174,10 @@ class ChannelFault:
     plain : bool
         Whether it is a sign, a usual unit or an exchanged pair, which friction does not look like.
     size : float
-        Factor or zero (SI); NaN of kinds without one.
+        SI: factor, zero, delay, corner (Hz), time between values or between lost ones, step, or end of the range; NaN
+        of kinds without one.
+    order : int
+        Of a filter.
     """
 
     channel: str
@@ -140,25 +187,37 @@ class ChannelFault:
     certain: bool = True
     plain: bool = False
     size: float = float("nan")
+    order: int = 1
 
     @property
     def sentence(self) -> str:
         """For people."""
         return f"{self.channel} {self.words}"
 
-    def acted(self, values: np.ndarray) -> np.ndarray:
-        """The signal (t,) of the channel, from the true one of the place that it is connected to."""
-        return KINDS[self.kind].act(values, self.size)
+    @property
+    def advice(self) -> str:
+        """For people, with the line that mends it."""
+        return f"{self.sentence}{f': write {self.line}' if self.line else ''}"
+
+    def acted(self, values: np.ndarray, step: float = 1.0) -> np.ndarray:
+        """The signal (t,) of the channel at even steps (s), from the true one of the place it is connected to."""
+        return KINDS[self.kind].act(values, self.size, step, self.order)
 
 
 def fault(
-    kind: str, channel: str, other: str = "", giver: str = "", *, size: str = "", certain: bool = True
-) -> ChannelFault:
-    """A fault without a factor; of a torque with who gives it."""
+    kind: str, channel: str, other: str = "", giver: str = "", *, size: str = "", certain: bool = True,
+    value: float = float("nan"), mends: float = float("nan"), order: int = 1,
+) -> ChannelFault:  # fmt: skip
+    """A fault without a factor; of a torque with who gives it.
+
+    ``size`` in words is ``value`` (SI); ``mends``: what the line of a model states, NaN where no line mends it.
+    """
     of_kind = KINDS[kind]
     words = (of_kind.torque if giver else of_kind.sensor).format(size, other, giver)
     line = "" if giver or not of_kind.line else _line(channel, of_kind.line.format(size, other))
-    return ChannelFault(channel, kind, words, line, certain, of_kind.plain and not giver)
+    if of_kind.model and not giver and isfinite(mends):
+        line = of_kind.model.format(channel, mends)
+    return ChannelFault(channel, kind, words, line, certain, of_kind.plain and not giver, value, order)
 
 
 def factor_fault(
@@ -181,6 +240,71 @@ def factor_fault(
         words, line = f"{words}, and {KINDS['sign'].sensor}", f"{line}, {KINDS['sign'].line}"
     plain = usual is not None and abs(factor) > 1
     return ChannelFault(channel, "factor", words, _line(channel, line), plain=plain, size=factor)
+
+
+ORDERS = (1, 2, 4)  # of filters: a sensor's own, an amplifier's usual one, and two of those in a row
+TRIED = 40  # sizes that are tried, and refined from the best
+SETTLED = 0.05  # of a part, in which a delay or a filter settles, is not compared
+AT_NOISE = 1.3  # times the noise: what a fault that explains a channel leaves at most
+CLEARLY = 1.1  # times what the best leaves: another kind that is worse than this is none
+
+
+def likeliest_fault(
+    channel: str, unit: str, parts: Sequence[tuple[np.ndarray, np.ndarray, float]], noise: float
+) -> ChannelFault | None:
+    """The one fault that makes what a channel should read into what it reads; None where none does, or several.
+
+    Parameters
+    ----------
+    parts : sequence of (ndarray (t,), ndarray (t,), float)
+        What it should read, what it reads (NaN: nothing), and the step in s.
+    noise : float
+        Standard deviation of a sample, SI.
+    """
+    step, size = min(part[2] for part in parts), max(float(np.abs(part[0]).max()) for part in parts)
+    longest = max(len(part[0]) * part[2] for part in parts)
+    ranges = {
+        "delay": (step / 10, longest / 20), "filter": (10 / longest, 0.45 / step), "clipped": (0.2 * size, 0.99 * size),
+        "factor": (1e-3, 1e3), "zero": (noise, 10 * size + noise),
+    }  # fmt: skip
+
+    def left(kind: str, value: float, order: int) -> float:
+        errors = []
+        for true, read, own_step in parts:
+            error = read - KINDS[kind].act(true, value, own_step, order)
+            errors.append(error[round(SETTLED * len(error)) :])
+        return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+
+    found = list[tuple[float, str, float, int]]()
+    for kind, order, sign in [
+        *(("filter", order, 1.0) for order in ORDERS),
+        *((kind, 1, sign) for kind in ("factor", "zero") for sign in (1.0, -1.0)),
+        *((kind, 1, 1.0) for kind in ("delay", "clipped")),
+    ]:  # fmt: skip
+        tried = np.geomspace(*ranges[kind], TRIED)
+        best = int(np.argmin([left(kind, sign * one, order) for one in tried]))
+        ends = log(tried[max(best - 1, 0)]), log(tried[min(best + 1, TRIED - 1)])
+        finer = minimize_scalar(partial(_of_logarithm, left, kind, sign, order), bounds=ends, method="bounded")
+        found.append((float(finer.fun), kind, sign * float(np.exp(finer.x)), order))
+    found.sort()
+    if found[0][0] > AT_NOISE * noise or found[1][0] < CLEARLY * found[0][0]:
+        return None
+    _, kind, value, order = found[0]
+    said = {"delay": f"{1e3 * value:.3g} ms later", "filter": f"{value:.3g} Hz", "clipped": f", {value:.4g} {unit}"}
+    if kind == "factor":
+        return factor_fault(channel, "", value, 0.0)
+    mends = {"delay": value}
+    if kind == "filter" and order == 1:
+        mends[kind] = 1 / (2 * pi * value)  # its time constant
+    other = str(order) if kind == "filter" else "what the other channels say"
+    return fault(kind, channel, other, size=said.get(kind, f"{value:.4g} {unit}"), value=value,
+                 mends=mends.get(kind, float("nan")), order=order)  # fmt: skip
+
+
+def _of_logarithm(
+    left: Callable[[str, float, int], float], kind: str, sign: float, order: int, logarithm: float
+) -> float:
+    return left(kind, sign * float(np.exp(logarithm)), order)
 
 
 def hold_each_other(source: str, first: str, second: str, only: str) -> InputError:

@@ -6,6 +6,7 @@ Each is corrected with a note, and only where the values leave no doubt.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -71,6 +72,18 @@ class CorrectionSettings:
         Largest share of the samples in one visit to zero; a longer one is a standstill.
     steep : float
         Of the usual (95 %) step: least change of speed into and out of a visit.
+    longest_constant : float
+        s, or a tenth of a shorter recording: how long a sensor that moves may show one value.
+    fewest_equal : int
+        Equal values one after another before a sensor keeps its value.
+    coarse_share : float
+        Of values equal to the one before: beyond it, the resolution is coarse or the motion slow, and nothing is kept.
+    fewest_levels, fewest_of_sensor : int
+        That a rounded signal takes at least; a command that switches between a few levels is exact, a sensor is not.
+    most_levels : int
+        Steps in the range of a rounded signal; finer ones are those of its digits.
+    on_a_level : float
+        Of a step: how far a value lies from a level at most.
     """
 
     overrange: float = 9.99e29
@@ -99,6 +112,13 @@ class CorrectionSettings:
     near_zero: float = 0.03
     short_visit: float = 0.02
     steep: float = 0.3
+    longest_constant: float = 0.05
+    fewest_equal: int = 8
+    coarse_share: float = 0.5
+    fewest_levels: int = 64
+    fewest_of_sensor: int = 8
+    most_levels: int = 2**14
+    on_a_level: float = 0.1
 
 
 SETTINGS = CorrectionSettings()
@@ -270,6 +290,47 @@ def held_rows(values: np.ndarray, *, input_torque: bool) -> tuple[np.ndarray, in
     at = np.unique(at.astype(int))
     kept[at] = values[at]
     return kept, every
+
+
+# --- A sensor that keeps one value: it hangs, or is at the end of its range.
+
+
+def kept_values(
+    values: np.ndarray, time: np.ndarray, shortest: float = SETTINGS.longest_constant
+) -> Iterator[tuple[int, int, str]]:
+    """First and last sample of each time that a sensor keeps its value, and which fault that is: ``clipped`` at its
+    largest or smallest value, else ``stuck``; values (t,) at times (t,) in s.
+
+    Shorter times than ``shortest`` (s) are none, nor are fewer equal values than chance gives.
+    """
+    measured = values[np.isfinite(values)]
+    if len(measured) > 1 and np.mean(np.diff(measured) == 0) > SETTINGS.coarse_share:
+        return
+    ends = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
+    equals_next = np.concatenate([[False], np.diff(values) == 0, [False]])
+    edges = np.flatnonzero(np.diff(equals_next.astype(int)))
+    shortest = min(shortest, 0.1 * float(np.ptp(time)))
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if last - first >= SETTINGS.fewest_equal and time[last] - time[first] >= shortest:
+            yield first, last, "clipped" if values[first] in ends else "stuck"
+
+
+# --- Values that are rounded.
+
+
+def resolution(values: np.ndarray, fewest: int = SETTINGS.fewest_levels) -> float:
+    """The step to which values (t,) are rounded; 0 where none shows, or where they have fewer levels."""
+    levels = np.unique(values)
+    if len(levels) < fewest:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(gaps.min())
+    if np.ptp(levels) > SETTINGS.most_levels * step:
+        return 0.0
+    for _ in range(3):  # the digits of a file blur the step; all gaps together tell it better
+        step = float(gaps.sum() / np.maximum(np.round(gaps / step), 1).sum())
+    places = (levels - levels[0]) / step
+    return step if np.abs(places - np.round(places)).max() < SETTINGS.on_a_level else 0.0
 
 
 # --- A speed without its sign.

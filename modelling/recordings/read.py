@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from modelling.errors import InputError, listed, unknown
+from modelling.recordings.channel_faults import fault
 from modelling.recordings.corrections import (
     corrected_wraps,
     far_beyond_note,
@@ -576,7 +577,7 @@ def _corrected(time: np.ndarray, columns: dict[str, np.ndarray], system: System)
         notes += more
         columns[name], every = held_rows(columns[name], input_torque=name in inputs)
         if every:
-            notes.append(f"{name} repeats every value over {every} rows: it is taken as sampled slower")
+            notes.append(f"{fault('held', name, size=str(every)).sentence}: it is taken as sampled slower")
         notes += far_beyond_note(name, time, columns[name])
     return notes
 
@@ -673,7 +674,7 @@ def _bridged_signal(name: str, time: np.ndarray, values: np.ndarray, source: str
     if missing > longest:
         raise InputError(
             f"{source}: column {name!r}",
-            f"{missing:g} s of values are missing, first at {first:g} s",
+            fault("dropouts", name, f"at {first:g} s", size=f"{missing:g} s of values").words,
             f"it may lack {longest:g} s at a time: cut the recording",
         )
     notes.append(missing_note(name, time, values, "bridged by straight lines"))

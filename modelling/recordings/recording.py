@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from modelling.errors import InputError
+from modelling.recordings.channel_faults import fault
 from modelling.system import System
 
 # --- Gaps of a recording, and the one rule for them.
@@ -72,8 +73,9 @@ def bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 def missing_note(name: str, time: np.ndarray, values: np.ndarray, treatment: str) -> str:
     """A note that values (t,) of a channel are missing, at what time (s) first, and what was done."""
     missing = ~np.isfinite(values)
-    plural = "values are" if missing.sum() > 1 else "value is"
-    return f"{name}: {missing.sum()} {plural} missing, first at {time[np.argmax(missing)]:g} s; {treatment}"
+    count = int(missing.sum())
+    size = f"{count} value{'s' * (count > 1)}"
+    return f"{fault('dropouts', name, f'at {time[np.argmax(missing)]:g} s', size=size).sentence}; {treatment}"
 
 
 def rows_a_value(values: np.ndarray) -> int:

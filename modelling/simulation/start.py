@@ -46,14 +46,14 @@ BRAKE_NOISE = 0.02  # of its largest value: so far below 0 the torque of a brake
 
 
 def _with_possible_brakes(model: Model, time: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Inputs (t, u) with brakes that do not drive: noise below 0 is 0.
+    """Inputs (t, u) with brakes and clutches that do not drive: noise below 0 is 0.
 
     Raises
     ------
     InputError
-        If a brake has a torque below 0, as most loggers write one: it would drive what it brakes.
+        If a brake or clutch has a torque below 0, as most loggers write a brake: it would drive what it brakes.
     """
-    columns = [list(model.inputs).index(name) for name in model.system.brakes]
+    columns = [list(model.inputs).index(name) for name in (*model.system.brakes, *model.system.capacities)]
     if not columns or not (u[:, columns] < 0).any():
         return u
     for column in columns:
@@ -61,10 +61,11 @@ def _with_possible_brakes(model: Model, time: np.ndarray, u: np.ndarray) -> np.n
         lowest = int(torque.argmin())
         pulled = torque[torque < -BRAKE_NOISE * np.abs(torque).max()]
         # noise about 0 reaches as far above it as below; a brake that drives is pulled one way, for a while
+        what = "clutch" if model.inputs[column] in model.system.capacities else "brake"
         if len(pulled) and -torque.min() > 2 * torque.max():
             raise InputError(
                 f"inputs.{model.inputs[column]}",
-                f"is {u[lowest, column]:.4g} N·m at {time[lowest]:g} s: the torque of a brake is 0 or more",
+                f"is {u[lowest, column]:.4g} N·m at {time[lowest]:g} s: the torque of a {what} is 0 or more",
                 "record it positive, or turn it with sign = -1 in a channel file",
             )
     u = u.copy()

@@ -476,7 +476,7 @@ def first_run(problem: InitialValueProblem, compiled: bool | None) -> FirstRun:
 def along_the_motion(problem: InitialValueProblem, first: FirstRun, compiled: bool | None) -> FirstRun:
     """A first run with the steps that the eigenvalues along its motion ask for."""
     model, time, rates = problem.model, problem.time, first.rates
-    if not any(effect.law.state_dependent for effect in model.system.effects):
+    if not model.system.gearboxes and not any(effect.law.state_dependent for effect in model.system.effects):
         return first
     for p, motion in zip(problem.p, first.trajectories.states, strict=True):
         rates |= rates_along(model, p, motion, problem.inputs)

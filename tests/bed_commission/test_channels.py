@@ -15,7 +15,7 @@ from virtual_bed.reference_circle import CASE, reference_bed
 
 from matching.bed.channels import channel_recording, judge_channels, plan_channels
 from matching.bed.excite import bed_inputs
-from matching.bed.lost_motion import lost_motion
+from matching.bed.lost_motion import lost_motion, play_beside
 from matching.bed.simulated_bed import FmuBed
 from matching.match.case_file import load_case
 from matching.match.exported import exported_controller
@@ -89,7 +89,12 @@ def with_actuator(bed, name, **changed):
             "at rest",
             marks=pytest.mark.long,
         ),
-        (lambda bed: with_actuator(bed, "dyno_left", factor=-1.0), "dyno_left", "wrong sign"),
+        pytest.param(
+            lambda bed: with_actuator(bed, "dyno_left", factor=-1.0),
+            "dyno_left",
+            "wrong sign",
+            marks=pytest.mark.long,  # free play is looked for next to it
+        ),
         pytest.param(
             lambda bed: with_actuator(bed, "dyno_right", factor=0.0),
             "dyno_right",
@@ -104,6 +109,21 @@ def test_a_wrong_channel_is_named(case, controller, plan, tmp_path, change, name
     assert words in found.sentence()
     assert found.right == (named is None)
     assert largest < CHECK_SPEED_SHARE * case.limits["dynamometer_speed"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["flange_left_torque", "side_right_torque"])
+def test_the_end_of_a_range_is_named_and_nothing_else(case, controller, plan, tmp_path, name):
+    """An amplifier whose range ends at a drawn share of what the check needs."""
+    found, _ = checked(case, controller, plan, reference_bed(case), tmp_path)
+    assert found.right
+    recording = read_recording(tmp_path / "recording.csv", case.rig)
+    end = np.random.default_rng().uniform(0.3, 0.8) * np.abs(recording[name]).max()
+    clipped = replace(recording, channels={**recording.channels, name: np.clip(recording[name], -end, end)})
+    judged = judge_channels(case, clipped)
+    assert [(one.channel, one.kind) for one in judged.wrong] == [(name, "clipped")]
+    assert judged.wrong[0].size == pytest.approx(end)
+    assert not judged.off
 
 
 @pytest.mark.long
@@ -191,6 +211,22 @@ def test_on_drawn_beds_every_wrong_channel_is_named_and_no_right_one(kind, tmp_p
     assert len(held) <= 1
     assert not false
     assert not fast
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("reader", "changed"), [("flange_left_torque", {"gain": -1.0}), ("motor_speed", {"offset": 2.0})]
+)
+def test_free_play_is_told_next_to_a_wrong_channel(case, controller, plan, tmp_path, reader, changed):
+    """The channel ends the check; the recording with the channel mended shows the play all the same."""
+    bed = with_reader(reference_bed(case), reader, **changed)
+    bed.effects.append(Hidden("backlash", "shafts.gear_output", {"gap": 0.006}))
+    found, _ = checked(case, controller, plan, bed, tmp_path)
+    assert {one.channel for one in found.wrong} == {reader}
+    seen = play_beside(case, found)
+    assert seen is not None
+    assert seen.at == "shafts.gear_output"
+    assert 0.004 < seen.gap < 0.009
 
 
 @pytest.mark.long

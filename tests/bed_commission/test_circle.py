@@ -220,7 +220,7 @@ WRONG = {
     "sign of a sensor": (lambda c: off(c, "side_torque [N*m]", -1), "side_torque: has the wrong sign"),
     "sign of the motor": (lambda c: off(c, "motor_torque [N*m]", -1), "motor_torque: has the wrong sign"),
     "unit": (lambda c: off(c, "rotor_speed [rad/s]", 30 / np.pi), "rotor_speed: is probably in 1/min, not in rad/s"),
-    "zeros": (lambda c: off(c, "motor_speed [rad/s]", 0), "motor_speed: reads 0 all the time"),
+    "zeros": (lambda c: off(c, "motor_speed [rad/s]", 0), "motor_speed: does not move from 0: it is stuck"),
     "another bed": (lambda c: {**c, "flange_torque [N*m]": 4 * c["flange_torque [N*m]"],
                                "side_torque [N*m]": 4 * c["side_torque [N*m]"]}, "no single channel explains it"),
 }  # fmt: skip

@@ -24,8 +24,7 @@ from virtual_bed.reference_circle import CASE
 
 from matching.bed.channels import channel_recording, judge_channels, plan_channels
 from matching.bed.excite import bed_inputs
-from matching.bed.identify import measured_case
-from matching.bed.lost_motion import lost_motion
+from matching.bed.lost_motion import play_beside
 from matching.bed.simulated_bed import FmuBed, bed_system
 from matching.match.case import Case
 from matching.match.case_file import load_case
@@ -117,8 +116,7 @@ def work(case: Case, seed: int, number: int, folder: Path) -> dict[str, Any]:
     (folder / "recording.csv").write_text(text, encoding="utf-8")
     recording = read_recording(folder / "recording.csv", bed_system(case))
     found = judge_channels(case, recording, tripped)
-    of_case = measured_case(case, found.measured)[0]
-    play = lost_motion(of_case, recording) if found.right and not found.explained else None
+    play = play_beside(case, found)
     seconds = time.process_time() - began
     named = {one.channel for one in (*found.wrong, *found.open)} | {one.name for one in found.off}
     named |= {play.at} if play else set()

@@ -38,8 +38,9 @@ def _recording(model: Path, folder: Path) -> Path:
     channels = {"time [s]": time}
     for number, part in enumerate(system.inputs):
         sweep = np.sin(2 * np.pi * (1 + number) * time * (1 + 8 * time))
-        # a brake pulls one way; a motion that is imposed is small
-        channels[part.name] = 20 * np.abs(sweep) if part.name in system.brakes else 2 + sweep
+        # a brake and a clutch pull one way; a motion that is imposed is small
+        one_way = part.name in (*system.brakes, *system.capacities)
+        channels[part.name] = 20 * np.abs(sweep) if one_way else 2 + sweep
     for number, sensor in enumerate(system.sensors):
         channels[sensor.name] = 0.1 * np.exp(-3 * time) * np.sin(2 * np.pi * (3 + number) * time)
     file = folder / "recording.csv"
@@ -108,6 +109,18 @@ def test_every_command_answers_every_model(model, tmp_path, capsys, monkeypatch)
 @pytest.mark.long
 @pytest.mark.parametrize("case", OF_CASES, ids=_named)
 def test_every_command_answers_every_case(case, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    _answers(_calls_of_a_case(case, tmp_path), capsys)
+
+
+@pytest.mark.long
+def test_every_command_answers_a_case_whose_rig_has_a_gearbox(tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "example"
+    shutil.copytree(ROOT / "examples" / "gear_change", folder / "gear_change")
+    shutil.copytree(ROOT / "examples" / "drive_away", folder / "drive_away")
+    case = folder / "gear_change" / "case.toml"
+    text = case.read_text(encoding="utf-8").replace('"../drive_away/rig.toml"', '"rig.toml"')
+    case.write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     _answers(_calls_of_a_case(case, tmp_path), capsys)
 

@@ -54,6 +54,7 @@ def test_a_straight_line_is_a_drift_whose_end_was_not_recorded(tmp_path: Path) -
     assert change.standard_uncertainty > 0.3 * change.value
 
 
+@pytest.mark.long
 def test_a_drag_that_falls_by_more_than_its_mean_is_named_beside_dry_friction(tmp_path: Path) -> None:
     """Both at one disc; the model is fitted to a mean drag, of which the fall is more than all."""
     rng = np.random.default_rng(21)

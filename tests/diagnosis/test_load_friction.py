@@ -37,7 +37,7 @@ def recorded(seconds: float, constant: float) -> Recording:
 
 
 @compiles
-@pytest.mark.parametrize("constant", [0.0, 0.4])
+@pytest.mark.parametrize("constant", [0.0, pytest.param(0.4, marks=pytest.mark.long)])
 def test_it_is_named_with_its_size(constant: float) -> None:
     found = diagnose(from_dict(ARM), [recorded(5.0, constant)])
     named = {cause.kind: cause for cause in found.causes}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from matching.diagnosis.diagnose import diagnose
-from matching.diagnosis.inputs import resolution
 from modelling.model_file import load
+from modelling.recordings.corrections import resolution
 from modelling.recordings.read import read_recording
 from tests.campaign.perfect import draw, write
 

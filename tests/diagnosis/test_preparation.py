@@ -33,7 +33,7 @@ def test_stuck_channel_is_left_out_and_told() -> None:
     speed[500:900] = speed[500]
     data, notes = prepare_data(system(), [recording(time, speed)])
     assert data.readings_by_sensor.tolist() == [1600, 0]
-    assert any("speed is stuck from 0.5 to 0.899 s" in note for note in notes)
+    assert any("speed does not move from 0.5 to 0.899 s: it is stuck" in note for note in notes)
 
 
 def test_a_drive_that_stands_still_is_no_stuck_sensor() -> None:
@@ -45,7 +45,7 @@ def test_a_drive_that_stands_still_is_no_stuck_sensor() -> None:
     both = Recording(time, {"motor": np.zeros(2000), "speed": speed, "angle": angle}, source="r.csv")
     data, notes = prepare_data(system(), [both])
     (stuck,) = [note for note in notes if "stuck" in note]
-    assert "speed is stuck from 1.3 to 1.699 s" in stuck
+    assert "speed does not move from 1.3 to 1.699 s: it is stuck" in stuck
     assert data.readings_by_sensor.tolist() == [1600, 2000]
 
 
@@ -61,7 +61,7 @@ def test_what_is_left_out_of_each_recording_is_told_of_all() -> None:
     stuck[500:900] = stuck[500]
     saturated[700:900] = saturated.max() + 0.1
     _, notes = prepare_data(system(), [recording(time, stuck), recording(time, saturated)])
-    assert any("stuck from 0.5 to 0.899 s" in note for note in notes)
+    assert any("from 0.5 to 0.899 s: it is stuck" in note for note in notes)
     assert any("end of its range" in note for note in notes)
 
 

@@ -35,6 +35,7 @@ def test_short_data_have_no_window(base) -> None:
     assert search_window(base, DiagnosisSettings().window) is None
 
 
+@pytest.mark.long
 def test_answer_is_that_of_a_search_over_all(drag) -> None:
     system, recording = drag
     steps: list[str] = []

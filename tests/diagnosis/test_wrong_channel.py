@@ -13,6 +13,9 @@ STEP, EVERY, SECONDS = 1e-4, 20, 8.0
 NOISE = {"motor_speed": 0.03, "load_speed": 0.02, "link_torque": 0.08}
 
 
+CLIPPED = "link_torque is at the end of its range"
+
+
 def drawn(seed: int, wrong: Callable[[dict[str, np.ndarray]], np.ndarray]) -> tuple[dict, Recording]:
     """Two inertias, by small explicit steps; the link torque is recorded as ``wrong`` has it."""
     rng = np.random.default_rng(seed)
@@ -50,18 +53,28 @@ def drawn(seed: int, wrong: Callable[[dict[str, np.ndarray]], np.ndarray]) -> tu
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "named"),
     [
-        pytest.param(lambda c: np.clip(c["link_torque"], None, np.quantile(c["link_torque"], 0.8)), id="clipped"),
-        pytest.param(lambda c: np.sign(c["link_torque"]) * np.maximum(np.abs(c["link_torque"]) - 3, 0), id="dead band"),
+        pytest.param(
+            lambda c: np.clip(c["link_torque"], None, np.quantile(c["link_torque"], 0.8)), CLIPPED, id="clipped"
+        ),
+        pytest.param(
+            lambda c: np.sign(c["link_torque"]) * np.maximum(np.abs(c["link_torque"]) - 3, 0),
+            "look at its",
+            id="dead band",
+        ),
     ],
 )
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [3, 71])
-def test_the_channel_is_named_and_nothing_of_the_drivetrain(wrong: Callable, seed: int) -> None:
+def test_the_channel_is_named_and_nothing_of_the_drivetrain(wrong: Callable, named: str, seed: int) -> None:
     model, recording = drawn(seed, wrong)
     found = diagnose(from_dict(model), [recording])
     assert found.verdict == "unexplained"
-    assert any(note.startswith("without link_torque") for note in found.notes)
+    (note,) = (note for note in found.notes if note.startswith("without link_torque"))
+    clipped = max(recording["link_torque"]) - 8 * NOISE["link_torque"]
+    assert named in note
+    if named == CLIPPED:
+        assert float(note.rsplit(", ", 1)[1].split()[0]) == pytest.approx(clipped, rel=0.05)
     assert all(cause.at == "sensors.link_torque" for cause in found.causes)
     assert found.errors["load_speed"].after < 1.5 * NOISE["load_speed"]

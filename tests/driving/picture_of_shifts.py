@@ -20,8 +20,8 @@ from matplotlib.figure import Figure  # noqa: E402
 
 from matching.match.exported import exported_controller  # noqa: E402
 from matching.match.match import attempt  # noqa: E402
+from matching.report.common import MATCHED, RIG, VEHICLE  # noqa: E402
 
-BLACK, BLUE, ORANGE = "#000000", "#0072B2", "#D55E00"
 KINDS = {"power-on up": "Upshift under power, 0.4 s", "automated manual": "Automated manual, 0.4 s",
          "power-on down": "Downshift under power, 0.4 s"}  # fmt: skip
 
@@ -43,12 +43,14 @@ def main() -> None:
         ends = np.flatnonzero(runs["known"].faults)
         last = ends[0] if len(ends) else len(u)
         for axes, column, name in ((above, 0, "motor"), (below, 1, "side_left")):
-            axes.plot(time, runs["unknown"].car[:, column], color=BLACK, linewidth=2.5, label="car")
-            axes.plot(time, runs["unknown"].bed[:, column], color=BLUE, linewidth=1.2, label='bed, specimen "unknown"')
-            axes.plot(time[:last], runs["known"].bed[:last, column], "--", color=ORANGE, linewidth=1.2,
+            axes.plot(time, runs["unknown"].car[:, column], color=VEHICLE, linewidth=2.5, label="car")
+            axes.plot(
+                time, runs["unknown"].bed[:, column], color=MATCHED, linewidth=1.2, label='bed, specimen "unknown"'
+            )
+            axes.plot(time[:last], runs["known"].bed[:last, column], "--", color=RIG, linewidth=1.2,
                       label='bed, specimen "known" in one gear, until emulation ends')  # fmt: skip
             if last < len(u):
-                axes.plot(time[last - 1], runs["known"].bed[last - 1, column], "x", color=ORANGE, markersize=8)
+                axes.plot(time[last - 1], runs["known"].bed[last - 1, column], "x", color=RIG, markersize=8)
             axes.set_ylabel({"motor": "motor [rad/s]", "side_left": "side shaft [N·m]"}[name])
             axes.grid(alpha=0.3)
         above.set_title(title, fontsize=10)

@@ -285,7 +285,7 @@ def test_an_fmu_that_fails_is_one_line(tmp_path, wrong, said):
 
 @compiles
 @by_fmpy
-def test_an_fmu_that_cannot_be_used_is_one_line(tmp_path):
+def test_an_fmu_that_cannot_be_used_is_one_line(tmp_path, monkeypatch):
     path = own_fmu(tmp_path)
     with pytest.raises(InputError, match="has no input 'torque_l'"):
         FmuVehicle(path, {"left": "torque_l"}, {"left": "spin_l"}, {}, RunIn(*[np.ones(1)] * 3), 1e-3)
@@ -302,6 +302,10 @@ def test_an_fmu_that_cannot_be_used_is_one_line(tmp_path):
     )  # fmt: skip
     with backwards, pytest.raises(InputError, match="does not come to 5 rad/s"):
         backwards.begin(np.full((1, 1), 5.0), np.zeros((1, 1)))
+    (tmp_path / "fmpy.py").write_text("raise ModuleNotFoundError('none', name='fmpy')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(InputError, match="needs the package fmpy"):
+        started(path)
 
 
 # --- The case.

@@ -279,6 +279,7 @@ def drag(page, start, end):
     page.mouse.up()
 
 
+@pytest.mark.long
 def test_parts_are_drawn_by_dragging_and_taken_back(tmp_path):
     """From a disc into the open: a new inertia; from there to another disc: a shaft. Each is one step of Undo."""
     with starter(tmp_path) as (page, complaints, _):

@@ -1,6 +1,7 @@
 """Parts added, removed and renamed on the drawing: the file stays a model, and comments stay."""
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -20,9 +21,12 @@ from matching.explore.files import (
     within,
     write_case,
 )
+from matching.explore.live import WhatIf
 from matching.explore.parts import ADDABLE, add_effect, add_part, effects_for, remove_effect, remove_part, rename_part
 from matching.match.case_file import case_from_tables, load_case
 from modelling.errors import InputError
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture
@@ -229,3 +233,27 @@ def test_what_was_taken_back_is_made_again(rig, folder):
     assert [document.text for document in workspace.documents] == before
     assert workspace.case.redo()
     assert [document.text for document in workspace.documents] == after
+
+
+def test_a_gearbox_is_opened_edited_renamed_and_removed(tmp_path):
+    """Ratios are edited where they stand in their list; a clutch is renamed with what names it."""
+    file = tmp_path / "rig.toml"
+    file.write_text((EXAMPLES / "gear_change" / "rig.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    rig = ModelDocument(file)
+    rig.set_value("gearboxes.box.ratio_2", 7.0)
+    assert "ratios = [12.0, 7.0]" in rig.text
+    assert "# rad that a clutch gives way" in rig.text
+    tried = WhatIf(rig)
+    assert "inertias.gearbox.J" in tried.movable
+    assert tried.live.modes().frequencies == pytest.approx(rm.modes(rig.system.in_gear(1)).frequencies)
+    workspace = opened([file], tmp_path / "out")
+    rename_part(workspace, "model", "inputs.clutch_low", "first")
+    rename_part(workspace, "model", "inertias.gearbox", "input")
+    (rig,) = workspace.models.values()
+    box = rig.system["gearboxes.box"]
+    assert (box.capacities, box.between) == (("first", "clutch_high"), ("input", "behind"))
+    with pytest.raises(InputError, match=r"gearboxes\.box\.capacities: 'first'"):
+        remove_part(rig, "inputs.first")
+    add_part(rig, "shaft between inertias", "bridge", "input", "behind")
+    assert set(remove_part(rig, "gearboxes.box")) == {"gearboxes.box", "inputs.first", "inputs.clutch_high"}
+    assert not rig.system.gearboxes

@@ -134,7 +134,7 @@ def test_what_is_mended_is_noted(tmp_path, signals):
     assert [note.split(":")[0] for note in found.notes] == ["rig.csv"] * 3
     step = np.diff(jitter)
     assert f"uneven time steps, {step.min():.4g} to {step.max():.4g} s" in found.notes[0]
-    assert "torque: 1 value is missing, first at 0.00480822 s" in found.notes[1]
+    assert "torque lacks 1 value, first at 0.00480822 s" in found.notes[1]
     assert "brought to equal steps" in found.notes[2]
 
 

@@ -20,6 +20,18 @@ def test_what_faults_do_to_a_signal():
     assert fault("sign", "a").acted(SIGNAL).tolist() == (-SIGNAL).tolist()
     assert not fault("stuck", "a").acted(SIGNAL).any()
     assert factor_fault("a", "speed", 0.5, 0.01).acted(SIGNAL).tolist() == [0, 0.5, -1, 1.5]
+    assert fault("delay", "a", value=0.1).acted(SIGNAL, 0.1) == pytest.approx([0, 0, 1, -2])
+    assert fault("held", "a", value=0.2).acted(SIGNAL, 0.1).tolist() == [0, 0, -2, -2]
+    assert np.isnan(fault("dropouts", "a", value=0.2).acted(SIGNAL, 0.1)).tolist() == [False, True, False, True]
+    assert fault("rounded", "a", value=2.0).acted(SIGNAL).tolist() == [0, 0, -2, 4]
+    assert fault("clipped", "a", value=1.5).acted(SIGNAL).tolist() == [0, 1, -1.5, 1.5]
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_a_filter_halves_the_power_at_its_corner(order):
+    time = np.arange(20000) * 1e-4
+    filtered = fault("filter", "a", value=20.0, order=order).acted(np.sin(2 * np.pi * 20 * time), 1e-4)
+    assert np.std(filtered[10000:]) == pytest.approx(0.5, rel=1e-3)
 
 
 @pytest.mark.parametrize("one", CONVERSIONS)

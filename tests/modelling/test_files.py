@@ -75,7 +75,7 @@ SPOILED = {
     "negative drag": ("drag = 0.01", "drag = -1", r"inertias\.motor\.drag: -1 is not possible; 0 or more"),
     "negative damping": ("damping = 0.5", "damping = -0.5", r"shafts\.link\.damping: -0\.5"),
     "negative stiffness": ("{ value = 200, tolerance = 0.1 }", "-200", r"shafts\.link\.stiffness: -200"),
-    "bound below zero": ("tolerance = 0.1", "lower = -100, upper = 500", r"link\.stiffness: -100 is not possible"),
+    "bound below zero": ("tolerance = 0.1", "lower = -100, upper = 500", r"stiffness: -100 is not possible"),
     "ratio zero": ("ratio = 1.0", "ratio = 0", r"shafts\.link\.ratio: a ratio of 0"),
     "ratio range through zero": ("ratio = 1.0", "ratio = {value=1, lower=-1, upper=2}", r"a ratio of 0"),
     "unknown unit": (

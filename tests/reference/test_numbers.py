@@ -118,10 +118,10 @@ RESULTS = {
     "wrong_inertia": lambda folder: diagnosed(folder, load=1.25),
     "fmu": exported,
 }
-# Each a match or a study; one with feed-forward (tests/match) and one with an observer, two_lashes, run every time.
+# Each a match or a study: others with feed-forward (tests/match) and with an observer run every time.
 LONG = {
     "map", "model_based", "observer", "observer_5_ms", "observer_8_ms", "pi", "tolerance", "twins",
-    "two_lashes_at_rest",
+    "two_lashes", "two_lashes_at_rest",
 }  # fmt: skip
 
 

@@ -128,7 +128,7 @@ def test_terminal_tells_the_fidelity_and_every_sensor(said: str, result: dict) -
 
 
 def test_page_and_terminal_tell_what_was_mended(folder: Path, said: str, result: dict) -> None:
-    assert any("stuck from 2 to 2.195 s" in note for note in result["notes"])
+    assert any("from 2 to 2.195 s: it is stuck" in note for note in result["notes"])
     page = (folder / "out" / "report.html").read_text()
     for note in result["notes"]:
         assert note in page

@@ -54,8 +54,8 @@ def test_missing_values_are_bridged_in_inputs_and_left_out_of_sensors(tmp_path):
     np.testing.assert_allclose(got["motor_torque"], 0.1 * np.arange(20))
     assert np.isnan(got["motor_speed"][4])
     assert np.isfinite(got["motor_speed"]).sum() == 19
-    assert "motor_torque: 2 values are missing, first at 0.003 s; bridged" in got.notes[0]
-    assert "motor_speed: 1 value is missing, first at 0.004 s; left out" in got.notes[1]
+    assert "motor_torque lacks 2 values, first at 0.003 s; bridged" in got.notes[0]
+    assert "motor_speed lacks 1 value, first at 0.004 s; left out" in got.notes[1]
 
 
 def test_a_sensor_without_any_value_is_unused(tmp_path):
@@ -111,7 +111,7 @@ def test_rows_before_the_first_value_of_an_input_are_left_out(tmp_path):
     got = read_recording(written(tmp_path, lines), SYSTEM)
     np.testing.assert_allclose(got["motor_torque"], np.arange(7, 95))
     np.testing.assert_allclose(got["motor_speed"], 2 * np.pi * np.arange(7, 95))
-    assert "motor_torque: 7 values are missing, first at 0 s" in got.notes[0]
+    assert "motor_torque lacks 7 values, first at 0 s" in got.notes[0]
     assert "7 rows left out" in got.notes[0]
 
 
@@ -280,7 +280,7 @@ def test_mdf_files(tmp_path):
     got = read_recording(tmp_path / "a.mf4", SYSTEM)
     np.testing.assert_allclose(got["motor_speed"], 2 * np.pi * time[:-1])  # the slower input ends a step earlier
     np.testing.assert_allclose(got["brake_torque"], time[:-1], atol=1e-12)
-    assert "brake_torque: 15 values are missing, first at 0.002 s" in got.notes[0]
+    assert "brake_torque lacks 15 values, first at 0.002 s" in got.notes[0]
     (tmp_path / "b.mf4").write_text("no such thing")
     with pytest.raises(InputError, match="is no MDF file"):
         read_recording(tmp_path / "b.mf4", SYSTEM)

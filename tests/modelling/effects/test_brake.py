@@ -50,6 +50,7 @@ def readings():
     return simulate(system, TIME, {"brake": PULLED, "motor": PUSHED}, start=start).readings
 
 
+@pytest.mark.long
 def test_it_brakes_as_its_equations_say(readings):
     own = own_motion()
     for number, name in enumerate(("wheel", "body")):

@@ -108,7 +108,9 @@ def model(rng=None):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", PLACES)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.long] * (kind == "rate_limit")) for kind in PLACES]
+)
 def test_it_moves_as_its_law_says(kind):
     rng = np.random.default_rng([4, *map(ord, kind)])
     p, torque = drawn(kind, rng), torque_of(rng)
