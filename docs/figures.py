@@ -16,8 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 from PIL import Image
-from site_pages.gallery import OF_THE_REFERENCE
 
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = ROOT / "examples" / "road_to_rig"
@@ -38,6 +38,15 @@ LIVE = {  # reports on the site, and the lines that write them, after `python`
         "-m matching export two/bed.toml --fmu bed.fmu",
         "-m matching commission two/case.toml --vehicle-recording two/road.csv --bed bed.fmu --rounds 1 --out out",
     ),
+}
+CARD = (3.1, 2.3)  # inches: a card is as wide at 1280 px
+MATCHED_EXAMPLES = {  # whose cards show a response, and their cases
+    "road_to_rig": "observer.toml",
+    "adapter_only": "case.toml",
+    "compact_bev": "case.toml",
+    "fixed_controller": "case.toml",
+    "from_recordings": "case.toml",
+    "simple_vehicle": "case.toml",
 }
 MAP_AXES = ("loop.dead_time=1 ms,3 ms,5 ms,8 ms,12 ms", "rig.shafts.flange_left.stiffness=4e4,2e5,1e6")
 
@@ -64,6 +73,7 @@ def generators() -> dict[str, Callable[[], Any]]:
     figures |= {f"docs/gallery/explorer_{tab.lower()}.png": lambda tab=tab: explorer(tab) for tab in TABS}
     shown = {"channels": "play", "unseen": "play", "discrepancy": "shaken_from_outside"}
     figures |= {f"docs/gallery/diagnosis_{k}.png": lambda k=k, of=of: diagnosed(of, k) for k, of in shown.items()}
+    figures |= {f"docs/gallery/card_{name}.svg": make for name, make in cards().items()}
     figures |= {f"docs/reports/{name}.html.xz": lambda name=name: live_report(name) for name in LIVE}
     figures |= {f"docs/gallery/report_{name}.png": lambda name=name: first_screen(name) for name in LIVE}
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -149,18 +159,156 @@ def diagnosed(recording: str, picture: str) -> Any:
 
 
 def gallery() -> dict[str, Callable[[], Any]]:
-    """Pictures of the cards, by example: the drivetrain, or what the example is about."""
+    """Pictures of the cards that show no result, by example: the drivetrain, or what the example is about."""
     import rigmatch as rm
 
     examples, drawn = ROOT / "examples", ("case.toml", "model.toml", "planetary_gear.toml")
     files = {path.parent.name: path for name in reversed(drawn) for path in examples.glob(f"*/{name}")}
-    shown = {name: lambda path=path: rm.show(path) for name, path in files.items() if name not in OF_THE_REFERENCE}
-    return shown | {
-        "fidelity": lambda: rm.fidelity(examples / "fidelity" / "tab2.toml").plot(),
-        "foreign_vehicle": foreign_vehicle,
-        "engine": lambda: rm.order_response(examples / "engine" / "engine.toml", *ENGINE).plot(),
-        "sensors": lambda: rm.uncertainty(examples / "sensors" / "torque_M2.toml", draws=10_000).plot(),
+    shown = {name: lambda path=path: rm.show(path) for name, path in files.items() if name not in cards()}
+    return shown | {"foreign_vehicle": foreign_vehicle}
+
+
+def cards() -> dict[str, Callable[[], Any]]:
+    """Results of examples as small pictures: one panel, few words, to be read at the size of a card."""
+    return {name: lambda name=name: match_card(name) for name in MATCHED_EXAMPLES} | {
+        "diagnosis": diagnosis_card,
+        "drive_away": drive_card,
+        "engine": engine_card,
+        "fidelity": fidelity_card,
+        "sensors": budget_card,
     }
+
+
+def match_card(name: str) -> Any:
+    """The first compared response: the vehicle, the rig without control, the matched rig."""
+    import rigmatch as rm
+    from matching.report.common import MATCHED, RIG, VEHICLE, styled
+
+    result = rm.match(ROOT / "examples" / name / MATCHED_EXAMPLES[name])
+    curves = result.curves
+    with styled():
+        fig, axes = card()
+        axes.loglog(curves.frequencies, abs(curves.vehicle[:, 0]), color=VEHICLE, linewidth=4, alpha=0.4)
+        axes.loglog(curves.frequencies, abs(curves.rig[:, 0]), color=RIG, linewidth=1.2, linestyle="--")
+        axes.loglog(curves.frequencies, abs(curves.matched[:, 0]), color=MATCHED, linewidth=1.5)
+        axes.set_xlim(result.response_error.band)
+        error = result.response_error
+        was = f"{error.before:.2g} → " if error.before is not None else ""
+        entitled(axes, f"{result.status}: error {was}{error.after:.2g}", "frequency in Hz")
+        named(fig, {"vehicle": VEHICLE, "rig": RIG, "matched rig": MATCHED})
+    return fig
+
+
+def drive_card() -> Any:
+    """The drive-away of the vehicle and of the bed: the worst sensor."""
+    import rigmatch as rm
+    from matching.report.common import MATCHED, VEHICLE, styled
+
+    drive = rm.match(ROOT / "examples" / "drive_away" / "case.toml").driving.drives[0]
+    time, traces = drive.traces
+    vehicle, bed, _ = traces[drive.worst_sensor]
+    with styled():
+        fig, axes = card()
+        axes.plot(time, vehicle, color=VEHICLE, linewidth=4, alpha=0.4)
+        axes.plot(time, bed, color=MATCHED, linewidth=1.5)
+        entitled(axes, f"{100 * drive.errors.planned:.1f} % off, {drive.title}", "time in s")
+        named(fig, {"vehicle": VEHICLE, "bed": MATCHED})
+    return fig
+
+
+def diagnosis_card() -> Any:
+    """Errors on unseen data of the model as given and with the free play, in times the noise."""
+    import rigmatch as rm
+    from matching.report.common import MATCHED, RIG, styled
+
+    with TemporaryDirectory() as folder:
+        example = ROOT / "examples" / "diagnosis"
+        subprocess.run([sys.executable, example / "record.py", folder], check=True)
+        errors = rm.diagnose(example / "model.toml", Path(folder) / "play.csv").errors
+    with styled():
+        fig, axes = card()
+        for row, one in enumerate(errors.values()):
+            axes.barh(row - 0.2, one.before_holdout / one.noise, 0.38, color=RIG)
+            axes.barh(row + 0.2, one.after_holdout / one.noise, 0.38, color=MATCHED)
+        axes.set_yticks(range(len(errors)), [name.replace("_", " ") for name in errors])
+        axes.set_xscale("log")
+        entitled(axes, "error on unseen data", "times the noise")
+        named(fig, {"model as given": RIG, "with free play": MATCHED})
+    return fig
+
+
+def engine_card() -> Any:
+    """Torque of the damper over speed, with the critical speed."""
+    import rigmatch as rm
+    from matching.report.common import LIMIT, VEHICLE, styled
+
+    result = rm.order_response(ROOT / "examples" / "engine" / "engine.toml", *ENGINE)
+    turns, at = result.speeds * 30 / np.pi, result.shafts.index("damper")
+    with styled():
+        fig, axes = card()
+        axes.plot(turns, result.peak_torques[:, at], color=VEHICLE, linewidth=1.5)
+        for one in result.critical:
+            axes.axvline(one.speed * 30 / np.pi, color=LIMIT, linewidth=0.8, linestyle="--")
+        entitled(axes, "torque of the damper in N·m", "speed in 1/min; dashed: critical")
+    return fig
+
+
+def fidelity_card() -> Any:
+    """Fidelity of the three domains, and the total."""
+    import rigmatch as rm
+    from matching.report.common import MATCHED, VEHICLE, styled
+
+    result = rm.fidelity(ROOT / "examples" / "fidelity" / "tab2.toml").to_dict()
+    shares = {**result["domains"], "R_XiL": result["R_XiL"]}
+    with styled():
+        fig, axes = card()
+        colours = [VEHICLE] * (len(shares) - 1) + [MATCHED]
+        axes.barh(range(len(shares)), [100 * one for one in shares.values()], 0.6, color=colours)
+        axes.set_yticks(range(len(shares)), [name.replace("_", " ").removesuffix(" model") for name in shares])
+        axes.invert_yaxis()
+        entitled(axes, f"R_XiL = {100 * result['R_XiL']:.1f} %", "fidelity in %")
+    return fig
+
+
+def budget_card() -> Any:
+    """The shares of the four largest inputs in the variance."""
+    import rigmatch as rm
+    from matching.report.common import VEHICLE, styled
+
+    result = rm.uncertainty(ROOT / "examples" / "sensors" / "torque_M2.toml", draws=10_000).measurands[0]
+    rows = sorted(result.rows, key=lambda row: -row.share)[:4]
+    with styled():
+        fig, axes = card()
+        axes.barh(range(len(rows)), [100 * row.share for row in rows], 0.6, color=VEHICLE)
+        axes.set_yticks(range(len(rows)), [row.name.replace("_", " ") for row in rows])
+        axes.invert_yaxis()
+        entitled(
+            axes, f"U = {result.expanded:.2g} N·m (k = {result.coverage_factor:.2g})", "share of the variance in %"
+        )
+    return fig
+
+
+def card() -> Any:
+    """Figure and axes of a card."""
+    from matching.report.common import figure
+
+    fig = figure(*CARD)
+    return fig, fig.subplots()
+
+
+def entitled(axes: Any, title: str, below: str) -> None:
+    """Title and label in letters that are read at the size of a card."""
+    axes.set_title(title, fontsize=9)
+    axes.set_xlabel(below, fontsize=8)
+    axes.tick_params(labelsize=8)
+
+
+def named(fig: Any, colours: dict[str, str]) -> None:
+    """The names of the curves in their colours, in one line below."""
+    from matplotlib.lines import Line2D
+
+    handles = [Line2D([], [], color=colour, linewidth=2.5, label=name) for name, colour in colours.items()]
+    fig.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8, handlelength=1, columnspacing=0.8)
 
 
 def foreign_vehicle() -> Any:

@@ -30,7 +30,13 @@ Examples to start from, and notebooks to read: each card leads to its page. The 
 ::::{grid} 1 2 2 3
 :gutter: 3
 """
-OF_THE_REFERENCE = ("adapter_only", "fixed_controller", "simple_vehicle")  # examples with the drivetrain of road_to_rig
+OF_A_NOTEBOOK = {  # the example whose result a notebook shows
+    "01_first_look": "road_to_rig",
+    "02_sizing_adapters": "adapter_only",
+    "03_finding_a_hidden_effect": "diagnosis",
+    "04_from_road_to_bed": "from_recordings",
+    "05_drive_away": "drive_away",
+}
 
 
 def gallery_pages() -> dict[str, str | bytes]:
@@ -41,17 +47,22 @@ def gallery_pages() -> dict[str, str | bytes]:
         name = readme.parent.name
         text = _moved(readme.read_text(encoding="utf-8"), readme.parent)
         pages[f"example_{name}.md"] = text + _files(readme.parent)
-        shown = f"{'road_to_rig' if name in OF_THE_REFERENCE else name}.svg"
-        cards.append(_card(f"example_{name}", text, f"../gallery/{shown}" if (PICTURES / shown).exists() else ""))
+        cards.append(_card(f"example_{name}", text, _picture(name)))
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
         text, pictures = _notebook(path)
         pages[f"notebook_{path.stem}.md"] = _moved(text, path.parent)
         pages |= pictures
-        cards.append(_card(f"notebook_{path.stem}", text, next(iter(pictures), "")))
+        cards.append(_card(f"notebook_{path.stem}", text, _picture(OF_A_NOTEBOOK.get(path.stem, ""))))
     hidden = "".join(f"{name.removesuffix('.md')}\n" for name in pages if name.endswith(".md"))
     top = TOP.replace("REPORTS", report_cards())
     pages["gallery.md"] = f"{top}\n{''.join(cards)}::::\n\n```{{toctree}}\n:hidden:\n\n{hidden}```\n"
     return pages
+
+
+def _picture(name: str) -> str:
+    """The picture of a card: the result as a small figure, else the drivetrain."""
+    shown = (f"card_{name}.svg", f"card_{name}.png", f"{name}.svg")
+    return next((f"../gallery/{one}" for one in shown if (PICTURES / one).exists()), "")
 
 
 def _files(folder: Path) -> str:

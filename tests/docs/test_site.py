@@ -35,8 +35,11 @@ def test_the_site_builds_without_a_warning_and_loads_nothing_from_elsewhere(tmp_
         assert not re.search(r"(?:@import|url\()\s*['\"]?(?:https?:)?//", text), style.name
     assert (tmp_path / "html" / "equations.html").read_text(encoding="utf-8").count("<math") > 20
     gallery = (tmp_path / "html" / "reference" / "gallery.html").read_text(encoding="utf-8")
+    results = set(re.findall(r"_images/card_(\w+)\.svg", gallery))
+    assert results >= {"road_to_rig", "compact_bev", "diagnosis", "drive_away", "engine", "fidelity", "sensors"}
     for name, verdict in {"match": "matched", "diagnosis": "explained", "commissioning": "as predicted"}.items():
         assert f'href="../report_{name}.html"' in gallery
+        assert f"_images/report_{name}.png" in gallery
         report = (tmp_path / "html" / f"report_{name}.html").read_text(encoding="utf-8")
         assert verdict in re.findall(r'<span class="status[^"]*">([^<]*)', report)
         assert "<svg" in report
