@@ -38,6 +38,7 @@ HELP_AND_TAB = """rigmatch COMMAND --help explains a command.
 Tab in bash and zsh: eval "$(register-python-argcomplete rigmatch)"; other shells: docs/commands.md"""
 MADE_BY_MAKE_RUN = "out/road_to_rig"  # what examples of help take as there
 NARROWEST_TERMINAL = 40  # columns
+REPORT = "report.html"  # the page of a command, next to which others may stand
 GO_ON_IN_PLACE = ("explore", "commission")  # commands that write to files they read
 
 
@@ -246,7 +247,8 @@ def _answer(command: Command, arguments: argparse.Namespace) -> tuple[str, int]:
         return text, DEFECT if command.defect(result) else ANSWERED
     result = command.run(arguments)
     text = terminal(command.told(result, arguments))
-    page = next((name for name in result.get("files", ()) if name.endswith(".html")), "")
+    pages = [name for name in result.get("files", ()) if name.endswith(".html")]
+    page = next((name for name in pages if Path(name).name == REPORT), pages[0] if pages else "")
     code = DEFECT if command.defect(result) else ANSWERED
     return f"{text.rstrip()}\nreport: {Path(arguments.out) / page}" if page else text, code
 

@@ -2,11 +2,12 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from result_schema import check_schema
 
-from matching.cli import main
+from matching.cli import _answer, main
 from matching.match.case_file import load_case
 
 CASE = Path(__file__).parents[2] / "examples" / "road_to_rig" / "case.toml"
@@ -65,3 +66,10 @@ def test_the_case_that_new_writes_is_matched_with_report_figures_and_files_to_re
     again = load_case(out / "case.toml")
     tuned = {own["name"]: own["tuned"] for own in result["parameters"]}
     assert {move.name: move.start for move in again.moves} == pytest.approx(tuned)
+
+
+def test_the_screen_names_the_report_though_other_pages_stand_next_to_it():
+    """An order sheet is written before it."""
+    result = {"files": ["order_sheet.html", "case.toml", "report.html"]}
+    command = SimpleNamespace(run=lambda _: result, told=lambda *_: "MATCHED", defect=lambda _: False)
+    assert _answer(command, SimpleNamespace(json=False, out="out")) == ("MATCHED\nreport: out/report.html", 0)
