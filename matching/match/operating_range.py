@@ -17,7 +17,7 @@ from modelling.bed.bed import Loop
 from modelling.bed.foreign_vehicle import foreign_vehicle_law
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.profile import DrivenTorques, read_driver, read_speed_profile
-from modelling.bed.stepped import SteppedLaw, stepped_law
+from modelling.bed.stepped import SteppedLaw, SteppedVehicle, stepped_law, stepped_vehicle
 from modelling.bed.vehicle import ResidualVehicle, cut
 from modelling.errors import InputError, unknown
 from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
@@ -299,6 +299,14 @@ def turning_as(
     system = replace(system, operating_point=point)
     operating_motion(system)
     return system
+
+
+def design_vehicle(case: Case) -> SteppedVehicle:
+    """The residual vehicle of a case over its range, as a simulation."""
+    about = case.operating_range
+    assert about is not None
+    residuals = [at_speed(case, float(speed)).residual_vehicle for speed in grid(about)]
+    return stepped_vehicle(residuals, case.loop, about.bodies, about.rolling_radius)
 
 
 def law_over_speed(case: Case) -> SteppedLaw:

@@ -9,7 +9,7 @@ import numpy as np
 
 from matching.match.case import Case
 from matching.match.coupled import run_in_of
-from matching.match.operating_range import law_over_speed
+from matching.match.operating_range import design_vehicle
 from modelling.errors import InputError
 from modelling.linear.steady_motion import speeds_of
 from modelling.running.plant import Vehicle
@@ -131,18 +131,19 @@ def check_vehicle(case: Case, settings: VehicleCheckSettings = VEHICLE_CHECK) ->
     loop = case.vehicle_in_the_loop
     assert loop is not None
     assert case.operating_range is not None
-    law, run_in = law_over_speed(case), run_in_of(case)
+    run_in, sample = run_in_of(case), case.loop["sample_time"]
     cuts = [next(cut for cut in case.residual_vehicle.interfaces if cut.shaft == one.follows)
             for one in case.loop.dynamometers]  # fmt: skip
     turning = speeds_of(case.vehicle)
     speed = np.array([[turning[cut.vehicle_end]] for cut in cuts])
-    step = loop.timing(law.sample_time).steps * law.sample_time
+    step = loop.timing(sample).steps * sample
     file = Path(loop.fmu).name
     with loop.started(run_in, 1) as fmu:
-        _can_be_coupled(fmu, speed, step, [name for _, name in loop.torques], loop.fmu, settings)
-        found = driven_alone(fmu, speed, step, settings)
-        model = ModelVehicle(law.vehicle, law.dynamometers)
-        design = driven_alone(model, speed, step, settings)
+        pulses = _pulses(fmu, speed, step, settings)
+        _check_coupled(pulses, step, [name for _, name in loop.torques], loop.fmu, settings)
+        found = driven_alone(fmu, speed, step, pulses[0], settings)
+        model = ModelVehicle(design_vehicle(case), [one.name for one in case.loop.dynamometers])
+        design = driven_alone(model, speed, step, _pulses(model, speed, step, settings)[0], settings)
         resistances = []
         for share in settings.shares:
             there = speed * (share * case.operating_range.highest / case.operating_range.rolling_radius / speed.mean())
@@ -171,13 +172,20 @@ def _after_pulse(
     return one, vehicle.step(np.zeros_like(speed), own, step)[:, 0].copy()
 
 
-def _can_be_coupled(
-    vehicle: Vehicle, speed: np.ndarray, step: float, names: list[str], file: str, settings: VehicleCheckSettings
-) -> None:
+def _pulses(
+    vehicle: Vehicle, speed: np.ndarray, step: float, settings: VehicleCheckSettings
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """rad/s (k,) that a pulse at each cut adds to the speed there, one and two steps after it began."""
     coasting = _after_pulse(vehicle, speed, step, None, 0.0)
-    for j, name in enumerate(names):
-        pulsed = _after_pulse(vehicle, speed, step, j, settings.pulse)
-        first, second = (float(after[j] - before[j]) for after, before in zip(pulsed, coasting, strict=True))
+    pulsed = [_after_pulse(vehicle, speed, step, j, settings.pulse) for j in range(len(speed))]
+    first, second = (np.array([after[n][j] - coasting[n][j] for j, after in enumerate(pulsed)]) for n in range(2))
+    return first, second
+
+
+def _check_coupled(
+    pulses: tuple[np.ndarray, np.ndarray], step: float, names: list[str], file: str, settings: VehicleCheckSettings
+) -> None:
+    for name, first, second in zip(names, *(each.tolist() for each in pulses), strict=True):
         if first <= 0:
             does = "does not turn its wheel" if first == 0 else "turns its wheel backwards"
             raise InputError(
@@ -194,14 +202,11 @@ def _can_be_coupled(
 
 
 def driven_alone(
-    vehicle: Vehicle, speed: np.ndarray, step: float, settings: VehicleCheckSettings = VEHICLE_CHECK
-) -> DrivenAlone:
-    """What a vehicle shows by pulses, driven and coasting, from speeds (k, 1), rad/s, on; ``step`` in s."""
-    k = len(speed)
-    coasting, at_cut = _after_pulse(vehicle, speed, step, None, 0.0)[0], np.empty(k)
-    for j in range(k):
-        after = _after_pulse(vehicle, speed, step, j, settings.pulse)[0]
-        at_cut[j] = settings.pulse * step / (after[j] - coasting[j])
+    vehicle: Vehicle, speed: np.ndarray, step: float, pulsed: np.ndarray,
+    settings: VehicleCheckSettings = VEHICLE_CHECK,
+) -> DrivenAlone:  # fmt: skip
+    """What a vehicle shows by pulses (k,), rad/s, driven and coasting from speeds (k, 1), rad/s; ``step`` in s."""
+    at_cut = settings.pulse * step / pulsed
     rates = [_rate(vehicle, speed, step, torque, settings) for torque in (0.0, settings.torque)]
     whole = settings.torque / (rates[1] - rates[0])
     return DrivenAlone(at_cut, whole, -whole * rates[0])

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from modelling.bed.observer import FORGETTING_PER_SAMPLE, riccati
-from modelling.bed.stepped import ROUNDING, SteppedLaw, SteppedSettings
+from modelling.bed.observer import FORGETTING_PER_SAMPLE
+from modelling.bed.stepped import SteppedLaw, SteppedSettings, load_filter, with_loads
 
 # --- The law.
 #
@@ -94,7 +94,7 @@ class Followed:
         return mean
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ForeignVehicleLaw(SteppedLaw):
     """Designs over speed as one law for a vehicle that is stepped outside; shapes as in :class:`SteppedLaw`, q loads.
 
@@ -115,12 +115,12 @@ class ForeignVehicleLaw(SteppedLaw):
     run_in : RunIn
     """
 
-    timing: VehicleTiming = VehicleTiming()
-    load_rates: np.ndarray = None  # type: ignore[assignment]
-    by_late_wheel: np.ndarray = None  # type: ignore[assignment]
-    catches: np.ndarray = None  # type: ignore[assignment]
-    by_own: np.ndarray = None  # type: ignore[assignment]
-    run_in: RunIn = None  # type: ignore[assignment]
+    timing: VehicleTiming
+    load_rates: np.ndarray
+    by_late_wheel: np.ndarray
+    catches: np.ndarray
+    by_own: np.ndarray
+    run_in: RunIn
 
     @property
     def steps_vehicle(self) -> bool:
@@ -280,16 +280,8 @@ def _filters(
     on, of_loads : ndarray (v, v), (v, q)
         The design vehicle and what loads do to it, from sample to sample.
     """
-    v, q = of_loads.shape
-    unit = settings.load_drift * np.sqrt(step)  # N·m of a load, so that all states are of one size
-    one = np.block([[on, unit * of_loads], [np.zeros((q, v)), (1 - FORGETTING_PER_SAMPLE) * np.eye(q)]])
-    C = np.hstack([wheel, np.zeros((len(wheel), q))])
-    A = np.linalg.matrix_power(one, timing.steps)
-    Q = np.diag(np.r_[np.full(v, (ROUNDING * settings.wheel_noise) ** 2), np.full(q, float(timing.steps))])
-    R = settings.wheel_noise**2 * np.eye(len(wheel))
-    P = riccati(A.T, C.T, Q, R, what="estimate of the vehicle's loads")
-    gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+    gain = load_filter(on, of_loads, wheel, step, settings, timing.steps)
+    one, C = with_loads(on, of_loads), np.hstack([wheel, np.zeros((len(wheel), of_loads.shape[1]))])
     after = [np.linalg.matrix_power(one, number) @ gain for number in range(timing.late + 1)]
     catches = np.vstack([C @ each for each in after[1:]]) if timing.late else np.zeros((0, len(wheel)))
-    scale = np.r_[np.ones(v), np.full(q, unit)][:, None]
-    return scale * gain, scale * after[-1], catches
+    return gain, after[-1], catches

@@ -752,24 +752,32 @@ def _design(
     return law, space.space.A[first:, first:], by_wheel, momentum
 
 
+def with_loads(on: np.ndarray, of_loads: np.ndarray) -> np.ndarray:
+    """A vehicle (v, v) and the loads (v, q) that act on it, from sample to sample (v + q, v + q)."""
+    v, q = of_loads.shape
+    return np.block([[on, of_loads], [np.zeros((q, v)), (1 - FORGETTING_PER_SAMPLE) * np.eye(q)]])
+
+
 def load_filter(
-    on: np.ndarray, of_loads: np.ndarray, wheel: np.ndarray, step: float, settings: SteppedSettings
+    on: np.ndarray, of_loads: np.ndarray, wheel: np.ndarray, step: float, settings: SteppedSettings, steps: int = 1
 ) -> np.ndarray:
-    """Gain (v + k, k) of the Kalman filter that estimates a vehicle's states and its loads from its wheel speeds.
+    """Gain (v + q, k) of the Kalman filter that estimates a vehicle's states and its loads from its wheel speeds.
 
     Parameters
     ----------
-    on, of_loads : ndarray (v, v), (v, k)
+    on, of_loads : ndarray (v, v), (v, q)
         The vehicle and what loads do to it, from sample to sample.
     wheel : ndarray (k, v)
     step : float
         s.
+    steps : int
+        Samples from one wheel speed to the next.
     """
     v, q = of_loads.shape
     unit = settings.load_drift * np.sqrt(step)  # N·m of a load, so that all states are of one size
-    A = np.block([[on, unit * of_loads], [np.zeros((q, v)), (1 - FORGETTING_PER_SAMPLE) * np.eye(q)]])
+    A = np.linalg.matrix_power(with_loads(on, unit * of_loads), steps)
     C = np.hstack([wheel, np.zeros((len(wheel), q))])
-    Q = np.diag(np.r_[np.full(v, (ROUNDING * settings.wheel_noise) ** 2), np.ones(q)])
+    Q = np.diag(np.r_[np.full(v, (ROUNDING * settings.wheel_noise) ** 2), np.full(q, float(steps))])
     R = settings.wheel_noise**2 * np.eye(len(wheel))
     P = riccati(A.T, C.T, Q, R, what="estimate of the vehicle's loads")
     gain: np.ndarray = np.linalg.solve(C @ P @ C.T + R, C @ P).T

@@ -51,21 +51,7 @@ void run_drifting(const double *values, double speed, const double *u, int cycle
             real[i] += (i < 2 ? p.noise_torque : i < 4 ? p.noise_speed : p.noise_motor) * normal();
             if (channel[i] >= 0) in.reading[channel[i]] = real[i];
         }
-        for (int i = 0; i < 3; i++) {
-            if (known_of[i] >= 0) in.known[known_of[i]] = now[i];
-        }
-        for (int i = 0; i < 2; i++) {
-            if (known_of[3 + i] >= 0) in.known[known_of[3 + i]] = now[U_ROAD + i];
-            in.hold_speed[i] = speed;
-#if CONTROLLER_VEHICLE_STATES > 0
-            if (i < CONTROLLER_TYRES) c.settings.friction[i] = now[U_MU + i];
-#endif
-        }
-#if CONTROLLER_VEHICLE_STATES > 0
-        c.settings.mass = now[U_MASS];
-#endif
-        in.mode = n < 0 ? CONTROLLER_SPEED_HOLD : CONTROLLER_EMULATION;
-        in.life = (uint32_t)(n + before);
+        tell(&c, &in, now, known_of, speed, n, before);
         controller_step(&c, &in, &sent);
         for (int k = LONGEST - 1; k > 0; k--) memcpy(queue[k], queue[k - 1], sizeof queue[k]);
         for (int i = 0; i < 2; i++) queue[0][i] = sent.command[i];

@@ -228,6 +228,28 @@ typedef struct {
     double speed; /* rad/s at which it begins */
 } outside;
 
+/* what the controller is told beside its readings */
+static void tell(controller *c, controller_input *in, const double *now, const int *known_of, double speed, int n, int before)
+{
+    for (int i = 0; i < 3; i++) {
+        if (known_of[i] >= 0) in->known[known_of[i]] = now[i];
+    }
+    for (int i = 0; i < 2; i++) {
+        if (known_of[3 + i] >= 0) in->known[known_of[3 + i]] = now[U_ROAD + i];
+        in->hold_speed[i] = speed;
+#if CONTROLLER_VEHICLE_STATES > 0
+        if (i < CONTROLLER_TYRES) c->settings.friction[i] = now[U_MU + i];
+#endif
+    }
+#if CONTROLLER_VEHICLE_STATES > 0
+    c->settings.mass = now[U_MASS];
+#else
+    (void)c;
+#endif
+    in->mode = n < 0 ? CONTROLLER_SPEED_HOLD : CONTROLLER_EMULATION;
+    in->life = (uint32_t)(n + before);
+}
+
 /* The bed under the controller, `before` samples of speed hold first; out (t, BED_OUT). Known torques go where
  * known_of (motor, brake left, brake right, road left, road right) says; −1: nowhere. more: callback of own inputs. */
 void run_bed(const double *values, double speed, double held_motor, const double *u, int samples, int before, double step,
@@ -295,21 +317,7 @@ void run_bed(const double *values, double speed, double held_motor, const double
             in.reading[channel[i]] = value;
             stuck[channel[i]] = value;
         }
-        for (int i = 0; i < 3; i++) {
-            if (known_of[i] >= 0) in.known[known_of[i]] = now[i];
-        }
-        for (int i = 0; i < 2; i++) {
-            if (known_of[3 + i] >= 0) in.known[known_of[3 + i]] = now[U_ROAD + i];
-            in.hold_speed[i] = speed;
-#if CONTROLLER_VEHICLE_STATES > 0
-            if (i < CONTROLLER_TYRES) c.settings.friction[i] = now[U_MU + i];
-#endif
-        }
-#if CONTROLLER_VEHICLE_STATES > 0
-        c.settings.mass = now[U_MASS];
-#endif
-        in.mode = n < 0 ? CONTROLLER_SPEED_HOLD : CONTROLLER_EMULATION;
-        in.life = (uint32_t)(n + before);
+        tell(&c, &in, now, known_of, speed, n, before);
         in.trigger = n >= 0;
 #if CONTROLLER_FOREIGN > 0
         const int turn = (n + before) % LONGEST;

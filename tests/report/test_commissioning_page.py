@@ -1,4 +1,4 @@
-"""The page of a commissioning has what was found so far: the channels, then each round's match and modes."""
+"""The page of a commissioning shows the check of the channels, then the match and the modes of each round."""
 
 import pytest
 
