@@ -33,7 +33,7 @@ def run_in_of(case: Case, timing: VehicleTiming | None = None) -> RunIn:
     if timing is None:
         assert case.vehicle_in_the_loop is not None
         timing = case.vehicle_in_the_loop.timing(loop["sample_time"])
-    cuts = [next(cut for cut in residual.interfaces if cut.shaft == one.follows) for one in loop.dynamometers]
+    cuts = [residual.cut_at(one.follows) for one in loop.dynamometers]
     parts = [residual.part_of(cut) for cut in cuts]
     shared = [sum(residual.part_of(other) is part for other in cuts) for part in parts]
     inertia = [part.parameters[f"inertias.{cut.vehicle_end}.J"].value for part, cut in zip(parts, cuts, strict=True)]

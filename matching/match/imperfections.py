@@ -247,7 +247,7 @@ def vehicle_rows(
         return BedRows(NonlinearBeds(vehicles, case.loop))
     residual, loop = case.residual_vehicle, case.loop
     specimens = [specimen_of(replace(residual, vehicle=vehicle)) for vehicle in vehicles]
-    cuts = [next(cut for cut in residual.interfaces if cut.shaft == one.follows) for one in loop.dynamometers]
+    cuts = [residual.cut_at(one.follows) for one in loop.dynamometers]
     started, ends = others.started(run_in_of(case), len(rows)), [cut.vehicle_end for cut in cuts]
     return SpecimenAndVehicle(
         BedRows(NonlinearBeds(specimens, loop)), started, ends,

@@ -132,8 +132,7 @@ def check_vehicle(case: Case, settings: VehicleCheckSettings = VEHICLE_CHECK) ->
     assert loop is not None
     assert case.operating_range is not None
     run_in, sample = run_in_of(case), case.loop["sample_time"]
-    cuts = [next(cut for cut in case.residual_vehicle.interfaces if cut.shaft == one.follows)
-            for one in case.loop.dynamometers]  # fmt: skip
+    cuts = [case.residual_vehicle.cut_at(one.follows) for one in case.loop.dynamometers]
     turning = speeds_of(case.vehicle)
     speed = np.array([[turning[cut.vehicle_end]] for cut in cuts])
     step = loop.timing(sample).steps * sample

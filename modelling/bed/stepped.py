@@ -243,7 +243,7 @@ def stepped_vehicle(
         m of the rolling tyre.
     """
     first = residuals[0]
-    cuts = [_cut(first, one.follows) for one in loop.dynamometers]
+    cuts = [first.cut_at(one.follows) for one in loop.dynamometers]
     cut_names = [cut.torque for cut in cuts]
     own = tuple(part.name for system in first.parts for part in system.inputs if part.name not in cut_names)
     tyres = tuple(effect.at for system in first.parts for effect in system.effects if effect.kind == "tyre_slip")
@@ -341,10 +341,6 @@ def _values_on(
 def _lift(system: System) -> np.ndarray:
     linear = linearise(system)
     return deflated(linear, elements(linear.model, linear.p[None], linear.x0)).lift
-
-
-def _cut(residual: ResidualVehicle, shaft: str) -> Interface:
-    return next(cut for cut in residual.interfaces if cut.shaft == shaft)
 
 
 # --- The law's numbers and how it steps.
@@ -667,7 +663,7 @@ def stepped_law(
         rad/s, see :class:`SteppedLaw`.
     """
     k, vehicle = len(loop.dynamometers), stepped_vehicle(residuals, loop, bodies, radius, settings)
-    cuts = [_cut(residuals[0], one.follows) for one in loop.dynamometers]
+    cuts = [residuals[0].cut_at(one.follows) for one in loop.dynamometers]
     modes = [
         emulated_modes(residual, loop["sample_time"], predicted_part(rig, residual, loop))
         for rig, residual in zip(rigs, residuals, strict=True)

@@ -112,6 +112,10 @@ class ResidualVehicle:
     interfaces: tuple[Interface, ...]
     vehicle: System
 
+    def cut_at(self, shaft: str) -> Interface:
+        """The interface whose cut runs through a shaft."""
+        return next(cut for cut in self.interfaces if cut.shaft == shaft)
+
     def part_of(self, interface: Interface) -> System:
         """The part that an interface drives."""
         return next(part for part in self.parts if any(driven.name == interface.torque for driven in part.inputs))
