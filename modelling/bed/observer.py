@@ -19,7 +19,7 @@ from modelling.bed.bed import (
     delayed_bed,
     predicted_part,
 )
-from modelling.bed.specimen import KnownPart, part_of
+from modelling.bed.specimen import KnownPart, part_of, torques_of_rest
 from modelling.bed.vehicle import ResidualVehicle
 from modelling.errors import InputError, NoDesign
 from modelling.modal.modes import damped_modes
@@ -207,7 +207,7 @@ def emulated_modes(residual: ResidualVehicle, step: float, part: KnownPart | Non
     vehicle = residual.vehicle
     if part is not None and part.torques:
         known = part.names | {one.name for system in residual.parts for one in system.inertias}
-        vehicle = part_of(vehicle, known, part.torques)
+        vehicle = part_of(vehicle, known, torques_of_rest(vehicle, known))
     modes, cuts = damped_modes(vehicle), {f"shafts.{interface.shaft}" for interface in residual.interfaces}
     at = [i for i, name in enumerate(modes.springs) if name in cuts]
     share, value = modes.potential[:, at].sum(axis=1), modes.eigenvalues

@@ -70,15 +70,22 @@ def known_part(rig: System, rotors: Sequence[str], follows: Sequence[str], outer
     places = [joint.place for joint in changing]
     kept = set[str]().union(*(side(rotor, joints(rig, without=places)) for rotor in rotors))
     cut = [joint for joint in changing if set(joint.ends) & kept]
-    torques, ratios = dict[str, str](), dict[str, float]()
+    torques = torques_of_rest(rig, kept)
+    ratios = {name: max(_ratio(rig, end, joint, kept) for joint in cut if end in joint.ends)
+              for name, end in torques.items()}  # fmt: skip
+    return KnownPart(part_of(rig, kept, torques), torques, tuple(joint.place for joint in cut), ratios)
+
+
+def torques_of_rest(system: System, kept: set[str]) -> dict[str, str]:
+    """Inertias of a part, ``kept``, at which the rest is cut off, by a name for the torque that stands for it."""
+    cut = [joint for joint in joints(system) if 0 < len({*joint.ends} & kept) < len({*joint.ends})]
+    torques = dict[str, str]()
     for end in dict.fromkeys(end for joint in cut for end in joint.ends if end in kept):
-        at = [joint for joint in cut if end in joint.ends]
-        name = f"{at[0].place.partition('.')[2]}_torque"
-        while name in torques or any(part.name == name for part in rig.inputs):
+        name = f"{next(joint for joint in cut if end in joint.ends).place.partition('.')[2]}_torque"
+        while name in torques or any(part.name == name for part in system.inputs):
             name += "_"
         torques[name] = end
-        ratios[name] = max(_ratio(rig, end, joint, kept) for joint in at)
-    return KnownPart(part_of(rig, kept, torques), torques, tuple(joint.place for joint in cut), ratios)
+    return torques
 
 
 def _changes(joint: Joint, rig: System) -> bool:

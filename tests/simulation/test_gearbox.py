@@ -11,6 +11,9 @@ from simulation.own_gearbox import drawn
 
 import rigmatch as rm
 from matching.cli import main
+from modelling.bed.bed import predicted_part
+from modelling.bed.observer import emulated_modes
+from modelling.bed.vehicle import cut
 from modelling.errors import InputError
 from modelling.linear.linearise import linearise
 from modelling.model_file import from_dict, to_dict
@@ -203,3 +206,12 @@ def test_a_case_is_in_the_gear_whose_clutch_is_closed_at_the_operating_point(tmp
     with pytest.raises(InputError, match=r"operating_point: closes the clutches of 2 gears of gearboxes\.box"):
         read("clutch_high = 400\nclutch_low = 10")
     assert read().rig["gears.box"].ratio.value == 12.0
+    # the vehicle has no inertia behind its gear: it is cut at its own, whatever stands behind the gearbox of the rig
+    plain = rm.load_case(tmp_path / "drive_away" / "case.toml")
+    of_both = [
+        emulated_modes(residual, 1e-3, predicted_part(rig, residual, case.loop))
+        for rig in (case.rig, plain.rig)
+        for residual in [cut(case.vehicle, rig)]
+    ]
+    assert of_both[0]
+    np.testing.assert_allclose(*of_both)
