@@ -774,8 +774,9 @@ def diagnose(
 
     Quantities of the model with a range are fitted within it; those without are taken as known. Every sensor's
     uncertainty is also the noise that the fit assumes. Files joined by + are one motion recorded by several loggers,
-    whose clocks are set to that of the logger with the inputs. The command writes diagnosis.json, extended.toml,
-    report.html and figures.
+    whose clocks are set to that of the logger with the inputs. With a gearbox the rows in one gear are used: the one of
+    most seconds, by a channel with the gearbox's name that holds the gear's number, or by what the clutches carry. The
+    command writes diagnosis.json, extended.toml, report.html and figures.
 
     Parameters
     ----------
@@ -812,17 +813,16 @@ def diagnose(
     """
     from matching.diagnosis.data import segments_between_gaps
     from matching.diagnosis.diagnose import diagnose as run
+    from modelling.recordings.gears import in_one_gear
     from modelling.recordings.plausible import check_motion
 
     system = system_of(model)
-    for box in system.gearboxes:
-        right = f"write [gears.{box.name}] with the ratio of the gear that was recorded, and no capacities"
-        raise InputError(f"gearboxes.{box.name}", "a diagnosis needs the drivetrain in one gear", right)
     fitted, judging = ([*_each(what)] for what in (recordings, holdout))
     for each in judging:
         if any(same_file(each, other) for other in fitted):
             raise InputError(f"holdout {each}", "is fitted as well", "name a recording that the fit does not see")
     read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
+    system, read, judge = in_one_gear(system, read, judge)
     for each in read:
         source = each.source or "recording"
         check_motion(each.channels, system, source)

@@ -459,6 +459,16 @@ class Components:
         """Channels that controllers of inputs follow, where they were stated; none is an input or a sensor."""
         return [part.reference for part in self.inputs if part.reference]
 
+    @property
+    def further_signals(self) -> list[str]:
+        """Channels of any dimension beside inputs and sensors: references of controllers, gears engaged."""
+        return [*self.input_references, *(box.name for box in self.gearboxes)]
+
+    def inputs_to_record(self, channels: Collection[str]) -> list[Input]:
+        """Inputs that a recording needs; what clutches can carry is none where a channel has the number of the gear."""
+        told = {name for box in self.gearboxes if box.name in channels for name in box.capacities}
+        return [part for part in self.inputs if part.name in channels or part.name not in told]
+
     def places(self) -> Iterator[str]:
         """Every ``table.name``."""
         for table in TABLES:

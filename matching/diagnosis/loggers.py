@@ -54,7 +54,7 @@ def read_loggers(paths: str, system: System, channels: Mapping[str, Channel] | N
     if SEVERAL not in paths or Path(paths).exists():
         return read_recording(paths, system, channels, absent_is_zero=True)
     names = [*(part.name for part in system.inputs), *(part.name for part in system.sensors)]
-    names += system.input_references
+    names += system.further_signals
     files = [Path(path) for path in paths.split(SEVERAL)]
     stated = _by_file(files, channels) if channels else [None] * len(files)
     same_clock = isinstance(channels, ChannelFile) and channels.same_clock
@@ -66,7 +66,7 @@ def _with_absent(system: System, parts: Sequence[Recording], mapped: bool) -> li
     """The same; a torque that no logger holds is zero in those that hold the other inputs, with a note."""
     columns = {name for part in parts for name in part.channels}
     absent = absent_inputs(columns, (), system, mapped)
-    others = {part.name for part in system.inputs} - set(absent)
+    others = {part.name for part in system.inputs_to_record(columns)} - set(absent)
     return [
         replace(
             part, channels=part.channels | {name: np.zeros(len(part.time)) for name in absent},
@@ -115,7 +115,8 @@ def joined(system: System, parts: Sequence[Recording], same_clock: bool = False)
     Its ``clock_groups`` hold the sensors of each further logger, its notes their offsets; of loggers with the
     ``same_clock`` there are none. The reference of a controller is taken from any of them.
     """
-    inputs = {part.name for part in system.inputs}
+    channels = {name for part in parts for name in part.channels}
+    inputs = {part.name for part in system.inputs_to_record(channels)}
     leading = next((part for part in parts if inputs <= set(part.channels)), None)
     if leading is None:
         raise InputError(
@@ -155,7 +156,7 @@ def _with_logger(system: System, leading: Recording, part: Recording, same_clock
     channels |= {name: _at(kept, time, part.channels[name]) for name in names}
     channels |= {
         name: np.interp(kept, time, part.channels[name])
-        for name in system.input_references
+        for name in system.further_signals
         if name in part.channels and name not in channels
     }
     note = f"{part.source}: its clock is that of {leading.source} by the channel file"

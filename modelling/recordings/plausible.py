@@ -29,7 +29,12 @@ class RigidBody:
 
 
 def as_one_rigid_body(time: np.ndarray, channels: Mapping[str, np.ndarray], system: System) -> Iterator[RigidBody]:
-    """One for each recorded speed or angle of an inertia, channels (t,) at times (t,) in s; complete ones alone."""
+    """One for each recorded speed or angle of an inertia, channels (t,) at times (t,) in s; complete ones alone.
+
+    None with a gearbox: nobody recorded the torque that its clutches pass on.
+    """
+    if system.gearboxes:
+        return
     for sensor in system.sensors:
         if sensor.measures not in ("speed", "angle") or sensor.name not in channels:
             continue

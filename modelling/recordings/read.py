@@ -421,7 +421,7 @@ def read_recording(
         time that does not rise, too few rows.
     """
     source = str(path)
-    names = [*_units(system), *system.input_references]
+    names = [*_units(system), *system.further_signals]
     table = read_columns(path, names_in_file(names, channels), channels)
     return _as_called(table, system, channels, source, absent_is_zero)
 
@@ -436,7 +436,7 @@ def recording_of_frame(frame: Any, system: System, channels: Mapping[str, Channe
     InputError
         As :func:`read_recording`.
     """
-    source, used = "the DataFrame", names_in_file([*_units(system), *system.input_references], channels)
+    source, used = "the DataFrame", names_in_file([*_units(system), *system.further_signals], channels)
     table = table_of_frame(frame)
     if "time" not in table and "time" not in (channels or {}):
         called = time_column(table.names, used)
@@ -468,7 +468,7 @@ def absent_inputs(columns: Collection[str], others: Collection[str], system: Sys
     Not those that an unused column may hold: by its similar name, or, where no channel file says which column is which
     (``mapped``), because it is called like a torque. None where no input was recorded, and no imposed motion.
     """
-    known, inputs = {*_units(system), *system.input_references, "time"}, [part.name for part in system.inputs]
+    known, inputs = {*_units(system), *system.further_signals, "time"}, [part.name for part in system.inputs]
     unused = [name for name in (*columns, *others) if name not in known]
     missing = [name for name in inputs if name not in columns and name not in others]
     if len(missing) == len(inputs) or (not mapped and any(_LIKE_A_TORQUE.search(name) for name in unused)):
@@ -476,7 +476,9 @@ def absent_inputs(columns: Collection[str], others: Collection[str], system: Sys
     return [
         name
         for name in missing
-        if system.input_quantities[name] == "torque" and not get_close_matches(name, unused, 1, MAY_BE_IT)
+        if system.input_quantities[name] == "torque"
+        and name not in system.capacities
+        and not get_close_matches(name, unused, 1, MAY_BE_IT)
     ]
 
 
@@ -506,7 +508,7 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     columns = {name: column(table, name, base.rows, scale, source, notes) for name, scale in scales.items()}
     notes += _corrected(base.time, columns, system)
     complete = np.ones(len(base.time), dtype=bool)
-    for part in system.inputs:
+    for part in system.inputs_to_record(table.names):
         columns[part.name] = _bridged_input(part.name, base.time, columns[part.name], source, notes)
         complete &= np.isfinite(columns[part.name])
     if complete.sum() < 2:
@@ -606,8 +608,8 @@ def _units(system: System) -> dict[str, str]:
 
 
 def _references(table: Table, system: System, source: str = "") -> dict[str, float]:
-    """References of controllers that were recorded, with the factor to SI: signals of any dimension."""
-    wanted = system.input_references
+    """Signals of any dimension that were recorded, with the factor to SI: references of controllers, gears."""
+    wanted = system.further_signals
     return {
         name: signal_unit(unit, f"{source}: column {name!r}").scale if unit else 1.0
         for name, unit in ((each.name, each.unit) for each in table.columns)
@@ -624,12 +626,15 @@ def _check_inputs(table: Table, system: System, source: str) -> None:
     """Raise ``InputError`` for an input that was not recorded, with the most similar column."""
     known = _units(system)
     columns = [name for name in (*table.names, *table.others) if name != "time"]
-    for part in system.inputs:
+    for part in system.inputs_to_record(table.names):
         if part.name in table.others and part.name not in table:
             raise InputError(f"{source}: column {part.name!r}", "holds no numbers", "write it as numbers")
         if part.name not in table.names:
             unused = [name for name in columns if name not in known]
             hint = unknown(part.name, unused or list(columns), source).right
+            for box in system.gearboxes:
+                if part.name in box.capacities:
+                    hint += f"; for a diagnosis a channel {box.name!r} with the number of the gear does as well"
             raise InputError(
                 source, f"input {part.name!r} was not recorded",
                 f"{hint}; a channel file (--channels) maps names, and says by leaving a torque out that it was zero",
@@ -695,7 +700,7 @@ def _note_missing_sensor(name: str, time: np.ndarray, channels: dict[str, np.nda
 
 def _unused_notes(table: Table, system: System) -> list[str]:
     """Notes of columns that the model does not have, and of sensors that may be among them."""
-    known = {*_units(system), *system.input_references}
+    known = {*_units(system), *system.further_signals}
     unused = [name for name in (*table.names, *table.others) if name not in known and name != "time"]
     notes = [
         f"{name} is unused: its column holds no numbers" for name in table.others if name in known and name not in table

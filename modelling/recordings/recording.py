@@ -126,7 +126,17 @@ class Recording:
         return self.channels[name]
 
     def inputs(self, system: System) -> np.ndarray:
-        """Inputs (t, u) in the order of the system, N·m."""
+        """Inputs (t, u) in the order of the system, N·m.
+
+        Raises
+        ------
+        InputError
+            If one was not recorded: what a clutch can carry, where the number of the gear was.
+        """
+        for part in system.inputs:
+            if part.name not in self.channels:
+                right = "record it; the number of the gear does not tell what a clutch carries"
+                raise InputError(self.source, f"input {part.name!r} was not recorded", right)
         columns = [self.channels[part.name] for part in system.inputs]
         return np.stack(columns, axis=1) if columns else np.empty((len(self.time), 0))
 

@@ -182,12 +182,6 @@ def test_modes_campbell_and_response_are_told_gear_by_gear(tmp_path, capsys):
         assert (tmp_path / command[0] / "gear_2" / "report.html").exists()
 
 
-def test_a_diagnosis_asks_for_one_gear(tmp_path):
-    shift = drawn(np.random.default_rng(1), 0.01)
-    with pytest.raises(InputError, match=r"gearboxes\.box: a diagnosis needs the drivetrain in one gear"):
-        rm.diagnose(from_dict(tomllib.loads(shift.toml)), tmp_path / "recording.csv")
-
-
 def test_a_case_is_in_the_gear_whose_clutch_is_closed_at_the_operating_point(tmp_path):
     """Gear 1 by default; the controller that does not know the specimen ends at the gearbox."""
     for example in ("gear_change", "drive_away"):
