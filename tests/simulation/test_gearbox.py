@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from result_schema import check_schema
 from simulation.own_gearbox import drawn
 
 import rigmatch as rm
@@ -163,6 +164,7 @@ def test_modes_campbell_and_response_are_told_gear_by_gear(tmp_path, capsys):
     printed = capsys.readouterr()
     result = json.loads(printed.out)
     assert not printed.err
+    check_schema("modes", result)
     told = [result, *result["gears"]]
     assert [one["gear"] for one in told] == ["box in gear 1", "box in gear 2"]
     for gear, one in enumerate(told, 1):
