@@ -47,7 +47,7 @@ from modelling.linear.steady_motion import torques_of
 from modelling.model_file import dumps, load, quantity
 from modelling.system import Effect, System, resistance
 from modelling.toml import check_file, no_pipe, read_toml, title
-from modelling.topology import connected_parts, joints, side
+from modelling.topology import connected_parts, joints, side, speed_ratios
 from modelling.units import to_si
 
 # --- Case file
@@ -801,7 +801,26 @@ def _unlike(vehicle: System, rig: System, where: str) -> list[str]:
             notes.append(
                 f"{name} is {there:g} in the vehicle and {here:g} {rig.units[name]} in the rig: the same part?"
             )
+    if not any(".ratio" in note for note in notes):
+        notes += _other_speeds(vehicle, rig)
     return sorted(notes)
+
+
+def _other_speeds(vehicle: System, rig: System) -> list[str]:
+    """A note on shared inertias that turn in another proportion, whatever stands between them in each."""
+    shared = [part.name for part in vehicle.inertias if any(other.name == part.name for other in rig.inertias)]
+    if not shared:
+        return []
+    found = dict[float, str]()
+    there, here = (speed_ratios(shared[0], joints(system)) for system in (vehicle, rig))
+    for name in shared[1:]:
+        if there.get(name) and here.get(name) and abs(here[name] / there[name] - 1) > UNLIKE:
+            found.setdefault(round(here[name] / there[name], 6), name)
+    return [
+        f"{shared[0]} turns {1 / there[name]:.4g} times as fast as {name} in the vehicle and {1 / here[name]:.4g} times "
+        "on the rig: their responses differ by this, whatever is tuned"
+        for name in found.values()
+    ]
 
 
 def _elsewhere(rig: System, loop: Loop) -> list[str]:

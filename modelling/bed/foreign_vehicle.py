@@ -138,7 +138,7 @@ class ForeignVehicleLaw(SteppedLaw):
         return 1 - FORGETTING_PER_SAMPLE
 
     @property
-    def start_share(self) -> float:
+    def lowest_speed(self) -> float:
         """rad/s of the vehicle: below it what acts as the vehicle moves falls off in proportion, 0: nowhere."""
         return max(float(self.designed[0]), 0.0)
 
@@ -147,17 +147,9 @@ class ForeignVehicleLaw(SteppedLaw):
         wheel: np.ndarray = readings[list(self.speed_readings)] / self.over
         return wheel
 
-    def started_torque(self, readings: np.ndarray, sent: np.ndarray) -> np.ndarray:
-        """Torques (k,) at the cuts, N·m, at which an emulation begins."""
-        cut: np.ndarray = self.cut_by_reading @ readings + self.cut_by_command @ sent
-        return cut
-
     def started_speed(self, readings: np.ndarray) -> float:
         """Speed of the design vehicle's bodies there, rad/s."""
-        rotor = float(self.rotor_shares @ readings[list(self.speed_readings)])
-        part = float(np.clip(rotor / self.rotor_speeds[0], -1.0, 1.0)) if self.rotor_speeds[0] > 0 else 1.0
-        body = self.vehicle.steady @ self.vehicle.body
-        return part * float(np.interp(rotor, self.rotor_speeds, body))
+        return float(self.steady_vehicle(readings) @ self.vehicle.body)
 
     def start_following(self, readings: np.ndarray, sent: np.ndarray, held: np.ndarray, wheel: np.ndarray) -> Followed:
         """Where an emulation begins.
@@ -172,7 +164,7 @@ class ForeignVehicleLaw(SteppedLaw):
             rad/s that the vehicle has.
         """
         k, timing = len(self.dynamometers), self.timing
-        cut = self.started_torque(readings, sent)
+        cut = self.cut_torque_read(readings, sent)
         load = np.zeros(self.load_rates.shape[1])
         load[:k] = cut - held  # it needs that torque to stay at its speed, and gets another one from now on
         return Followed(
@@ -218,7 +210,7 @@ class ForeignVehicleLaw(SteppedLaw):
             load = load + found[v:]
             expected[1:] += (made["catches"] @ off).reshape(-1, k)
             since = 0
-        share = float(np.clip(body / self.start_share, -1.0, 1.0)) if self.start_share else 1.0
+        share = float(np.clip(body / self.lowest_speed, -1.0, 1.0)) if self.lowest_speed else 1.0
         own = known[len(known) - r :] * self.vehicle.nonlinear
         acting = np.concatenate([known, self.load_rates @ load + share * (made["by_own"] @ own)])
         sent = np.clip(made["K"] @ corrected + made["Dw"] @ acting + added, *limits)

@@ -520,12 +520,19 @@ class SteppedLaw:
         The vehicle begins as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in
         proportion.
         """
+        k, vehicle = len(self.dynamometers), self.steady_vehicle(readings)
+        return Emulation(np.zeros(self.states), np.zeros(k), np.zeros(k), vehicle), self.cut_torque_read(readings, sent)
+
+    def steady_vehicle(self, readings: np.ndarray) -> np.ndarray:
+        """States (v,) of the design vehicle that runs steadily at the rotors' speed, from absolute readings (y,)."""
         rotor = float(self.rotor_shares @ readings[list(self.speed_readings)])
         part = float(np.clip(rotor / self.rotor_speeds[0], -1.0, 1.0)) if self.rotor_speeds[0] > 0 else 1.0
-        vehicle = part * np.array([np.interp(rotor, self.rotor_speeds, each) for each in self.vehicle.steady.T])
-        k = len(self.dynamometers)
-        cut = self.cut_by_reading @ readings + self.cut_by_command @ sent
-        return Emulation(np.zeros(self.states), np.zeros(k), np.zeros(k), vehicle), cut
+        return part * np.array([np.interp(rotor, self.rotor_speeds, each) for each in self.vehicle.steady.T])
+
+    def cut_torque_read(self, readings: np.ndarray, sent: np.ndarray) -> np.ndarray:
+        """Torques (k,) at the cuts, N·m, from absolute readings (y,) and commands (k,)."""
+        cut: np.ndarray = self.cut_by_reading @ readings + self.cut_by_command @ sent
+        return cut
 
     def step(
         self, now: Emulation, begun: Emulation, cut: np.ndarray, readings: np.ndarray, known: np.ndarray,

@@ -763,7 +763,7 @@ class SupervisedController:
             self._start = readings_start, known_start, sent_start
             if isinstance(self.law, ForeignVehicleLaw):
                 law, at = self.law, readings_start
-                self._follow_start = law.started(at), law.started_torque(at, sent_start), law.started_speed(at)
+                self._follow_start = law.started(at), law.cut_torque_read(at, sent_start), law.started_speed(at)
                 self._followed = law.start_following(at, sent_start, self._held_cut, self._wheel)
             elif isinstance(self.law, SteppedLaw):
                 begun, cut = self.law.begin(readings_start, sent_start)

@@ -202,6 +202,10 @@ def test_a_case_is_in_the_gear_whose_clutch_is_closed_at_the_operating_point(tmp
     with pytest.raises(InputError, match=r"operating_point: closes the clutches of 2 gears of gearboxes\.box"):
         read("clutch_high = 400\nclutch_low = 10")
     assert read().rig["gears.box"].ratio.value == 12.0
+    assert any(
+        "motor turns 10.05 times as fast as differential in the vehicle and 12 times on the rig" in note
+        for note in read().notes
+    )
     # the vehicle has no inertia behind its gear: it is cut at its own, whatever stands behind the gearbox of the rig
     plain = rm.load_case(tmp_path / "drive_away" / "case.toml")
     of_both = [
