@@ -817,8 +817,8 @@ def _other_speeds(vehicle: System, rig: System) -> list[str]:
         if there.get(name) and here.get(name) and abs(here[name] / there[name] - 1) > UNLIKE:
             found.setdefault(round(here[name] / there[name], 6), name)
     return [
-        f"{shared[0]} turns {1 / there[name]:.4g} times as fast as {name} in the vehicle and {1 / here[name]:.4g} times "
-        "on the rig: their responses differ by this, whatever is tuned"
+        f"{shared[0]} turns {1 / there[name]:.4g} times as fast as {name} in the vehicle and {1 / here[name]:.4g} "
+        "times on the rig: their responses differ by this, whatever is tuned"
         for name in found.values()
     ]
 
