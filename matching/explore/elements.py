@@ -18,9 +18,10 @@ from bokeh.plotting import figure
 from panel.custom import JSComponent
 
 from matching.explore.signals import MeasuredCurves
-from matching.report.common import LIMIT, NOISE, RIG, VEHICLE
+from matching.report.common import LIMIT, NOISE, RIG, VEHICLE, component, spaced
 from matching.report.page import table as page_table
 from modelling.escape import html
+from modelling.recordings.readers import READERS
 
 # --- What does the same without the page: a command for the terminal, and lines of Python.
 
@@ -33,13 +34,18 @@ class Equivalent:
     python: str
 
 
-def same(command: str, *given: str | Sequence[str], out: str | Path, **options: str | int) -> Equivalent:
+WRITING = ("commission",)  # functions that write their results themselves
+
+
+def same(command: str, *given: str | Sequence[str], out: str | Path, **options: str | int | list[str]) -> Equivalent:
     """A command with its files and options; options that are empty are left out."""
     words, options = [command], {name: value for name, value in options.items() if value != ""}
     for each in given:
         words += [each] if isinstance(each, str) else each
     for name, value in options.items():
-        words += [f"--{name}", str(value)]
+        words += [f"--{name}", *(value if isinstance(value, list) else [str(value)])]
+    if command in WRITING:
+        options["out"] = str(out)
     shown = [*map(_text, given), *(f"{name}={_text(value)}" for name, value in options.items())]
     python = f"import rigmatch as rm\nresult = rm.{command}({', '.join(shown)})\nprint(result)"
     return Equivalent(shlex.join(("rigmatch", *words, "--out", str(out))), python)
@@ -160,10 +166,37 @@ class Message(pn.pane.HTML):
         super().__init__('<p role="status"></p>', sizing_mode=WIDE, margin=(0, 5), stylesheets=[PANE_STYLE])
 
     def say(self, text: str, *, wrong: bool = False) -> None:
-        """Show a line; files in it by their names from the folder that the page was started in."""
-        text = with_short_paths(text)
+        """Show a line; files in it by their names from the folder that the page was started in, a key in words."""
+        text = with_short_paths(key_in_words(text) if wrong else text)
         kind = ' class="wrong"' if wrong else ""
         self.object = f'<p role="status"{kind}>{html(text)}</p>'
+
+
+KEYS_IN_WORDS = {  # of budgets and fidelity cases, where the key says too little
+    "half_width": "half-width", "degrees_of_freedom": "degrees of freedom", "coverage": "probability of the interval",
+    "coverage_factor": "coverage factor k", "expanded_uncertainty": "expanded uncertainty U",
+    "f_max": "largest relevant frequency [Hz]", "nrmse_fidelity": "fidelity R_NRMSE", "delay": "delay [s]",
+    "range": "range of the signal",
+}  # fmt: skip
+# where an error is: in which file, and at which key of it
+_PLACE = re.compile(r"(?P<file>[^\s:]+\.toml: )?(?P<key>[A-Za-z_]\w*(?:\.[\w.']+|\[\d+\])*): ")
+_NUMBER = re.compile(r"\[(\d+)\]")
+_TABLES = ("inputs.", "move.", "effects.")  # which the words of a field leave out
+
+
+def key_in_words(text: str) -> str:
+    """An error whose place is a key of an open file: the key as the page calls its field, without the file."""
+    found = _PLACE.match(text)
+    if not found or not (found["file"] or "." in found["key"] or "_" in found["key"]):
+        return text
+    if not found["file"] and Path(found["key"]).suffix.lower() in (".toml", ".json", ".fmu", *READERS):
+        return text  # a file itself
+    key = _NUMBER.sub(r".\1", found["key"].replace("'", ""))
+    key = re.sub(r"\.(\d+)(?=\.|$)", lambda number: f".{int(number[1]) + ('[' not in found['key'])}", key)
+    key = next((key.removeprefix(table) for table in _TABLES if key.startswith(table)), key)
+    table, dot, last = key.rpartition(".")
+    words = component(f"{table}{dot}{KEYS_IN_WORDS.get(last, last)}") or spaced(key)
+    return f"{words[:1].upper()}{words[1:]}: {text[found.end() :]}"
 
 
 _ABSOLUTE = re.compile(r"(?<![\w·²³)])(?:/[^\s/:'\",;]+){2,}")  # a path from the root

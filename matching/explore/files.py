@@ -345,6 +345,8 @@ class Workspace:
         The models as they were drawn last.
     tasks : dict of str to Task
         The commands that run or have ended, in whichever window they were begun.
+    matched : list of str
+        Texts of case and models when a match was run last.
     leave : callable
         Empties the page that shows these files now: its fields would not hear what a newer page changes.
     """
@@ -357,6 +359,7 @@ class Workspace:
     fidelity: Document | None = None
     sketches: dict[str, Any] = field(default_factory=dict, repr=False)
     tasks: dict[str, Any] = field(default_factory=dict, repr=False)
+    matched: list[str] = field(default_factory=list, repr=False)
     leave: Callable[[], None] = field(default=lambda: None, repr=False)
     home: Path = field(default_factory=Path.cwd)
 
@@ -365,6 +368,12 @@ class Workspace:
         """Everything that can be edited."""
         others = (self.case, self.budget, self.fidelity)
         return [*self.models.values(), *(each for each in others if each is not None)]
+
+    @property
+    def texts(self) -> list[str]:
+        """Of case and models, as they are shown."""
+        case = [] if self.case is None else [self.case]
+        return [file.text for file in (*case, *self.models.values())]
 
     def open(self, file: Path) -> None:
         """Open a file beside the others, in place of one of the same kind.
@@ -398,7 +407,7 @@ class Workspace:
         elif kind == "model":
             self.case, self.models = None, {"model": ModelDocument(file)}
         else:
-            raise InputError(str(file), f"is a {kind}", "open it in the tab Measurement")
+            raise InputError(str(file), f"is a {kind}", "open it in the step Measurement")
 
     def load_case(self) -> Case:
         """The case as it is saved."""
@@ -457,7 +466,7 @@ def within(home: Path, name: str) -> Path:
     """A path below the folder, from a name relative to it; raises ``InputError`` for one that leads out of it."""
     path = (home / name.strip()).resolve()
     if not name.strip() or not path.is_relative_to(home.resolve()) or path == home.resolve():
-        raise InputError(name or "name", f"lies outside {home}", "name a file in the folder the page was started in")
+        raise InputError(name or "name", "lies outside the folder that the page was started in", "name a file in it")
     return path
 
 

@@ -20,7 +20,7 @@ import panel as pn
 
 from matching.explore.elements import Message, paragraph, plain_button
 from matching.progress import PROGRESS_ALWAYS
-from modelling.errors import FAULT, InputError
+from modelling.errors import ANSWERED, DEFECT, FAULT, InputError
 
 # --- A command of rigmatch in a process of its own, as a terminal would run it: its progress is read, it can be ended.
 
@@ -34,6 +34,11 @@ class Ended:
     code: int
     result: dict[str, Any]
     line: str
+
+    @property
+    def answered(self) -> bool:
+        """Whether it has a result; a defect that was found on the bed is one."""
+        return self.code in (ANSWERED, DEFECT)
 
     @property
     def cancelled(self) -> bool:
@@ -96,8 +101,9 @@ class Job:
         try:
             self._read()
             code = self._process.wait()
-            result = json.loads(self._out) if code == 0 else {}
-            line = "" if code == 0 else self._last_line.removeprefix("rigmatch: ")
+            answered = code in (ANSWERED, DEFECT)
+            result = json.loads(self._out) if answered else {}
+            line = "" if answered else self._last_line.removeprefix("rigmatch: ")
         except (OSError, ValueError) as fault:
             self._process.kill()
             code, result, line = FAULT, {}, f"{self.words[0]} gave no answer that can be read ({fault})"
@@ -274,7 +280,7 @@ class Runner:
         self.run.disabled, self.cancel.visible = False, False
         if ended.cancelled:
             self.message.say("cancelled; nothing was written")
-        elif ended.code:
+        elif not ended.answered:
             self.message.say(ended.line, wrong=True)
         else:
             self.message.say("done")
@@ -282,5 +288,9 @@ class Runner:
 
 
 def address_of(file: Path, out: Path) -> str:
-    """Address of a file in the folder of results, from the page."""
-    return f"{RESULTS}/{file.relative_to(out).as_posix()}"
+    """Address of a file in the folder of results, from the page; another one for every version of it.
+
+    A browser shows a page that it has under the same address again.
+    """
+    address = f"{RESULTS}/{file.relative_to(out).as_posix()}"
+    return f"{address}?at={file.stat().st_mtime_ns}" if file.exists() else address

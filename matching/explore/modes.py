@@ -30,6 +30,7 @@ from matching.explore.elements import (
 from matching.explore.fields import Editing, Entry, lay_out
 from matching.explore.files import Document, Workspace, part_of, write_case, write_model
 from matching.explore.live import WhatIf, largest_shares
+from matching.explore.orders import OrdersView
 from matching.explore.parts import (
     ADDABLE,
     add_effect,
@@ -344,6 +345,7 @@ class ModesTab:
         self.input, self.sensor = (pn.widgets.Select(name=name, width=250) for name in ("Input", "Sensor"))
         self.responses, self.message = ResponseFigures(), Message()
         self.same = EquivalentBox(same("modes", "", out=""))
+        self.orders = OrdersView(workspace, lambda: self.role.value)
         self.open_model()
         self.role.param.watch(lambda _: self.open_model(), "value")
         self.mode.param.watch(lambda _: self._show_mode(), "value")
@@ -371,6 +373,7 @@ class ModesTab:
             pn.pane.Bokeh(self.responses.modulus, sizing_mode=WIDE),
             pn.pane.Bokeh(self.responses.phase, sizing_mode=WIDE),
             self.same,
+            self.orders.panel(),
             sizing_mode=WIDE,
         )
 
@@ -392,6 +395,7 @@ class ModesTab:
         offer(self.sensor, {part.name: part.name for part in document.system.sensors})
         self.measured = self._measured()
         self.same.set(same("modes", str(write_model(self.workspace, self.role.value)), out=self.workspace.out))
+        self.orders.model_changed()
         self._set_slider()
         self.show()
 

@@ -24,7 +24,9 @@ from panel.io.server import get_server
 from tornado.web import OutputTransform, RequestHandler
 
 from matching.explore import elements
+from matching.explore.bed import bed
 from matching.explore.elements import (
+    KEYS_IN_WORDS,
     PANE_STYLE,
     WIDE,
     Alive,
@@ -67,9 +69,11 @@ from matching.explore.jobs import RESULTS, TICK_MS, Ended, Runner, address_of
 from matching.explore.live import grid, interpolated_error, nearest_point
 from matching.explore.measurement import measurement_tab
 from matching.explore.modes import DrivetrainTab, ModesTab
+from matching.explore.road import road
 from matching.fidelity import fidelity_from_tables, xil_fidelity
 from matching.match.case import Case
 from matching.match.map import axis, quantities
+from matching.report import order_sheet
 from matching.report.common import component, number, practical, spaced, unit
 from matching.report.match import PEAK_UNITS, answer
 from matching.uncertainty.budget import budget_from_tables
@@ -272,7 +276,6 @@ class MatchTab:
         for number in (self.starts, self.seed):
             number.param.watch(lambda _: self.same.set(self._equivalent()), "value")
         self.unsaved = paragraph("")
-        self._ran: list[str] = []  # texts of the files when they were run last
         self.refresh()
 
     def panel(self) -> Any:
@@ -336,7 +339,7 @@ class MatchTab:
         self.unsaved.object = f"<p>{counted(changes, 'change')}, not saved.</p>" if changes else ""
         self.same.set(self._equivalent())
         self.map.refresh()
-        if self.result.object and self._texts() != self._ran:
+        if self.result.object and self.workspace.texts != self.workspace.matched:
             self.runner.message.say("The report is of the case before the last change")
 
     def _plan(self, name: str) -> Any:
@@ -430,17 +433,17 @@ class MatchTab:
 
     def _words(self) -> list[str]:
         self.editing.all_taken()
-        self._ran = self._texts()
+        self.workspace.matched = self.workspace.texts
         more = ["--starts", self.starts.value, "--seed", self.seed.value, "--out", str(self.out)]
         return ["match", str(write_case(self.workspace)), *more]
-
-    def _texts(self) -> list[str]:
-        return [file.text for file in (self.form.document, *self.workspace.models.values())]
 
     def _show(self, ended: Ended) -> None:
         self.result.object = report_frame("Report", address=address_of(self.out / "report.html", self.workspace.out))
         self._ordered = {trade["name"].removeprefix("rig."): trade["ordered"] for trade in ended.result["adapters"]}
         self.take.visible, self.way_on.visible = bool(self._ordered), True
+        self.links.object = ""
+        if (sheet := self.out / order_sheet.FILE).is_file():
+            self._link(sheet, "Order sheet for the workshop")
 
     def _export_words(self) -> list[str]:
         return ["export", str(self.out), "--controller", str(self.workspace.out / "controller.fmu")]
@@ -527,7 +530,7 @@ class EditedTable:
 
     def _enter(self, keys: Keys, text: str) -> str:
         set_field(self.document, keys, text, self._judged_once)
-        name = ".".join(map(str, keys)).removesuffix(".value")
+        name = _entry(next(each for each in fields(self.document) if each.keys == keys)).label
         return f"{name} is {text}. {'Changed; not saved yet' if self.document.changed else 'As in the file'}"
 
     def _judged_once(self, content: dict[str, Any]) -> str:
@@ -539,7 +542,8 @@ class EditedTable:
 
 
 def _entry(field: Field) -> Entry:
-    label = f"{field.table.rpartition(' ')[2]} {field.key}".strip().replace("_", " ")
+    words = KEYS_IN_WORDS.get(field.key, spaced(field.key))
+    label = f"{spaced(field.table.rpartition(' ')[2])} {words}".strip()
     return Entry(field.keys, label, field.text)
 
 
@@ -601,10 +605,9 @@ class FilesBar:
         )  # fmt: skip
         return pn.Column(heading("Files"), paragraph(", ".join(names) or "none is open"), fields, sizing_mode=WIDE)
 
-    def example(self, kind: str) -> Any:
-        """A button that opens the example of a kind, a new file of this folder; its step stays open."""
+    def example(self, kind: str, step: str) -> Any:
+        """A button that opens the example of a kind, a new file of this folder; the step stays open."""
         button = pn.widgets.Button(name="Open the example", button_type="primary", width=190)
-        step = "Match" if kind == "case" else "Validity"
         button.on_click(lambda _: self._do(lambda: self._example(kind), step))
         return button
 
@@ -634,8 +637,11 @@ LOOK = {
     "typography": {"fontFamily": "system-ui, 'Segoe UI', Arial, sans-serif"},
 }
 TASKS = {
-    "Measurement": ("Identify", "Diagnose", "Simulate"),
+    "Modes": ("Campbell diagram", "Response to orders"),
+    "Road": ("Identify",),
     "Match": ("Run the match", "Run the map", "Compute exactly"),
+    "Bed": ("Go on",),
+    "Measurement": ("Diagnose", "Simulate"),
 }
 SHOWN_FIRST_MS = 30  # until the browser has drawn that a tab is being prepared
 
@@ -765,15 +771,20 @@ def _state_of(step: str, workspace: Workspace) -> str:
     running = next((task for task in tasks if task is not None and task.ended is None), None)
     if running is not None:
         return f"running, {running.seconds:.0f} s"
-    done = next((task.ended for task in tasks if task is not None and task.ended.code == 0), None)
+    done = next((task.ended for task in tasks if task is not None and task.ended.answered), None)
     if step == "Drivetrain":
         changes = sum(document.unsaved for document in workspace.models.values())
         return f"{counted(changes, 'change')}, not saved" if changes else "saved"
     if step == "Measurement":
         waits = workspace.recordings[0].name if workspace.recordings else "needs a recording"
-        if done is not None and "vehicle" in done.result:
-            return "done: identified"
         return f"done: {done.result['verdict']}" if done is not None and "verdict" in done.result else waits
+    if step == "Road":
+        waits = "needs a case" if workspace.case is None else "needs a recording"
+        if workspace.case is not None and workspace.recordings:
+            waits = counted(len(workspace.recordings), "recording")
+        return "done: identified" if done is not None else waits
+    if step == "Bed":
+        return _state_of_bed(done, "not run yet" if workspace.case is not None else "needs a case")
     if step == "Match":
         waits = "not run yet" if workspace.case is not None else "needs a case"
         if workspace.case is not None and workspace.case.changed:
@@ -783,6 +794,13 @@ def _state_of(step: str, workspace: Workspace) -> str:
         open_files = [file.path.name for file in (workspace.budget, workspace.fidelity) if file is not None]
         return ", ".join(open_files) or "needs a budget or a fidelity case"
     return "ready"
+
+
+def _state_of_bed(done: Ended | None, waits: str) -> str:
+    if done is None:
+        return waits
+    waiting = Path((done.result["waiting_for"] or "").partition(".csv: ")[0]).name
+    return f"waits for {waiting}" if waiting else f"done: {spaced(done.result['status'] or 'ended')}"
 
 
 def _makers(
@@ -814,14 +832,16 @@ def _makers(
 
     def match() -> Any:
         if workspace.case is None:
-            return without_case(partial(files_bar.example, "case"))
+            return without_case(partial(files_bar.example, "case", "Match"))
         opened.append(MatchTab(workspace, workspace.case, taken))
         return opened[0].panel()
 
     return makers | {
-        "Measurement": partial(measurement_tab, workspace, to_match),
+        "Road": partial(road, workspace, to_match, partial(files_bar.example, "case", "Road")),
         "Match": match,
-        "Validity": partial(validity, workspace, partial(files_bar.example, "budget")),
+        "Bed": partial(bed, workspace, partial(files_bar.example, "case", "Bed")),
+        "Measurement": partial(measurement_tab, workspace),
+        "Validity": partial(validity, workspace, partial(files_bar.example, "budget", "Validity")),
     }
 
 

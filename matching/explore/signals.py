@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import contextlib
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from matching.bed.measured import estimated_response, spectra
 from matching.channel_names import Suggestion, channel_file, suggestions, time_column
 from matching.report.common import decimated
+from matching.uncertainty.budget import parse_formula
 from modelling.errors import InputError
 from modelling.escape import file_name
 from modelling.recordings.read import Channel, read_recording
@@ -18,7 +22,7 @@ from modelling.recordings.readers import read_table
 from modelling.recordings.recording import Recording
 from modelling.recordings.table import Table
 from modelling.system import System
-from modelling.units import factor
+from modelling.units import SENSOR_UNITS, factor
 from modelling.writing import write_all
 
 # --- Frequency responses from a recording, to be laid over those of a model.
@@ -112,9 +116,34 @@ class Measurement:
         """The likeliest column of every channel of a model."""
         return suggestions(system, self.columns)
 
-    def signal(self, column: str, low: float, high: float) -> tuple[np.ndarray, ...]:
-        """Times and values (k,) of a column between two times, decimated for a screen, in the file's units."""
-        time, values = self._column(self.time), self._column(column)
+    def alike(self, other: Measurement) -> bool:
+        """Whether one channel file holds for both: the columns of one, with their units, are among the other's."""
+        own, theirs = self.columns.items(), other.columns.items()
+        same_time = (self.time, self.time_unit) == (other.time, other.time_unit)
+        return same_time and (own <= theirs or theirs <= own)
+
+    def values(self, of: str | Computed) -> np.ndarray | None:
+        """Values (t,) of a column in the file's unit, or of a computed signal; None where the file lacks a column."""
+        if isinstance(of, str):
+            return self._column(of) if of in self.columns else None
+        if not set(of.columns) <= self.columns.keys():
+            return None
+        return of.values({name: self._column(name) for name in of.columns})
+
+    def at(self, of: str | Computed, times: Sequence[float]) -> list[float]:
+        """Values of a signal at times, in the file's units, straight between samples; NaN outside the recording."""
+        values = self.values(of)
+        if values is None:
+            return [float("nan") for _ in times]
+        time, known = self._column(self.time), np.isfinite(values)
+        found = np.interp(times, time[known], values[known], np.nan, np.nan) if known.any() else [np.nan] * len(times)
+        return [float(value) for value in found]
+
+    def signal(self, of: str | Computed, low: float, high: float) -> tuple[np.ndarray, ...]:
+        """Times and values (k,) of a signal between two times, decimated for a screen, in the file's units."""
+        time, values = self._column(self.time), self.values(of)
+        if values is None:
+            return np.empty(0), np.empty(0)
         first = max(int(np.searchsorted(time, low)) - 1, 0)  # one sample beyond each end: the curve reaches the edges
         last = int(np.searchsorted(time, high, side="right")) + 1
         return decimated(time[first:last], values[first:last], SHOWN_POINTS)
@@ -130,6 +159,69 @@ class Measurement:
 
     def _column(self, name: str) -> np.ndarray:
         return self.table[name].values
+
+
+@dataclass(frozen=True)
+class Computed:
+    """A signal that a formula makes of columns, each in SI.
+
+    Attributes
+    ----------
+    text : str
+        The formula as it was written.
+    columns : tuple of str
+        Those that the formula names.
+    scales : tuple of float
+        What takes each column to SI.
+    """
+
+    text: str
+    columns: tuple[str, ...]
+    scales: tuple[float, ...]
+    _made: Callable[..., Any] = field(repr=False, compare=False)
+
+    @classmethod
+    def of(cls, text: str, units: Mapping[str, str]) -> Computed:
+        """Read a formula over columns, whose units are given; a name that is no single word stands in braces."""
+        import sympy
+
+        known = {f"_column{number}": name for number, name in enumerate(units)}
+        places = {name: place for place, name in known.items()}
+        written = _BRACED.sub(lambda found: places.get(found[1].strip(), found[0]), text)
+        words = {place: sympy.Symbol(place, real=True) for place in known}
+        names = {name: places[name] for name in units if name.isidentifier()}
+        try:
+            expression = parse_formula(written, {**names, **known}, "formula")
+        except InputError as error:
+            right = "columns are " + ", ".join(name if name.isidentifier() else f"{{{name}}}" for name in units)
+            raise InputError("formula", error.wrong.replace("the inputs", "the columns"), right) from None
+        expression = expression.subs({sympy.Symbol(name, real=True): words[place] for name, place in names.items()})
+        used = sorted((str(symbol) for symbol in expression.free_symbols), key=list(known).index)
+        if not used:
+            raise InputError("formula", f"{text!r} names no column", "write it like a * b")
+        columns = tuple(known[place] for place in used)
+        return cls(
+            text.strip(), columns, tuple(_to_si(units[name]) for name in columns),
+            sympy.lambdify([words[place] for place in used], expression, "numpy"),
+        )  # fmt: skip
+
+    def values(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Values (t,) from those of the columns, in the file's units; NaN where the formula has none."""
+        given = [scale * columns[name] for name, scale in zip(self.columns, self.scales, strict=True)]
+        with np.errstate(all="ignore"):
+            found = np.broadcast_to(np.asarray(self._made(*given), complex), given[0].shape)
+        return np.where(np.isfinite(found) & (found.imag == 0), found.real, np.nan)
+
+
+_BRACED = re.compile(r"\{([^{}]*)\}")
+
+
+def _to_si(unit: str) -> float:
+    """Factor that takes a unit to SI; 1 where the file states none, or one that is none of a drivetrain's."""
+    for si in (*SENSOR_UNITS.values(), "m/s", "W", "N", "s", "1"):
+        with contextlib.suppress(InputError):
+            return factor(unit, si) if unit else 1.0
+    return 1.0
 
 
 def opened_measurement(path: str | Path) -> Measurement:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from modelling.errors import InputError
-from modelling.recordings.table import TIME_NAMES, Column, Table, name_and_unit
+from modelling.recordings.matlab import sizes_in
+from modelling.recordings.table import TIME_NAMES, Column, Table, check_size, name_and_unit
 
 MOST_COLUMNS = 64  # of a matrix that are channels; what is wider is none
 UNIT_NAMES = ("unit", "units", "Unit", "Units", "unit_string")  # attributes that hold a unit
@@ -43,6 +44,7 @@ def read_hdf5(path: Path, used: Collection[str] | None = None) -> Table:
 
     try:
         with h5py.File(path) as file:
+            check_size(path, sizes_in(file))
             channels = [*_of_group(file, "")]
     except OSError as fault:
         if fault.strerror and fault.errno:

@@ -7,15 +7,17 @@ of Simulink (``time``, ``signals(i).values``, ``.label``) and ``X``, ``Y(i).Name
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from struct import error, unpack, unpack_from
 from typing import Any
 
 import numpy as np
 
 from modelling.errors import InputError
-from modelling.recordings.table import Column, Table
+from modelling.recordings.table import Column, Table, check_size
 
 MOST_COLUMNS = 64  # of a matrix that are listed; what is wider is no set of channels
 NO_UNIT = {"", "-", "1"}
@@ -240,6 +242,55 @@ def _lines_of_matrices(variables: dict[str, Any]) -> dict[str, _Vector]:
     return found
 
 
+# --- How much is compressed in a file of version 5 to 7.2, without inflating it.
+
+INFLATED_HEAD = 4096  # bytes of a variable that are inflated to see its name: it stands behind flags and dimensions
+_COMPRESSED, _MATRIX = 15, 14  # types of an element
+
+
+def _sizes(path: Path) -> dict[str, int]:
+    """Bytes that every variable of a file of version 5 to 7.2 says it has once inflated, by name."""
+    sizes: dict[str, int] = {}
+    with path.open("rb") as file:
+        order = "<" if file.read(128)[126:128] == b"IM" else ">"
+        while len(tag := file.read(8)) == 8:
+            kind, length = unpack(f"{order}II", tag)
+            at = file.tell()
+            head = file.read(min(length, INFLATED_HEAD))
+            if kind == _COMPRESSED:
+                try:
+                    head = zlib.decompressobj().decompress(head, INFLATED_HEAD)
+                except zlib.error:
+                    return sizes  # damaged: the library says where
+                if len(head) < 8:
+                    return sizes
+                kind, size = unpack_from(f"{order}II", head)
+                head = head[8:]
+            else:
+                size = length
+            if kind == _MATRIX:
+                try:
+                    name = _name_of(head, order)
+                except error:
+                    return sizes
+                sizes[name or f"variable {len(sizes) + 1}"] = size
+            file.seek(at + length)
+    return sizes
+
+
+def _name_of(head: bytes, order: str) -> str:
+    """Name of a variable: behind its flags and its dimensions."""
+    at = 0
+    for _ in range(2):
+        _, length = unpack_from(f"{order}II", head, at)
+        at += 8 + -(-length // 8) * 8
+    small, length = unpack_from(f"{order}I", head, at)[0], 0
+    if small >> 16:  # up to four letters stand in the tag itself
+        return head[at + 4 : at + 4 + (small >> 16)].decode("latin-1")
+    (length,) = unpack_from(f"{order}I", head, at + 4)
+    return head[at + 8 : at + 8 + length].decode("latin-1")
+
+
 # --- Versions 5 to 7.2, by SciPy, and 7.3, which is HDF5, by h5py.
 
 
@@ -257,9 +308,12 @@ def _version_5(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], tup
         kinds = {name: kind for name, _, kind in whosmat(path)}
     except TypeError:  # an object (a string "…", a table, a datetime) is in the file: SciPy cannot list it
         kinds = {}
+    sizes = _sizes(path)
     if not kinds:
+        check_size(path, sizes)
         return _beside_objects(path, loadmat(path, simplify_cells=True)), ()
     read = [name for name, kind in kinds.items() if wanted is None or name in wanted or kind == "struct"]
+    check_size(path, {name: sizes.get(name, 0) for name in read})
     variables = loadmat(path, simplify_cells=True, variable_names=read) if read else {}
     return {name: variables[name] for name in read if name in variables}, tuple(
         name for name in kinds if name not in read
@@ -296,6 +350,7 @@ def _version_7_3(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], t
         raise InputError(str(path), "is a .mat file of version 7.3, which needs h5py", right) from None
     with h5py.File(path) as file:
         others: list[str] = []
+        check_size(path, sizes_in(file, wanted))
         members = _members(path, file, wanted, others)
         if not members and not others and any("MATLAB_object_decode" in item.attrs for item in file.values()):
             raise InputError(str(path), "holds MATLAB objects only (timetable, table or timeseries)", OBJECTS)
@@ -303,6 +358,21 @@ def _version_7_3(path: Path, wanted: set[str] | None) -> tuple[dict[str, Any], t
 
 
 NUMBERS = {"", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+
+
+def sizes_in(group: Any, wanted: set[str] | None = None) -> dict[str, int]:
+    """Bytes of the numbers that would be read, by name."""
+    import h5py
+
+    sizes: dict[str, int] = {}
+
+    def add(name: str, member: Any) -> None:
+        last = name.rpartition("/")[2]
+        if isinstance(member, h5py.Dataset) and (wanted is None or last in wanted or name.startswith("#")):
+            sizes[name] = (member.size or 0) * member.dtype.itemsize
+
+    group.visititems(add)
+    return sizes
 
 
 def _member(path: Path, group: Any, name: str) -> Any:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from modelling.errors import InputError
 from modelling.units import SpellingError, parse
 
 TIME_NAMES = {"t", "time", "zeit", "times", "timestamp", "timestamps", "time_s", "t_s"}
@@ -101,3 +103,29 @@ def time_hint(names: Collection[str]) -> str:
     likely = next((name for name in names if name.strip().lower() in TIME_NAMES), "NAME")
     equal = "; of equally spaced samples without a time, write sampling_rate = HZ there" * (likely == "NAME")
     return f'call it time, or write time = "{likely}" into a channel file (--channels){equal}'
+
+
+# --- Compressed numbers are counted before they are read: of zeros a thousand times the file's size may lie in it.
+
+LARGEST_READ = 512_000_000  # bytes of numbers that a file may hold in any case: 64 channels of a million samples
+FILE_SIZES = (
+    30  # and in sizes of the file; recordings with noise are compressed to a half, steps and counters to a tenth
+)
+
+
+def check_size(path: Path, sizes: dict[str, int]) -> None:
+    """Refuse variables whose numbers (bytes by name) are too many for the file that they lie in.
+
+    Raises
+    ------
+    InputError
+        If they are.
+    """
+    most = max(LARGEST_READ, FILE_SIZES * path.stat().st_size)
+    if sum(sizes.values()) <= most:
+        return
+    largest = max(sizes, key=lambda name: sizes[name])
+    raise InputError(
+        f"{path}: {largest!r}", f"holds {sizes[largest] / 1e9:.2g} GB of numbers in {path.stat().st_size / 1e6:.2g} MB",
+        f"at most {most / 1e9:.2g} GB are read: save the channels of the recording alone",
+    )  # fmt: skip

@@ -40,7 +40,7 @@ MEASURED = """() => {  // data of the points on the figures of the responses
     }
 }"""
 TABS = {  # and the last heading of each: where it stands, the tab's content does
-    "Drivetrain": "Values", "Modes": "Frequency response", "Match": "Map: what if …",
+    "Drivetrain": "Values", "Modes": "Orders", "Road": "Recordings", "Match": "Map: what if …", "Bed": "Recordings",
     "Measurement": "Model against recording", "Validity": "XiL fidelity",
 }  # fmt: skip
 

@@ -145,7 +145,7 @@ def test_a_budget_in_the_explorer_shows_its_result_and_is_saved_with_what_was_en
     keys = next(field.keys for field in fields(budget) if "half_width" in field.keys)
     table.editing.do(lambda: table._enter(keys, "0.5"))
     assert path.read_text() == before
-    assert "R.half_width is 0.5. Changed; not saved yet" in str(table.editing.message.object)
+    assert "R half-width is 0.5. Changed; not saved yet" in str(table.editing.message.object)
     assert table.editing._save() == "Saved: budget.toml"
     assert path.read_text() != before
     assert table.editing._save() == "Everything is saved"

@@ -11,7 +11,7 @@ from structure.imports import ROOT
 FORMS = (  # tab, labels of two fields that follow each other, where their values stand in which file
     ("Drivetrain", ("J [kg·m²]", "drag [N·m·s/rad]"), "case/vehicle.toml", ("inertias", "motor"), ("J", "drag")),
     ("Match", ("dead time [s]", "inverter lag [s]"), "case/case.toml", ("loop",), ("dead_time", "inverter_lag")),
-    ("Validity", ("R value", "R half width"), "budget.toml", ("inputs", "R"), ("value", "half_width")),
+    ("Validity", ("R value", "R half-width"), "budget.toml", ("inputs", "R"), ("value", "half_width")),
 )
 BUDGET = """\
 [measurand]

@@ -92,7 +92,7 @@ def test_the_same_in_the_browser(tmp_path):
         served(explored(case), out=tmp_path / "first" / "out") as address,
         opened_page(address) as (page, complaints),
     ):
-        page.get_by_role("tab", name="Measurement").click()
+        page.get_by_role("tab", name="Road").click()
         page.locator("input[type=file]").set_input_files(case.parent / "strasse.csv")
         page.get_by_text("5500 samples", exact=False).wait_for()
         assert page.get_by_label("body speed (speed)").input_value() == "n_Rad"
@@ -118,7 +118,7 @@ def test_the_same_in_the_browser(tmp_path):
 def test_the_identified_case_goes_to_match_in_a_folder_of_its_own(tmp_path, monkeypatch):
     pytest.importorskip("panel")
     from matching.explore.files import opened
-    from matching.explore.measurement import MeasurementTab
+    from matching.explore.road import RoadTab
 
     monkeypatch.chdir(tmp_path)
     rm.new(tmp_path / "first")
@@ -127,7 +127,7 @@ def test_the_identified_case_goes_to_match_in_a_folder_of_its_own(tmp_path, monk
     vehicle.write_text(vehicle.read_text(encoding="utf-8").replace("J = 150", "J = 158"), encoding="utf-8")
     went = []
     workspace = opened([tmp_path / "first" / "case.toml"], tmp_path / "out")
-    tab = MeasurementTab(workspace, lambda: went.append(workspace.case.path))
+    tab = RoadTab(workspace, lambda: went.append(workspace.case.path))
     tab.identify.start()
     assert "no recording is open" in tab.identify.message.object
     tab._show_identified(None)
@@ -172,6 +172,6 @@ def test_the_step_stays_open_where_an_example_is_opened(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     steps = []
     bar = FilesBar(opened([], tmp_path / "out"), steps.append)
-    bar.example("budget").clicks += 1
-    bar.example("case").clicks += 1
-    assert steps == ["Validity", "Match"]
+    bar.example("budget", "Validity").clicks += 1
+    bar.example("case", "Bed").clicks += 1
+    assert steps == ["Validity", "Bed"]

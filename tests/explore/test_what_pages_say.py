@@ -159,3 +159,20 @@ def test_paths_in_messages_are_those_of_the_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "first")
     assert with_short_paths(f"{tmp_path}/none.toml: does not exist") == "none.toml: does not exist"
     assert with_short_paths("/no/such/folder/file: /a/b") == "/no/such/folder/file: /a/b"
+
+
+@pytest.mark.parametrize(("error", "said"), [
+    ("b.toml: inputs.R.half_width: -5 is too small", "R, half-width: -5 is too small"),
+    ("move.'loop.dead_time'.lower: 'x' is no quantity", "Dead time, lower: 'x' is no quantity"),
+    ("c.toml: targets[2].mode: is no mode number", "Targets, 2, mode: is no mode number"),
+    ("response.compare.0.input: '-5' is a number", "Response, compare, 1, input: '-5' is a number"),
+    ("c.toml: f_max: -5 is not positive", "Largest relevant frequency [Hz]: -5 is not positive"),
+    ("log.csv: column 'time': has no unit", "log.csv: column 'time': has no unit"),
+    ("log.csv: is no recording", "log.csv: is no recording"), ("rig.toml: does not exist", "rig.toml: does not exist"),
+])  # fmt: skip
+def test_the_place_of_an_error_is_said_as_the_page_calls_its_field(error, said):
+    from matching.explore.elements import Message
+
+    message = Message()
+    message.say(error, wrong=True)
+    assert message.object.replace("&#x27;", "'") == f'<p role="status" class="wrong">{said}</p>'

@@ -1,5 +1,7 @@
 """The layouts in which MATLAB, Simulink and real-time recorders save a recording, all the same motion."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -7,6 +9,7 @@ from scipy.io import savemat
 from matching.channel_names import channel_list
 from modelling.errors import InputError
 from modelling.model_file import from_dict
+from modelling.recordings.matlab import _sizes, read_matlab
 from modelling.recordings.read import Channel, read_recording
 
 TIME = np.arange(300) * 0.004
@@ -169,3 +172,46 @@ def test_parquet_with_words_is_said(tmp_path):
     parquet.write_table(pyarrow.table({"time": TIME, "M": words, "speed": SPEED}), tmp_path / "b.parquet")
     with pytest.raises(InputError, match="'motor_torque': holds no numbers"):
         read_recording(tmp_path / "b.parquet", SYSTEM, {"motor_torque": Channel("M")})
+
+
+def inflating(path: Path, version: str, count: int) -> Path:
+    """A recording with a channel of so many zeros, which compress to nearly nothing."""
+    time = np.arange(1000) * 1e-3
+    names = {"time": time, "motor_torque": np.sin(time), "film": np.zeros(count)}
+    if version == "5":
+        savemat(path, names, do_compression=True)
+        return path
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in names.items():
+            file.create_dataset(name, data=values[None], compression="gzip").attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    return path
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_what_inflates_beyond_a_recording_is_one_line_before_it_is_read(tmp_path, version, monkeypatch):
+    """The same file is read where the channel that inflates is none of those asked for."""
+    monkeypatch.setattr("modelling.recordings.table.LARGEST_READ", 1_000_000)
+    path = inflating(tmp_path / "long.mat", version, 2_000_000)
+    assert path.stat().st_size < 100_000
+    with pytest.raises(InputError, match=r"long\.mat: 'film': holds 0\.016 GB of numbers in 0\.0\d+ MB; at most"):
+        read_matlab(path)
+    with pytest.raises(InputError, match="'film': holds"):
+        read_matlab(path, ["film"])
+    table = read_matlab(path, ["motor_torque"])
+    assert table["motor_torque"].values == pytest.approx(np.sin(np.arange(1000) * 1e-3))
+    assert "film" in table.others
+
+
+def test_the_size_that_a_file_says_is_that_of_its_numbers(tmp_path):
+    """Of names short and long, packed and not, in a struct too."""
+    for compressed in (True, False):
+        path = tmp_path / f"{compressed}.mat"
+        values = {"t": np.zeros(3000), "a_longer_name_than_most": np.zeros((2, 500)), "s": {"x": np.zeros(700)}}
+        savemat(path, values, do_compression=compressed)
+        sizes = _sizes(path)
+        assert list(sizes) == list(values)
+        for name, count in {"t": 3000, "a_longer_name_than_most": 1000, "s": 700}.items():
+            assert 8 * count <= sizes[name] < 8 * count + 400
