@@ -46,7 +46,10 @@ class DeviationSettings:
     )  # natural logarithm of a lag over the stated one: shorter ones cost many steps and say little
     damping: float = 0.7  # natural logarithm, of a damping that the case calls exact: none is, and none is named
     friction: float = 0.1  # of the largest torque of a manoeuvre: expected friction where no dynamometer acts
-    stick_speed: float = 0.03  # rad/s over which the sign of friction changes: below what an encoder shows
+    stick_speeds: tuple[float, float] = (
+        0.03,
+        1e-3,
+    )  # rad/s over which the sign of friction changes: of the first fit, and of all others, where it bends nothing
     factors: tuple[float, ...] = (0.18, 0.5, 1.8, 5.0)  # starts of a released quantity
     delays: tuple[float, ...] = (1e-3, 2.5e-3, 5e-3, 1e-2)  # s beyond the stated dead time: starts as well
     fall: float = 40.0  # of χ² by which a release is beyond chance: six standard uncertainties
@@ -58,6 +61,7 @@ class DeviationSettings:
     refitted: int = 4  # candidates of a round that are fitted; the others fall less already to first order
     most: int = 3  # releases at most: the recording tells no more
     chance: float = 0.3  # of χ²: a fall that says nothing
+    weak: float = 0.4  # of its tolerance, of an uncertainty from which on a step may lead a quantity astray
     farthest: float = 3.0  # tolerances that a quantity is off at most, as long as it is not released
     stiffest: float = 10.0  # damping of a step that still does not help: the fit has ended
     iterations: int = 10  # of a fit
@@ -165,7 +169,7 @@ class _Fit:
         for n in self.places:
             p[self.model.parameters.index(self.free[n].parameter)] = self.free[n].at(float(x[n]))
         if STICK_SPEED in self.model.parameters:
-            p[self.model.parameters.index(STICK_SPEED)] = self.run.settings.stick_speed
+            p[self.model.parameters.index(STICK_SPEED)] = self.run.stick_speed
         return p
 
     def gains(self, x: np.ndarray) -> np.ndarray:
@@ -235,11 +239,13 @@ class _Recorded:
     there: np.ndarray
     weights: np.ndarray
     noise: np.ndarray
+    noise_error: float
     columns: list[int]
     names: list[str]
     free: list[_Free]
     of_noise: float
     hold: float
+    stick_speed: float
     settings: DeviationSettings
 
 
@@ -319,7 +325,8 @@ def deviations(
     """
     run = _recorded(case, system, time, sent, read, lead, settings)
     try:
-        now = _solved(_Fit(run), np.zeros(len(run.free)), ())
+        rough = _solved(_Fit(replace(run, stick_speed=settings.stick_speeds[0])), np.zeros(len(run.free)), ())
+        now = _settled(_solved(_Fit(run), rough.x, ()))
     except SimulationError:
         return None
     rivals: dict[str, tuple[str, ...]] = {}
@@ -338,7 +345,43 @@ def deviations(
         rivals[name] = tuple(other for other, one in tried[1:] if one.cost - best.cost < settings.alike)
         now = _best_of(best, name)
     now, rivals = _needed(now, rivals)
+    for _ in range(settings.most):
+        now = _settled(now)
+        held = _held(now) if _misfit(now) <= settings.right else ()
+        if not held:
+            break
+        with contextlib.suppress(SimulationError):
+            now = _solved(now.fit, now.x, (*now.released, *held), settings.at_last, now.apart)
     return _measured(now, rivals)
+
+
+def _settled(now: _Found) -> _Found:
+    """The fit to its end; also from where what the recording hardly tells has its stated value."""
+    settings = now.fit.run.settings
+    spread = np.sqrt(np.diag(_covariance(now)))
+    widths = now.fit.widths(now.released)
+    weak = (spread > settings.weak * widths) | (np.abs(now.x) > 0.99 * settings.farthest * widths)
+    weak &= np.array([one.name not in now.released for one in now.fit.free])
+    ends = [now]
+    for x in [now.x, np.where(weak, 0.0, now.x)] if weak.any() else [now.x]:
+        with contextlib.suppress(SimulationError):
+            ends.append(_solved(now.fit, x, now.released, settings.at_last, now.apart))
+    return min(ends, key=lambda one: one.cost)
+
+
+def _covariance(now: _Found) -> np.ndarray:
+    """Of the coordinates (p, p), by the weights of the fit."""
+    return np.asarray(np.linalg.inv(now.errors.gram.sum(axis=0) + np.diag(now.fit.widths(now.released) ** -2.0)))
+
+
+def _held(now: _Found) -> tuple[str, ...]:
+    """What the recording tells and its tolerance holds back: it bends all others."""
+    settings, spread = now.fit.run.settings, np.sqrt(np.diag(_covariance(now)))
+    return tuple(
+        one.name for n, one in enumerate(now.fit.free)
+        if one.name not in now.released and one.starts and spread[n] < settings.told * one.width
+        and abs(now.x[n]) > 0.99 * settings.farthest * one.width
+    )  # fmt: skip
 
 
 def delays_at_edges(
@@ -432,7 +475,7 @@ def _misfit(now: _Found) -> float:
     """Largest rms error of a channel beyond its noise, over its rms."""
     run = now.fit.run
     left, size = now.errors.left / run.weights, np.sqrt(np.mean(run.read**2, axis=0))
-    beyond = np.maximum((left**2).mean(axis=0) - run.noise**2, 0.0)
+    beyond = np.maximum((left**2).mean(axis=0) - (1 + run.noise_error) * run.noise**2, 0.0)
     return float(np.max(np.sqrt(beyond) / np.maximum(size, 1e-12), initial=0.0))
 
 
@@ -500,6 +543,7 @@ def _recorded(
     noise = np.maximum(np.std(rest, axis=0), 1e-12)
     values = values - rest.mean(axis=0)
     size = np.sqrt(np.mean(values**2, axis=0))
+    noise_error = settings.coverage * np.sqrt(2 / max(lead, 1))  # relative, of its square
     per = max(settings.correlated / float(np.median(np.diff(time))), 1.0)
     weights = 1 / np.sqrt(noise**2 + per * (settings.model_error * np.maximum(size, noise)) ** 2)
     with_all, free = _coordinates(case, system, names, settings)
@@ -509,7 +553,8 @@ def _recorded(
     of_noise = float(there.sum(axis=0) @ (weights * noise) ** 2)
     hold = case.loop["dead_time"] - case.loop.command_delay()
     return _Recorded(
-        with_all, time, commands, values, there, weights, noise, columns, names, free, of_noise, hold, settings
+        with_all, time, commands, values, there, weights, noise, float(noise_error), columns, names, free, of_noise,
+        hold, settings.stick_speeds[1], settings,
     )  # fmt: skip
 
 

@@ -25,8 +25,12 @@ LIMIT = "dynamometer_speed = 600\n"
 
 
 def own_bed(plan, rng, change):
-    """Readings by name of a bed whose quantities are all off by up to 4 %; ``change`` moves one of them."""
-    true = {"motor": 0.5, "adapter": 0.05, "rotor": 0.9, "side": 4000.0, "flange": 1e5, "gain": 1.0, "late": 1.8e-3}
+    """Readings by name of a bed whose quantities are all off by up to 4 %; ``change`` moves one of them.
+
+    Dry ``friction`` (N·m) of the motor takes speed from it in every step, and never turns it round.
+    """
+    true = {"motor": 0.5, "adapter": 0.05, "rotor": 0.9, "side": 4000.0, "flange": 1e5, "gain": 1.0, "late": 1.8e-3,
+            "friction": 0.0}  # fmt: skip
     for name in true:
         true[name] *= 1 + (rng.uniform(-0.04, 0.04) if name not in ("gain", "late") else rng.uniform(-0.02, 0.02))
     gains = dict.fromkeys(("motor_speed", "side_torque", "flange_torque", "rotor_speed", "motor_torque"), 1.0)
@@ -58,6 +62,7 @@ def own_bed(plan, rng, change):
         if n % fine == 0:
             rows.append(x)
         x = M[:9, :9] @ x + M[:9, 9:] @ now
+        x[3] = np.sign(x[3]) * max(abs(x[3]) - true["friction"] * h / J[0], 0.0)
     x = np.array(rows)
     side = x @ np.array([k[0], -k[0], 0, d[0], -d[0], 0, 0, 0, 0])
     truth = {"motor_speed": x[:, 3], "side_torque": side, "flange_torque": x[:, 7], "rotor_speed": x[:, 5]}
@@ -155,6 +160,27 @@ def test_a_dynamometer_that_is_not_told_keeps_its_dead_time():
     made, rows = measured_case(case, [seen])
     assert [row.name for row in rows] == [seen.name]
     assert [part.dead_time for part in made.loop.dynamometers] == [0.003, 0.006]
+
+
+@pytest.mark.parametrize(
+    ("seed", "friction", "late"),
+    [
+        pytest.param(11, 1.3, 1.2e-3),
+        pytest.param(12, 0.6, 0.0, marks=pytest.mark.long),
+        pytest.param(13, 2.5, 2.5e-3, marks=pytest.mark.long),
+    ],
+)
+def test_dry_friction_bends_nothing_and_hides_nothing(case, seed, friction, late):
+    def change(true, _):
+        true.update(friction=friction, late=true["late"] + late)
+
+    true, found = checked(case, change, seed)
+    assert [one.name for one in found.off] == ["dynamometers.dyno.dead_time"] * (late > 0)
+    names = {"motor": "rig.inertias.motor.J", "rotor": "rig.inertias.rotor.J", "side": "rig.shafts.side.stiffness",
+             "gain": "dynamometers.dyno.torque_gain", "friction": "inertias.motor.friction"}  # fmt: skip
+    for name, told in names.items():
+        own = next(one for one in found.measured if one.name == told)
+        assert abs(own.value - true[name]) < 3 * own.uncertainty, name
 
 
 @pytest.mark.long
