@@ -20,6 +20,7 @@ from modelling.system import Sensor
 
 CURVE_POINTS = 400
 UNSAMPLED_REFINEMENT = 8  # samples in place of one, where sampling is to cost next to nothing
+PROMPT = 0.1  # of such a sample: a lag that costs nothing either
 
 
 def errors_with_bounds(tuned: Case, figures: ResponseError) -> ResponseError:
@@ -55,6 +56,20 @@ def lower_bound(case: Case, refinement: int) -> float:
         case.loop, structure=structure, measured=on_rig, values=values, specimen=KNOWN, beyond=()
     )
     return error_figures(dataclasses.replace(case, loop=finer)).after
+
+
+def prompt_bound(case: Case) -> float:
+    """The same of a bed that answers at once: what is left comes from what stands on the rig, not from the loop.
+
+    Dead times, lags and the sample time are as short as the design takes them, an eighth of a sample and less.
+    """
+    step, loop = case.loop["sample_time"] / UNSAMPLED_REFINEMENT, case.loop
+    alike = tuple(
+        dataclasses.replace(one, dead_time=None, inverter_lag=None, torque_sensor_lag=None) for one in loop.dynamometers
+    )
+    values = {**loop.values, "dead_time": step / 2, "inverter_lag": PROMPT * step, "torque_sensor_lag": PROMPT * step}
+    prompt = dataclasses.replace(loop, dynamometers=alike, values=values)
+    return lower_bound(dataclasses.replace(case, loop=prompt), UNSAMPLED_REFINEMENT)
 
 
 def _with_flanges(case: Case) -> Case:

@@ -316,6 +316,13 @@ CAUSES |= {
         ),
         _ERRORS,
     ),
+    "other_specimen": Cause(
+        lambda one: (
+            "what stands on the rig is not what the vehicle has there: with every torque measured and a bed that "
+            f"answers at once a response error of {_number(one.size):.2g} stays, {_number(one.allowed):g} is allowed"
+        ),
+        _ERRORS,
+    ),
     "response_error": Cause(
         lambda one: (
             f"the response error to {one.where} is {_number(one.size):.3f}, {_number(one.allowed):g} is allowed"

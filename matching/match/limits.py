@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from matching.match.bounds import emulating_the_whole, prompt_bound
 from matching.match.case import Case, Move, apply, scaled
 from matching.match.demands import ExceededLimit, rig_values
 from matching.match.findings import Finding, stated
@@ -251,10 +253,18 @@ def limits(
     return found if len(found) > len(shared) else []
 
 
-def led_by_dead_time(stands: list[Finding], case: Case, error: ResponseError) -> list[Finding]:
-    """The findings, led by what dead time and sampling leave with every torque measured, where that is too much."""
+def led_by_bound(stands: list[Finding], case: Case, error: ResponseError) -> list[Finding]:
+    """The findings, led by what no controller does better with every torque measured, where that is too much.
+
+    Dead time and sampling leave it, or a specimen on the rig that is not the vehicle's.
+    """
     if not stands or min(error.bound, error.after) <= case.tolerance:
         return stands
+    prompt = 0.0
+    with contextlib.suppress(NoDesign):
+        prompt = prompt_bound(emulating_the_whole(case))
+    if prompt > case.tolerance:
+        return [Finding("other_specimen", prompt, case.tolerance), *stands]
     return [Finding("dead_time_alone", error.bound, case.tolerance), *stands]
 
 

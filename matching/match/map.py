@@ -303,7 +303,7 @@ WORD_OF_CAUSE = {
     "response_error": "response_error", "beds_not_stable": "beds", "beds_damping": "beds", "worst_bed": "beds",
     "free_play": OPENED_SHAFTS, "standstill": "standstill", "emulation_left": "supervision", "roll_off": "rolled_off",
     "command_noise": "command_noise", "sensor_offset": "sensor_offset", "slow_feed_forward": "feed_forward",
-    "dead_time_alone": "response_error",
+    "dead_time_alone": "response_error", "other_specimen": "response_error",
 }  # fmt: skip
 
 

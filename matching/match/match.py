@@ -19,7 +19,7 @@ from matching.match.limits import (
     Relaxations,
     Solution,
     SolvedAgain,
-    led_by_dead_time,
+    led_by_bound,
     limits,
     relaxations,
 )
@@ -237,7 +237,7 @@ def judged(
         *stated("drive", over_range.sentences(min(case.limits_of("torque"))) if over_range is not None else ()),
         *stated("open_lash", unloaded_lashes(case)),
     ]
-    stands = led_by_dead_time(stands, case, error)
+    stands = led_by_bound(stands, case, error)
     findings = (*stands, *_both_ways(solution, case), *noted(case, checked, play, judging.drawn_beds))
     if not known and ordering:
         error = replace(error, specimen_known=_with_specimen_known(tuned, settings))
@@ -361,8 +361,8 @@ def _effort(
 ) -> tuple[SearchSettings, list[str]]:  # fmt: skip
     """The effort that a case is worth, and what is to be said of it.
 
-    Where dead time and sampling alone leave more than the case allows, or a residual vehicle of its own does, no
-    controller matches, and beds with so many delayed commands take long.
+    Where dead time, sampling and the specimen alone leave more than the case allows, or a residual vehicle of its own
+    does, no controller matches, and beds with so many delayed commands take long.
     """
     if case.loop.torqueless:
         return settings, []
@@ -372,7 +372,7 @@ def _effort(
     if bound <= max(case.tolerance, case.unmeasured_tolerance):
         return settings, []
     return SHORT, [
-        f"dead time and sampling alone leave a response error of {bound:.2g}, more than is allowed: the search is short"
+        f"no controller comes below a response error of {bound:.2g}, more than is allowed: the search is short"
     ]
 
 

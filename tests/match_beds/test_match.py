@@ -8,11 +8,13 @@ import pytest
 from result_schema import check_schema
 
 from matching.match.beds import DampingFault, NamedMode
-from matching.match.bounds import estimator_bound
-from matching.match.findings import sentences
+from matching.match.bounds import errors_with_bounds, estimator_bound, prompt_bound
+from matching.match.findings import Finding, sentences
+from matching.match.limits import led_by_bound
 from matching.match.loop import bed_set, controller_on, frequency_response, linear_bed
 from matching.match.loop import responses as controlled
 from matching.match.match import match
+from matching.match.responses import error_figures
 from matching.match.robustness import not_kept, noted
 from matching.match.verify import matched_motion
 from matching.report.match import content, summary
@@ -48,6 +50,39 @@ def test_with_40_ms_the_dead_time_is_named_first_and_the_search_is_short(small_c
     assert any("the search is short" in note for note in late.notes)
     json.dumps(content(late), allow_nan=False)
     assert "sampling alone leave" in summary(content(late)).splitlines()[1]
+
+
+def _three_masses(f: np.ndarray, motor: float, side: float) -> np.ndarray:
+    """The small vehicle's compared responses (f, 3) by complex equations of our own."""
+    K = np.array([[side, -side, 0], [-side, side + 8000, -8000], [0, -8000, 8000]], dtype=complex)
+    C = np.array([[2 + 0.01, -2, 0], [-2, 2 + 30, -30], [0, -30, 30 + 0.5]])
+    found = []
+    for w in 2 * np.pi * f:
+        q = np.linalg.solve(K + 1j * w * C - w**2 * np.diag([motor, 1.0, 40.0]), np.eye(3))
+        twist = (side + 2j * w) * (q[0] - q[1])
+        found.append([1j * w * q[0, 0], twist[0], twist[2]])
+    return np.array(found)
+
+
+def test_what_the_specimen_alone_leaves_is_not_put_on_the_dead_time(small_case):
+    """A motor and a side shaft that are not the vehicle's: the best bed answers like the vehicle with these parts."""
+    other = small_case.rig.with_values({"inertias.motor.J": 0.9, "shafts.side.stiffness": 7000.0})
+    f = np.geomspace(*small_case.band, 4000)
+    ratio = np.log(_three_masses(f, 0.9, 7000.0) / _three_masses(f, 0.5, 4000.0))
+    by_hand = np.sqrt(np.mean(np.abs(ratio) ** 2))
+    for dead_time in (0.0023, 0.04):
+        box = small_case.uncertainty.about({"loop.dead_time": dead_time})
+        case = replace(small_case, loop=small_case.loop.with_values({"dead_time": dead_time}), uncertainty=box)
+        assert prompt_bound(case) < 0.01
+        assert prompt_bound(replace(case, rig=other)) == pytest.approx(by_hand, rel=0.03)
+        for rig, causes in (
+            (case.rig, {0.0023: [], 0.04: ["dead_time_alone"]}[dead_time]),
+            (other, ["other_specimen"]),
+        ):
+            own = replace(case, rig=rig)
+            error = errors_with_bounds(own, error_figures(own))
+            found = led_by_bound([Finding("response_error", 1.0, 0.1, where="measured torques")], own, error)
+            assert [one.cause for one in found[:-1]] == causes
 
 
 def test_a_short_search_is_for_dead_times_out_of_reach_alone(result):
