@@ -318,7 +318,7 @@ CAUSES |= {
     ),
     "other_specimen": Cause(
         lambda one: (
-            "what stands on the rig is not what the vehicle has there: with every torque measured and a bed that "
+            "the specimen on the rig is not the vehicle's (see the notes); with every torque measured and a bed that "
             f"answers at once a response error of {_number(one.size):.2g} stays, {_number(one.allowed):g} is allowed"
         ),
         _ERRORS,
