@@ -29,7 +29,7 @@ from matching.match.loop import (
 from matching.match.loop_modes import ClosedLoop
 from matching.match.opened import SHARES, STAYS_OPEN_S, Opened
 from matching.match.requirements import Requirements
-from modelling.bed.observer import sensor_noise
+from modelling.bed.observer import dynamometer_sizes, sensor_noise
 from modelling.linear.resolvent import Resolvent, resolvent
 
 # --- What a controller does on a set of beds and what it asks of them: the figures that the search works with.
@@ -106,12 +106,23 @@ def noise_of_sensors(case: Case, sensors: Sequence[str]) -> np.ndarray:
     return np.array([sensor_noise(by_name[name], case.loop["sample_time"]) for name in sensors])
 
 
+def balanced(matrices: np.ndarray, case: Case) -> np.ndarray:
+    """Matrices (…, k, k) from commands to commands, in units of what each dynamometer usually gives.
+
+    A singular value depends on these units where the dynamometers are not alike: 1 N·m of a light machine in the
+    engine's place is as much as 10 N·m of one at a wheel. See :func:`modelling.bed.observer.dynamometer_sizes`.
+    """
+    sizes = dynamometer_sizes(case.rig, case.loop)
+    made: np.ndarray = matrices * (sizes / sizes[:, None])
+    return made
+
+
 def margins_of(beds: BedSet, controller: SampledController) -> np.ndarray:
     """Least singular values of I + L over the set's frequencies and between them, of every bed (b,).
 
     Between frequencies the square is taken for a parabola about the lowest point.
     """
-    difference = return_difference(beds, frequency_response(controller, beds.frequencies))
+    difference = balanced(return_difference(beds, frequency_response(controller, beds.frequencies)), beds.case)
     squares = np.linalg.svd(difference, compute_uv=False)[..., -1] ** 2
     rows, place = np.arange(len(squares)), np.log(beds.frequencies)
     at = np.clip(squares.argmin(axis=1), 1, len(place) - 2)
@@ -136,11 +147,12 @@ class LoopCurves:
     difference : ndarray (f, k, k)
         I + L.
     margin, closed : ndarray (f,)
-        Least singular value of I + L, at a local minimum the least between its neighbours; largest of T.
+        Least singular value of I + L, at a local minimum the least between its neighbours; largest of T; of both in
+        balance, see :func:`balanced`.
     margin_at : ndarray (f,)
         Where that is, Hz.
     held, at_margin : ndarray (f, y, k), (f, k, k)
-        Readings for commands and I + L there.
+        Readings for commands, and I + L in balance there.
     minima : ndarray (n,)
         Numbers of these minima.
     noise : ndarray (f, k, y)
@@ -165,10 +177,10 @@ def loop_curves(
     The margin's local minima ``below`` a value, from where it counts on, are searched between the frequencies.
     """
     difference, f = return_difference(bed.every, acting)[0], bed.every.frequencies
-    identity = np.eye(difference.shape[-1])
-    inverse = np.linalg.inv(difference)
-    margin = np.linalg.svd(difference, compute_uv=False)[:, -1]
-    at, held, there, begin = f.copy(), bed.every.held[0].copy(), difference.copy(), min(required.margin_from, f[-1])
+    case, identity = bed.every.case, np.eye(difference.shape[-1])
+    inverse, in_balance = np.linalg.inv(difference), balanced(difference, case)
+    margin = np.linalg.svd(in_balance, compute_uv=False)[:, -1]
+    at, held, there, begin = f.copy(), bed.every.held[0].copy(), in_balance.copy(), min(required.margin_from, f[-1])
     padded = np.concatenate([[np.inf], np.where(f >= begin, margin, np.inf), [np.inf]])
     low = (margin <= padded[:-2]) & (margin <= padded[2:]) & (margin < below) & (f >= begin)
     minima = np.flatnonzero(low)
@@ -177,7 +189,7 @@ def loop_curves(
         grid = np.geomspace(ends[0], ends[1], MARGIN_POINTS)  # (p, minima)
         held_there = bed.held(grid.ravel())
         acting_there = frequency_response(controller, grid.ravel()).of_readings
-        differences = identity - acting_there @ held_there
+        differences = balanced(identity - acting_there @ held_there, case)
         least = np.linalg.svd(differences, compute_uv=False)[:, -1].reshape(grid.shape)
         lowest, column = least.argmin(axis=0), np.arange(len(minima))
         better = least[lowest, column] < margin[minima]
@@ -188,7 +200,7 @@ def loop_curves(
             [grid[np.maximum(lowest - 1, 0), column], grid[np.minimum(lowest + 1, MARGIN_POINTS - 1), column]]
         )
     return LoopCurves(
-        difference, margin, np.linalg.svd(inverse - identity, compute_uv=False)[:, 0],
+        difference, margin, np.linalg.svd(balanced(inverse - identity, case), compute_uv=False)[:, 0],
         inverse @ (acting.of_readings * bed.uncertainty), at, held, there, minima,
     )  # fmt: skip
 

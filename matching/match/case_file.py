@@ -479,6 +479,9 @@ def _floor(name: str, loop: Loop) -> float:
 # --- Reading the operating point of a case, and giving it to the vehicle and to the rig.
 
 KEYS = ("vehicle_speed", "rolling_radius", "road_load")
+# Inertia over the largest beyond a cut, from which a part carries the vehicle's mass: an engine has a hundredth of half
+# a car, one wheel of four carries a fifth of the mass at least.
+OF_THE_MASS = 0.05
 ROAD_LOAD = {"constant": "N", "linear": "N*s/m", "quadratic": "N*s^2/m^2"}
 EXAMPLE = 'write vehicle_speed = "30 km/h" and rolling_radius = 0.31, or the speed of an inertia: motor = "2500 1/min"'
 
@@ -567,7 +570,7 @@ def simple_at_operating_point(
     beyond = {part.name for system in residual.parts for part in system.inertias}
     near = {part.name for part in vehicle.inertias} - beyond
     if "road_load" in table:
-        bodies = _largest_of_each_part(simple, near)
+        bodies = _bodies(simple, near)
         simple = _with_road_load(simple, bodies, table["road_load"], _radius(table, place), f"{place}.road_load")
     acting = [part.name for part in simple.inputs if part.on not in near]
     try:
@@ -581,14 +584,19 @@ def simple_at_operating_point(
 
 
 def vehicle_inertias(vehicle: System, rig: System) -> list[str]:
-    """Inertias that stand for the vehicle's mass: of each connected part that the rig lacks the largest."""
-    return _largest_of_each_part(vehicle, {part.name for part in rig.inertias})
+    """Inertias that stand for the vehicle's mass, see :func:`_bodies`, beyond the rig."""
+    return _bodies(vehicle, {part.name for part in rig.inertias})
 
 
-def _largest_of_each_part(vehicle: System, near: set[str]) -> list[str]:
-    """Of each connected part of what is not ``near`` the largest inertia."""
+def _bodies(vehicle: System, near: set[str]) -> list[str]:
+    """Of each connected part of what is not ``near`` the largest inertia, where the part is behind the wheels.
+
+    An engine beyond a cut is a part of its own, too: its inertia is below :data:`OF_THE_MASS` of the vehicle's.
+    """
     inertia = {part.name: part.J.value for part in vehicle.inertias if part.name not in near}
-    return [max(part, key=inertia.__getitem__) for part in connected_parts(inertia, joints(vehicle))]
+    largest = [max(part, key=inertia.__getitem__) for part in connected_parts(inertia, joints(vehicle))]
+    mass = max((inertia[name] for name in largest), default=0.0)
+    return [name for name in largest if inertia[name] >= OF_THE_MASS * mass]
 
 
 def _stated(table: Mapping[str, Any], vehicle: System, place: str) -> tuple[dict[str, float], dict[str, float]]:

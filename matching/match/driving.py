@@ -12,6 +12,7 @@ from matching.match.beds import Judge, loop_figures, noise_of_sensors, planned, 
 from matching.match.case import Case, Drive
 from matching.match.coupled import controller_rows
 from matching.match.exported import exported_controller
+from matching.match.firing import FollowedPulse
 from matching.match.imperfections import (
     Imperfection,
     bed_rows,
@@ -277,6 +278,8 @@ class Driving:
         m/s, of the controller beside it.
     not_run : str
         Why there are no drives; empty otherwise.
+    pulses : tuple of FollowedPulse
+        Of an engine beyond a cut.
     """
 
     lowest: float
@@ -287,6 +290,7 @@ class Driving:
     one_speed: float
     not_run: str = ""
     settings: DrivingSettings = DRIVING
+    pulses: tuple[FollowedPulse, ...] = ()
 
     def sentences(self, torque_limit: float) -> list[str]:
         """What stands in the way, in sentences; the limit is the least of the dynamometers', N·m, or infinite."""
@@ -312,6 +316,7 @@ class Driving:
             "vehicle_speed": [self.lowest, self.highest], "designed_at": list(self.designed_at),
             "speeds": [one.to_dict() for one in self.speeds], "drives": [one.to_dict() for one in self.drives],
             "one_speed": self.one_speed, "not_run": self.not_run,
+            **({"pulses": [one.to_dict() for one in self.pulses]} if self.pulses else {}),
         }  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bo
 from matching.match.case import Case, Move, apply, scaled, whole_loop
 from matching.match.driving import DRIVING, DrivingSettings, driving, not_followed
 from matching.match.findings import Finding, stated
+from matching.match.firing import followed_pulses, with_pulses_of, without_pulses
 from matching.match.free_play import FREE_PLAY, FreePlay, lashes
 from matching.match.in_time import simulate_deviations
 from matching.match.limits import (
@@ -195,9 +196,20 @@ def match(
         kept, every bed is stable and damped, and every check of stability agrees.
     """
     found = attempt(
-        case, seed, starts, progress, beds=beds, aside=aside, ordering=ordering, begins=begins, settings=settings
-    )
-    return judged(found, progress, aside=aside, ordering=ordering, judging=judging)
+        without_pulses(case), seed, starts, progress, beds=beds, aside=aside, ordering=ordering, begins=begins,
+        settings=settings,
+    )  # fmt: skip
+    return _with_pulses(judged(found, progress, aside=aside, ordering=ordering, judging=judging), case, seed)
+
+
+def _with_pulses(result: MatchResult, given: Case, seed: int) -> MatchResult:
+    """The result with the engine's pulses of the case that was given: they are followed by a feed-forward of their own,
+    which no judge of motions sees."""
+    if result.driving is None or given.vehicle.effects == result.case.vehicle.effects:
+        return result
+    tuned = with_pulses_of(result.tuned, given)
+    over_range = replace(result.driving, pulses=followed_pulses(tuned, seed))
+    return replace(result, case=given, tuned=tuned, driving=over_range)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")

@@ -14,6 +14,7 @@ from matching.match.beds import (
     BED_POINTS,
     LoopCurves,
     OffsetFigures,
+    balanced,
     command_noise,
     counted,
     loop_curves,
@@ -62,7 +63,7 @@ from matching.match.variables import (
     block,
     variables_of,
 )
-from modelling.bed.observer import sensor_noise
+from modelling.bed.observer import dynamometer_sizes, sensor_noise
 from modelling.errors import NoDesign
 from modelling.linear.resolvent import resolvent
 
@@ -741,13 +742,14 @@ def _loop_rows(
         )
         total = np.einsum("fji,fjl,fml->im", left, pull, readings, optimize=True).real
         noise[k] = -(1 + settings.reserve) / allowed[k] * np.tensordot(change, total, 2) / power[k]
-    u, _, v = np.linalg.svd(inverse - np.eye(inverse.shape[-1]))
-    before = np.einsum("fk,fkl,fli->fi", u[:, :, 0].conj(), inverse, left)
-    after = np.einsum("fml,fly,fyj,fj->fm", readings, held, inverse, v[:, 0].conj(), optimize=True)
+    sizes = dynamometer_sizes(plan.every.case.rig, plan.every.case.loop)  # singular values are those in balance
+    u, _, v = np.linalg.svd(balanced(inverse - np.eye(inverse.shape[-1]), plan.every.case))
+    before = np.einsum("fk,fkl,fli->fi", u[:, :, 0].conj() / sizes, inverse, left)
+    after = np.einsum("fml,fly,fyj,fj->fm", readings, held, inverse, v[:, 0].conj() * sizes, optimize=True)
     closed = _products(before[rolled_off], change, after[rolled_off]).real
     u, _, v = np.linalg.svd(curves.at_margin)
-    before = np.einsum("fk,fki->fi", u[:, :, -1].conj(), of_margin[0])
-    after = np.einsum("fml,fly,fy->fm", of_margin[1][..., :y], curves.held, v[:, -1].conj(), optimize=True)
+    before = np.einsum("fk,fki->fi", u[:, :, -1].conj() / sizes, of_margin[0])
+    after = np.einsum("fml,fly,fy->fm", of_margin[1][..., :y], curves.held, v[:, -1].conj() * sizes, optimize=True)
     least = -_products(before[margin], change, after[margin]).real
     offsets, allowed = at.offsets, np.array(search.required.sensor_offset)
     of_offsets = np.zeros((0, len(change)))

@@ -17,6 +17,7 @@ from modelling.bed.bed import Loop
 from modelling.bed.foreign_vehicle import foreign_vehicle_law
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.profile import DrivenTorques, read_driver, read_speed_profile
+from modelling.bed.pulse_following import pulse_following
 from modelling.bed.stepped import SteppedLaw, SteppedVehicle, stepped_law, stepped_vehicle
 from modelling.bed.vehicle import ResidualVehicle, cut
 from modelling.errors import InputError, unknown
@@ -320,10 +321,11 @@ def law_over_speed(case: Case) -> SteppedLaw:
     about = case.operating_range
     assert about is not None
     cases = [at_speed(case, float(speed)) for speed in grid(about)]
+    rigs, residuals = [each.rig for each in cases], [each.residual_vehicle for each in cases]
     law = stepped_law(
-        [each.rig for each in cases], [each.residual_vehicle for each in cases], case.loop, case.loop.values,
-        about.bodies, about.rolling_radius, linear_bed(cases[-1]).torque_signs, body_speed(case),
+        rigs, residuals, case.loop, case.loop.values, about.bodies, about.rolling_radius,
+        linear_bed(cases[-1]).torque_signs, body_speed(case),
     )  # fmt: skip
     if (vehicle := case.vehicle_in_the_loop) is None:
-        return law
+        return replace(law, following=pulse_following(law, rigs, residuals, case.loop))
     return foreign_vehicle_law(law, vehicle.timing(case.loop["sample_time"]), run_in_of(case))

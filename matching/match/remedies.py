@@ -5,6 +5,7 @@ Nothing is recommended that was not run. Which changes are tried follows from wh
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -40,12 +41,15 @@ class RemedySettings:
         Times less noise than the coarsest encoder up to which another one is coarse as well.
     most : int
         Matches that are tried at most. Each takes some seconds; a limited case answers within a minute.
+    seconds : float
+        s of processor time after which no other one is begun. Three machines that are not alike take 10 s for one.
     """
 
     factors: tuple[float, ...] = (2.0, 4.0, 8.0)
     above: tuple[float, ...] = (0.01, 0.03)
     as_coarse: float = 4.0
     most: int = 12
+    seconds: float = 30.0
 
 
 REMEDIES = RemedySettings()
@@ -176,7 +180,7 @@ def remedies_of(
         Larger limits of the case, SI, with which every target was met.
     """
     case, causes = result.case, [one.cause for one in result.findings if one.limits]
-    trials, found = _Trials(again, settings.most), []
+    trials, found = _Trials(again, settings), []
     if limits and TORQUE_OVER_SPEED not in limits:  # a curve is no number that could be larger
         ratio = max(value / case.limits[key] for key, value in limits.items())
         words = " and ".join(f"limits.{key} = {value:.4g}" for key, value in limits.items())
@@ -197,14 +201,15 @@ def remedies_of(
 
 
 class _Trials:
-    """Matches of changed cases, so many at most."""
+    """Matches of changed cases, so many at most and for so long."""
 
-    def __init__(self, again: Callable[[Case], MatchResult], most: int):
-        self._again, self._left = again, most
+    def __init__(self, again: Callable[[Case], MatchResult], settings: RemedySettings):
+        self._again, self._left = again, settings.most
+        self._ends = time.process_time() + settings.seconds
 
     def tried(self, case: Case, keys: dict[str, Any], words: str, factor: float) -> list[Remedy]:
         """The remedy, where the case is matched and trials are left."""
-        if not self._left:
+        if not self._left or time.process_time() > self._ends:
             return []
         self._left -= 1
         try:

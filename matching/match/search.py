@@ -80,7 +80,7 @@ def solve(
     play = None
     if search.sees_opened and not _holds(search, ends[0]):
         ends = [*_from_less_noise(search, begin_at), *ends]
-        if not _holds(search, ends[0]):
+        if not _holds(search, ends[0]) and not settings.decides:  # without the play it would be no match
             ends, play = _both_ways(search, ends, begin_at)
     tell("controller")
     left = settings.most_steps - sum(end.steps for end in ends)

@@ -81,7 +81,8 @@ class SearchSettings:
         best of four scatters came to 0.30.
     decides : bool
         The search of a feedback law ends with the first controller that keeps every requirement and tolerance: whether
-        a changed case can be matched is decided then. A search that goes on delivers nothing that costs more.
+        a changed case can be matched is decided then. A search that goes on delivers nothing that costs more. An
+        observer that keeps no free play is not looked for: with it the case is not matched.
     remedies : bool
         Whether what may help a limited case is tried, by solving it again, and said.
     starts : int

@@ -141,7 +141,28 @@ def key_rows(content: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]
         if errors["planned"] is None:
             found = "left emulation"
         rows.append((f"  {drive['title']}: as planned, 95 % of beds", "", "", found, asked))
+    return [*rows, *_pulses(driving)]
+
+
+def _pulses(driving: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]:
+    """Up to where the pulses of an engine are followed."""
+    rows = []
+    for pulse in driving.get("pulses", []):
+        within, beds = number(100 * pulse["tolerance"], 2), number(100 * pulse["share"], 2)
+        what = f"  order {number(pulse['order'], 3)} of {spaced(pulse['place'])}: amplitude within {within} % up to"
+        rows.append((what, "", "", _until(pulse, pulse["planned"]), f"of {number(pulse['highest'], 3)} Hz"))
+        rows.append((f"    on {beds} % of drawn beds up to", "", "", _until(pulse, pulse["drawn"]), ""))
+        rows.append(
+            (f"    for it dynamometer {pulse['dynamometer']} gives", "", "", f"{number(pulse['torque'], 2)} N·m", "")
+        )
     return rows
+
+
+def _until(pulse: Mapping[str, Any], frequency: float | None) -> str:
+    if frequency is None:
+        return "nowhere"
+    speed = 60 * frequency / pulse["order"]
+    return f"{number(frequency, 3)} Hz ({number(speed, 3)} 1/min)"
 
 
 def _share(value: float | None) -> str:

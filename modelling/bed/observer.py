@@ -42,6 +42,7 @@ def sensor_noise(sensor: Sensor, sample_time: float) -> float:
     return float(np.hypot(sensor.uncertainty or 0.0, quantum / np.sqrt(6.0)))
 
 
+ALIKE = 0.01  # relative: rotors that differ by less are one kind of dynamometer
 FORGETTING_PER_SAMPLE = 1e-5  # of an estimated or known torque: a random walk without it has no bounded variance
 MODES = 2  # that a swinging torque is estimated for; each adds two states a dynamometer
 SWING_DAMPING = 0.02  # ratio, of such a torque, at least: how far from the mode's frequency it may swing
@@ -95,6 +96,11 @@ class ObserverModel:
         Readings by these states: the zeros of the flanges alone.
     noises : dict of str to ndarray (x, k)
         What torques without memory do, by the weight that states their size: at the rotors, in the cut shafts.
+    sizes : ndarray (k,)
+        Torques of each dynamometer over those of the mean one, see :func:`dynamometer_sizes`: the weights hold for the
+        mean one, and count in proportion for the others. The columns of ``noises`` have this factor.
+    drift_sizes : ndarray (e,)
+        The same factor of every estimated torque's state; 1 of torques at the inputs of the rig.
     speed_error : ndarray (k, x)
         Speed of the rig less that of the residual vehicle at each cut, rad/s.
     readings : Readings
@@ -118,7 +124,14 @@ class ObserverModel:
     known: tuple[str, ...]
     dynamometers: tuple[str, ...]
     sample_time: float
+    sizes: np.ndarray
+    drift_sizes: np.ndarray
     remainders: int = 0
+
+    @property
+    def command_prices(self) -> np.ndarray:
+        """Price (k, k) of a squared command of each dynamometer over that of the mean one."""
+        return np.diag(self.sizes**-2)
 
     @property
     def torques_known(self) -> int:
@@ -186,15 +199,35 @@ def observer_model(
     of_zeros[:flanges, others:] = np.eye(flanges)
     rates = np.r_[np.zeros(others), readings.noise[:flanges] * np.sqrt(2 / ZERO_TIME_S)]
     zeros = np.zeros((len(at_rotors), flanges))
+    sizes = dynamometer_sizes(rig, loop)
+    of_drifts = np.r_[np.ones(len(on_rig)), sizes, np.repeat(np.tile(sizes, len(modes)), 2), np.ones(flanges)]
     return ObserverModel(
         replace(bed, torques=np.hstack([at_inputs, at_rotors, swinging, zeros, of_known])),
         model.rig_states + loop.lag_states,
         block_diag(stay, *turns, np.exp(-step / ZERO_TIME_S) * np.eye(flanges)), (*drifts, *("",) * flanges), rates,
-        of_zeros, {"dynamometer_noise": at_rotors, "shaft_noise": in_shafts},
+        of_zeros, {"dynamometer_noise": at_rotors * sizes, "shaft_noise": in_shafts * sizes},
         np.pad(model.speed_error, ((0, 0), (0, len(bed.whole) - len(model.space.A)))),
         readings, known,
-        tuple(dynamometer.name for dynamometer in loop.dynamometers), step, further.shape[1],
+        tuple(dynamometer.name for dynamometer in loop.dynamometers), step, sizes, of_drifts,
+        further.shape[1],
     )  # fmt: skip
+
+
+def dynamometer_sizes(rig: System, loop: Loop) -> np.ndarray:
+    """Torque (k,) that noise of its speed sensor asks of each dynamometer, over the geometric mean of all.
+
+    It grows with the inertia of the rotor. A machine in the engine's place is ten times lighter than one at a wheel:
+    what wanders at it, and the price of its commands, are in proportion. All are 1 where the dynamometers are alike.
+    """
+    on, sensors = {part.name: part.on for part in rig.inputs}, {part.name: part for part in rig.sensors}
+    inertia, step = {part.name: part.J.value for part in rig.inertias}, loop["sample_time"]
+    torques = np.array([
+        inertia[on[one.torque_input]] * sensor_noise(sensors[one.speed_sensor], step) for one in loop.dynamometers
+    ])  # fmt: skip
+    if np.ptp(torques) <= ALIKE * torques.max():
+        return np.ones(len(torques))
+    sizes: np.ndarray = torques / np.exp(np.mean(np.log(torques)))
+    return sizes
 
 
 def emulated_modes(residual: ResidualVehicle, step: float, part: KnownPart | None = None) -> tuple[complex, ...]:
@@ -337,6 +370,7 @@ def filter_of(model: ObserverModel, weights: Mapping[str, float]) -> Filter:
     C = np.hstack([model.readings.rows, model.of_zeros])
     drift = np.array([weights[name] if name else rate for name, rate in
                       zip(model.drifts, model.zero_rates, strict=True)]) * root  # fmt: skip
+    drift = drift * model.drift_sizes
     white = np.hstack([columns * (weights[name] / root) for name, columns in model.noises.items()])
     Q = np.zeros((n + e, n + e))
     Q[:n, :n] = white[:n] @ white[:n].T + STATE_NOISE * np.eye(n)
@@ -538,8 +572,9 @@ def feedback_on_all(model: ObserverModel, command_weight: float, change: float) 
     k, x = len(model.dynamometers), len(model.bed.whole)
     E = np.hstack([model.speed_error, np.zeros((k, k))])
     last = last_command(model)
-    Q = E.T @ E + STATE_WEIGHT * np.eye(x + k) + change * last.T @ last
-    R, S = (command_weight + change) * np.eye(k), -change * last.T
+    price = model.command_prices
+    Q = E.T @ E + STATE_WEIGHT * np.eye(x + k) + change * last.T @ price @ last
+    R, S = (command_weight + change) * price, -change * last.T @ price
     X = riccati(A, B, Q, R, S, what="command that makes the rig follow the vehicle")
     weight = B.T @ X @ B + R
     F = np.linalg.solve(weight, B.T @ X @ A + S.T)
@@ -605,14 +640,15 @@ BY_DECADE = float(np.log(10))  # of a weight, over the weight
 
 def feedback_slopes(model: ObserverModel, made: Feedback, command_weight: float, change: float) -> np.ndarray:
     """Of the state feedback's gains (2, k, x + fifo + e + w) by a decade of each of its weights."""
-    last, k = last_command(model), len(model.dynamometers)
+    last = last_command(model)
     by_command, by_change = BY_DECADE * command_weight, BY_DECADE * change
     F, B, X, closed, on = made.F, made.B, made.X, made.closed, made.on
-    # Q, S and R together, seen along u = −F·x: a command costs FᵀF, its change (last + F)ᵀ(last + F)
-    price = np.stack([by_command * F.T @ F, by_change * (last + F).T @ (last + F)])
+    # Q, S and R together, seen along u = −F·x: a command costs FᵀPF, its change (last + F)ᵀP(last + F)
+    P = model.command_prices
+    price = np.stack([by_command * F.T @ P @ F, by_change * (last + F).T @ P @ (last + F)])
     dX = summed(closed.T, closed, price)
-    dR = np.array([by_command, by_change])[:, None, None] * np.eye(k)
-    dS = np.stack([np.zeros_like(last), -by_change * last])
+    dR = np.array([by_command, by_change])[:, None, None] * P
+    dS = np.stack([np.zeros_like(last), -by_change * P @ last])
     dF = np.linalg.solve(made.weight, B.T @ dX @ closed + dS - dR @ F)
     bent = -np.swapaxes(B @ dF, 1, 2)  # of closedᵀ
     gradient = summed(closed.T, on, bent @ (made.gradient @ on + X @ made.push) + closed.T @ dX @ made.push)
@@ -629,7 +665,8 @@ def filter_slopes(
     dQ, dR, across = np.zeros((count, o, o)), np.zeros((count, y, y)), np.zeros((count, v, n))
     for i, name in enumerate(names):
         square = 2 * BY_DECADE * weights[name] ** 2
-        dQ[i, n:, n:] = np.diag([square * root if drift == name else 0.0 for drift in model.drifts])
+        wanders = np.array([square * root if drift == name else 0.0 for drift in model.drifts])
+        dQ[i, n:, n:] = np.diag(wanders * model.drift_sizes**2)
         if name in model.noises:
             columns = model.noises[name]
             dQ[i, :n, :n] = square / root * columns[:n] @ columns[:n].T

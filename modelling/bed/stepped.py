@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from modelling.bed.bed import ControlLaw, Loop, bed_model, predicted_part
+from modelling.bed.firing import PulseFollowing, Pulses, no_following, pulses_in
 from modelling.bed.observer import (
     FORGETTING_PER_SAMPLE,
     assembled,
@@ -116,6 +117,8 @@ class SteppedVehicle:
         Steps of its integration in a sample.
     sample_time : float
         s.
+    pulses : Pulses
+        Torques over the angles of its inertias: of an engine. They are no part of ``rates``.
     """
 
     rates: ca.Function
@@ -132,6 +135,7 @@ class SteppedVehicle:
     tyres: tuple[str, ...]
     pieces: int
     sample_time: float
+    pulses: Pulses
 
     def schedule_speed(self, x: np.ndarray, road: np.ndarray) -> float:
         """The speed, rad/s, at which the vehicle's tyres would damp as they do at this state (v,) and on this road.
@@ -150,8 +154,11 @@ class SteppedVehicle:
         """Road (t + 2,) as planned: friction and mass as in the file, level."""
         return np.r_[np.ones(len(self.tyres) + 1), 0.0]
 
-    def step(self, x: np.ndarray, torques: np.ndarray, own: np.ndarray, road: np.ndarray) -> np.ndarray:
-        """States (v,) a sample later; torques (k,), own inputs (r,) in N·m and road (t + 2,) are held.
+    def step(
+        self, x: np.ndarray, torques: np.ndarray, own: np.ndarray, road: np.ndarray, pulsing: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """States (v,) a sample later; torques (k,), own inputs (r,) in N·m, road (t + 2,) and ``pulsing``, the rates
+        (v,) of its pulses, are held.
 
         ROS2, linearly implicit: the fast states of a brake on a turning wheel and of a tyre at standstill are stable
         whatever the step is.
@@ -159,8 +166,8 @@ class SteppedVehicle:
         h = self.sample_time / self.pieces
         for _ in range(self.pieces):
             W = np.eye(len(x)) - GAMMA * h * self.slopes(x, torques, own, road).full()
-            first = np.linalg.solve(W, self.rates(x, torques, own, road).full()[:, 0])
-            second = self.rates(x + h * first, torques, own, road).full()[:, 0] - 2 * first
+            first = np.linalg.solve(W, self.rates(x, torques, own, road).full()[:, 0] + pulsing)
+            second = self.rates(x + h * first, torques, own, road).full()[:, 0] + pulsing - 2 * first
             x = x + h * (1.5 * first + 0.5 * np.linalg.solve(W, second))
         return x
 
@@ -207,16 +214,17 @@ class SteppedVehicle:
         firm, none = (self.slopes(slid, *zero, each).full() for each in (road, loose))
         return firm - none
 
-    def linear(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Matrices of a sample at one state (v,): (v, v), by torques at the cuts (v, k) and by own inputs (v, r)."""
+    def linear(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Matrices of a sample at one state (v,): (v, v), by torques at the cuts (v, k), by own inputs (v, r) and by
+        pulses (v, m)."""
         zero = [np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned]
-        by = [part.full() for part in self._derivatives(x, *zero)]
+        by = [*(part.full() for part in self._derivatives(x, *zero)), self.pulses.by]
         v, size = len(x), len(x) + sum(part.shape[1] for part in by[1:])
         block = np.zeros((size, size))
         block[:v] = np.hstack(by)
         over = expm(block * self.sample_time)[:v]
-        k = by[1].shape[1]
-        return over[:, :v], over[:, v : v + k], over[:, v + k :]
+        on, by_cut, by_own, by_pulse = np.split(over, np.cumsum([part.shape[1] for part in by[:-1]]), axis=1)
+        return on, by_cut, by_own, by_pulse
 
     @cached_property
     def _derivatives(self) -> ca.Function:
@@ -249,13 +257,24 @@ def stepped_vehicle(
     tyres = tuple(effect.at for system in first.parts for effect in system.effects if effect.kind == "tyre_slip")
     at_cuts, at_own = ca.SX.sym("T", len(cuts)), ca.SX.sym("w", len(own))
     road, at_bodies = ca.SX.sym("road", len(tyres) + len(ROAD)), ca.SX.sym("B", len(bodies))
+    rippled = [effect for system in first.parts for effect in pulses_in(system)]
+    pulse_names, at_pulses = [f"pulse_{number}" for number in range(len(rippled))], ca.SX.sym("P", len(rippled))
+    pulsed = {name: effect.at.removeprefix("inertias.") for name, effect in zip(pulse_names, rippled, strict=True)}
     grade = road[len(tyres) + 1]
     states, rates, body, slips, torques, steepness = [], [], [], [], [], []
     speeds_by_name: dict[str, tuple[int, np.ndarray]] = {}
     lifts = [_lift(system) for system in first.parts]  # which angles nothing depends on is the same at every speed
     for number, (system, lift) in enumerate(zip(first.parts, lifts, strict=True)):
         here = [name for name in bodies if any(part.name == name for part in system.inertias)]
-        more = replace(system, inputs=(*system.inputs, *(Input(f"grade_on_{name}", name) for name in here)))
+        inside = {part.name for part in system.inertias}
+        more = replace(
+            system,
+            inputs=(
+                *system.inputs,
+                *(Input(f"grade_on_{name}", name) for name in here),
+                *(Input(name, at) for name, at in pulsed.items() if at in inside),
+            ),
+        )
         model = compiled(more)
         x = ca.SX.sym(f"x{number}", lift.shape[1])
         values = _values_on(model, system, here, tyres, road, settings)
@@ -264,6 +283,7 @@ def stepped_vehicle(
         u = ca.vertcat(*(
             at_cuts[cut_names.index(name)] if name in cut_names
             else at_own[own.index(name)] if name in own
+            else at_pulses[pulse_names.index(name)] if name in pulsed
             else at_bodies[bodies.index(name.removeprefix("grade_on_"))]
             - inertia[name.removeprefix("grade_on_")] * downhill
             for name in model.inputs
@@ -298,22 +318,34 @@ def stepped_vehicle(
         number, row = speeds_by_name[cut.vehicle_end]
         wheel[j, starts[number] : starts[number + 1]] = row
     whole, motion = ca.vertcat(*rates), ca.vertcat(*states)
-    every = ca.substitute(whole, at_bodies, ca.SX.zeros(len(bodies)))
+    every = ca.substitute(
+        whole, ca.vertcat(at_bodies, at_pulses), ca.SX.zeros(len(bodies) + len(rippled))
+    )  # fmt: skip
     arguments = [motion, at_cuts, at_own, road]
     step = loop["sample_time"]
     by_own = ca.horzsplit(ca.jacobian(every, at_own))
     nonlinear = np.array([ca.depends_on(each, ca.vertcat(motion, at_own)) for each in by_own], dtype=float)
-    there = ca.vertcat(*arguments, at_bodies)
-    values = ca.vertcat(steady[-1], np.zeros(len(cuts) + len(own)), np.ones(len(tyres) + 1), np.zeros(1 + len(bodies)))
-    by_cut, by_body = (
-        ca.DM(ca.evalf(ca.substitute(ca.jacobian(whole, each), there, values))).full() for each in (at_cuts, at_bodies)
+    there, others = ca.vertcat(*arguments, at_bodies, at_pulses), np.zeros(1 + len(bodies) + len(rippled))
+    values = ca.vertcat(steady[-1], np.zeros(len(cuts) + len(own)), np.ones(len(tyres) + 1), others)
+    by_cut, by_body, by_pulse = (
+        ca.DM(ca.evalf(ca.substitute(ca.jacobian(whole, each), there, values))).full()
+        for each in (at_cuts, at_bodies, at_pulses)
     )
+    turns = np.zeros((len(rippled), starts[-1]))
+    for pulse, at in enumerate(pulsed.values()):
+        number, of_state = speeds_by_name[at]
+        turns[pulse, starts[number] : starts[number + 1]] = of_state
+    order, amplitude, phase = (
+        np.array([dict(effect.parameters)[key].value for effect in rippled]) for key in ("order", "amplitude", "phase")
+    )
+    pulses = Pulses(tuple(pulsed.values()), order, amplitude, phase, by_pulse, turns)
     return SteppedVehicle(
         ca.Function("vehicle_rates", arguments, [ca.cse(every)]),
         ca.Function("vehicle_slopes", arguments, [ca.cse(ca.densify(ca.jacobian(every, motion)))]),
         ca.Function("vehicle_outputs", arguments, [ca.cse(ca.densify(ca.vertcat(*slips, *torques, *steepness)))]),
         by_cut, by_body, wheel, np.concatenate(body) / max(len(bodies), 1), radius, np.stack(steady), own, nonlinear,
         tuple(at.removeprefix("shafts.") for at in tyres), max(int(np.ceil(step / settings.sub_steps - 1e-9)), 1), step,
+        pulses,
     )  # fmt: skip
 
 
@@ -322,7 +354,8 @@ def _values_on(
 ) -> ca.SX:
     """Parameters (p,) of a part with friction, mass and rolling resistance as the road and the load have them."""
     values = ca.SX(ca.DM(model.p0))
-    for name, value in ((STICK_SPEED, settings.sticks_below), (CREEP, 0.0)):
+    still = [(f"{effect.name}.amplitude", 0.0) for effect in pulses_in(system)]  # pulses are the law's to count
+    for name, value in ((STICK_SPEED, settings.sticks_below), (CREEP, 0.0), *still):
         if name in model.parameters:
             values[model.parameters.index(name)] = value
     for effect in system.effects:
@@ -362,6 +395,8 @@ class Emulation:
         States of the vehicle, absolute.
     distance : float
         m.
+    phase, pulse_speed : ndarray (m,)
+        rad of each pulse (order times angle), and rad/s of its inertia, averaged.
     """
 
     state: np.ndarray
@@ -369,6 +404,8 @@ class Emulation:
     angle: np.ndarray
     vehicle: np.ndarray
     distance: float = 0.0
+    phase: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    pulse_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -411,6 +448,8 @@ class SteppedLaw:
         Which readings are the rotors' speeds.
     operating_speed : float
         rad/s of the vehicle's bodies, about which a case reports its match.
+    following : PulseFollowing
+        Torques that are added to the commands for the vehicle's pulses.
     settings : SteppedSettings
     """
 
@@ -430,6 +469,7 @@ class SteppedLaw:
     cut_by_command: np.ndarray
     speed_readings: tuple[int, ...]
     operating_speed: float
+    following: PulseFollowing
     settings: SteppedSettings = STEPPED
 
     @property
@@ -520,8 +560,11 @@ class SteppedLaw:
         The vehicle begins as it runs steadily at the rotors' speed, below the lowest speed of a grid above 0 in
         proportion.
         """
-        k, vehicle = len(self.dynamometers), self.steady_vehicle(readings)
-        return Emulation(np.zeros(self.states), np.zeros(k), np.zeros(k), vehicle), self.cut_torque_read(readings, sent)
+        k, vehicle, pulses = len(self.dynamometers), self.steady_vehicle(readings), self.vehicle.pulses
+        begun = Emulation(
+            np.zeros(self.states), np.zeros(k), np.zeros(k), vehicle, 0.0, pulses.phase.copy(), pulses.turns @ vehicle
+        )
+        return begun, self.cut_torque_read(readings, sent)
 
     def steady_vehicle(self, readings: np.ndarray) -> np.ndarray:
         """States (v,) of the design vehicle that runs steadily at the rotors' speed, from absolute readings (y,)."""
@@ -533,6 +576,25 @@ class SteppedLaw:
         """Torques (k,) at the cuts, N·m, from absolute readings (y,) and commands (k,)."""
         cut: np.ndarray = self.cut_by_reading @ readings + self.cut_by_command @ sent
         return cut
+
+    def pulsing(self, now: Emulation) -> tuple[np.ndarray, np.ndarray]:
+        """Of the pulses in the sample that begins: rates (v,) of the vehicle, held, and torques (k,) to be added."""
+        pulses, added = self.vehicle.pulses, np.zeros(len(self.dynamometers))
+        turning = pulses.turns @ now.vehicle
+        middle = pulses.amplitude * np.sin(now.phase + self.sample_time / 2 * pulses.order * turning)
+        for number in range(pulses.count):
+            gains = self.following.at(number, float(now.pulse_speed[number]))
+            turned = np.sin(now.phase[number]) * gains.real + np.cos(now.phase[number]) * gains.imag
+            added += pulses.amplitude[number] * turned
+        return pulses.by @ middle, added
+
+    def _turned(self, now: Emulation, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Phases and averaged speeds (m,) of the pulses a sample later, with the vehicle's states (v,) there."""
+        pulses, h = self.vehicle.pulses, self.sample_time
+        ends = pulses.turns @ after
+        phase = now.phase + h / 2 * pulses.order * (pulses.turns @ now.vehicle + ends)
+        share = h / (h + self.following.speed_time)
+        return np.mod(phase, 2 * np.pi), now.pulse_speed + share * (ends - now.pulse_speed)
 
     def step(
         self, now: Emulation, begun: Emulation, cut: np.ndarray, readings: np.ndarray, known: np.ndarray,
@@ -567,29 +629,34 @@ class SteppedLaw:
         load = now.load + found[v:]
         off = now.vehicle - begun.vehicle
         there = own - (1 - vehicle.nonlinear) * known[len(known) - len(own) :]  # plain torques are among the known ones
-        remainder = vehicle.rates(now.vehicle, cut, there, road).full()[:, 0] - made["likeness"] @ off
+        pulsing, more = self.pulsing(now)
+        remainder = vehicle.rates(now.vehicle, cut, there, road).full()[:, 0] + pulsing - made["likeness"] @ off
         acting = np.concatenate([known, remainder + vehicle.by_cut @ load])
-        sent = np.clip(made["K"] @ corrected + made["Dw"] @ acting + added, *limits)
+        sent = np.clip(made["K"] @ corrected + made["Dw"] @ acting + added + more, *limits)
         state = made["A"] @ corrected + made["Bw"] @ acting + made["Bs"] @ sent
         torque = cut + self.cut_torque @ (corrected + state) / 2 + self.momentum @ innovation / h
-        after = vehicle.step(now.vehicle, torque, own, road)
+        after = vehicle.step(now.vehicle, torque, own, road, pulsing)
         speed = float(vehicle.body @ (now.vehicle + after)) / 2
-        return sent, Emulation(state, load, angle, after, now.distance + h * vehicle.radius * speed)
+        return sent, Emulation(
+            state, load, angle, after, now.distance + h * vehicle.radius * speed, *self._turned(now, after)
+        )
 
-    def frozen(self, speed: float) -> ControlLaw:
+    def frozen(self, speed: float, driven: bool = False) -> ControlLaw:
         """The law and its vehicle about steady motion at one speed (rad/s) as one linear law.
 
-        States [law (x); loads (k); vehicle (v)]; the angles that are taken back at standstill are left out.
+        States [law (x); loads (k); vehicle (v)]; the angles that are taken back at standstill are left out. With
+        ``driven`` the pulses (m) and torques that are added to the commands (k) follow the known torques.
         """
         made, v, by_load = self.at(speed), self.vehicle_states, self.by_load
         q = by_load.shape[1]
         x, w, y = self.states, len(self.known), len(self.sensors)
-        r = len(self.vehicle.inputs)
+        r, m, k = len(self.vehicle.inputs), self.vehicle.pulses.count, len(self.dynamometers)
         steady = np.array([np.interp(speed, self.speeds, each) for each in self.vehicle.steady.T])
-        on, by_cut, by_own = self.vehicle.linear(steady)
+        on, by_cut, by_own, by_pulse = self.vehicle.linear(steady)
         size = x + q + v
-        # of [states; innovation; known]: corrected states and loads
-        width = size + y + w
+        # of [states; innovation; known; pulses; added]: corrected states and loads
+        width = size + y + w + m + k
+        pulse, added = np.eye(m, width, size + y + w), np.eye(k, width, width - k)
         state, innovation = np.eye(x, width), np.eye(y, width, size)
         off = -self.vehicle.wheel @ state[self.observed]
         off[:, x + q : size] += self.vehicle.wheel
@@ -598,12 +665,12 @@ class SteppedLaw:
         corrected[self.observed] += found[:v]
         load = self.load_stays * np.eye(q, width, x) + found[v:]
         remainder = (self.vehicle.slope_at(steady) - made["likeness"]) @ np.eye(v, width, x + q)
-        acting = np.vstack([np.eye(w, width, size + y), remainder + by_load @ load])
-        command = made["K"] @ corrected + made["Dw"] @ acting
+        acting = np.vstack([np.eye(w, width, size + y), remainder + by_load @ load + self.vehicle.pulses.by @ pulse])
+        command = made["K"] @ corrected + made["Dw"] @ acting + added
         after = made["A"] @ corrected + made["Bw"] @ acting
         torque = self.cut_torque @ (corrected + after) / 2 + self.momentum @ innovation / self.sample_time
-        own = np.eye(r, width, width - r)
-        vehicle = on @ np.eye(v, width, x + q) + by_cut @ torque + by_own @ own
+        own = np.eye(r, width, size + y + w - r)
+        vehicle = on @ np.eye(v, width, x + q) + by_cut @ torque + by_own @ own + by_pulse @ pulse
         rows = np.vstack([after, load, vehicle])
         sending = np.vstack(
             [made["Bs"], np.zeros((q, len(self.dynamometers))), by_cut @ self.cut_torque @ made["Bs"] / 2]
@@ -615,7 +682,7 @@ class SteppedLaw:
 
         def form(of: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             by_reading = (of[:, size : size + y] - of[:, :size] @ L) @ N
-            return of[:, :size] - by_reading @ E, by_reading, of[:, size + y :]
+            return of[:, :size] - by_reading @ E, by_reading, of[:, size + y : width if driven else size + y + w]
 
         (A, By, Bw), (K, Dy, Dw) = form(rows), form(command)
         return ControlLaw(
@@ -652,7 +719,8 @@ def stepped_law(
     bodies: Sequence[str], radius: float, torque_signs: np.ndarray, operating_speed: float,
     settings: SteppedSettings = STEPPED,
 ) -> SteppedLaw:  # fmt: skip
-    """Design the law of a range.
+    """Design the law of a range; what pulses of its vehicle ask for is worked out with it, see
+    :mod:`modelling.bed.pulse_following`.
 
     Parameters
     ----------
@@ -703,7 +771,10 @@ def stepped_law(
     # what turns the rotor turns the vehicle's end of the cut, by the ratio of their speeds
     over = np.array([by_rig[-1][rotor] / turning[-1][cut.vehicle_end] for rotor, cut in zip(rotors, cuts, strict=True)])
     turned = np.array([[each[name] for name in rotors] for each in by_rig])  # (g, k)
-    shares = np.sign(turned[-1]) / k
+    # an engine beyond a cut may turn as it likes: the speed of the vehicle is that of its wheels
+    parts = [residuals[0].part_of(cut) for cut in cuts]
+    of_wheels = np.array([any(part.name in bodies for part in each.inertias) for each in parts], dtype=float)
+    shares = np.sign(turned[-1]) * of_wheels / of_wheels.sum()
     by_reading, by_command = np.zeros((k, len(law.sensors))), np.zeros((k, k))
     for j, one in enumerate(loop.dynamometers):
         if one.torque_sensor is None:
@@ -713,7 +784,8 @@ def stepped_law(
     return SteppedLaw(
         laws, scheduled, np.stack(likeness), np.stack(by_wheel), momenta[0], vehicle, slice(n, n + v), by_state,
         speeds, turned @ shares, shares, over, by_reading, by_command,
-        tuple(law.sensors.index(one.speed_sensor) for one in loop.dynamometers), operating_speed, settings,
+        tuple(law.sensors.index(one.speed_sensor) for one in loop.dynamometers), operating_speed,
+        no_following(k), settings,
     )  # fmt: skip
 
 

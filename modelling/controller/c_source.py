@@ -57,7 +57,7 @@ def memory_bytes(controller: ExportedController) -> int:
     v, t = _vehicle_states(controller), len(tyres_of(controller))
     settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 2 + (t + 3 if v else 0)
     state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
-    state += (controller.rotors.kept + 4) * k
+    state += (controller.rotors.kept + 4) * k + 2 * _pulse_count(controller)
     if isinstance(controller.law, ForeignVehicleLaw):
         timing = controller.law.timing
         state += controller.law.by_load.shape[1] + (timing.late + timing.steps + 5) * k
@@ -76,6 +76,12 @@ def _vehicle_states(controller: ExportedController) -> int:
     return 0 if own_vehicle(controller.law) is None else controller.law.vehicle_states
 
 
+def _pulse_count(controller: ExportedController) -> int:
+    """Pulses of the vehicle that is stepped beside the law."""
+    own = own_vehicle(controller.law)
+    return 0 if own is None else own.pulses.count
+
+
 def _header(controller: ExportedController) -> str:
     law = controller.law
     readings = [f"{name}, {unit}" for name, unit in zip(law.sensors, controller.units, strict=True)]
@@ -92,6 +98,7 @@ def _header(controller: ExportedController) -> str:
             states=law.states,
             speeds=len(law.speeds) if isinstance(law, SteppedLaw) else 0,
             vehicle_states=_vehicle_states(controller),
+            pulses=_pulse_count(controller),
             foreign=law.timing if isinstance(law, ForeignVehicleLaw) else None,
             loads=law.by_load.shape[1] if isinstance(law, SteppedLaw) else 0,
             tyres=[c_comment(name) for name in tyres_of(controller)],
@@ -280,7 +287,34 @@ def _vehicle(law: SteppedLaw) -> list[str]:
         "", *_rows("BY_CUT", vehicle.by_cut),
         "", "/* the vehicle: rates of its states, their derivatives by the states, slips and torques of its tyres */",
     ]  # fmt: skip
-    return [*lines, *_functions(functions)]
+    return [*lines, *_firing(law), *_functions(functions)]
+
+
+def _firing(law: SteppedLaw) -> list[str]:
+    """Numbers of the vehicle's pulses; nothing without any."""
+    pulses, following = law.vehicle.pulses, law.following
+    if not pulses.count:
+        return []
+    k, points = len(law.dynamometers), following.speeds.shape[1]
+    share = law.sample_time / (law.sample_time + following.speed_time)
+    speeds = (f"    {{{', '.join(map(_real, row))}}}," for row in following.speeds)
+    gains = [
+        f"    {{{', '.join(f'{{{_real(one.real)}, {_real(one.imag)}}}' for one in row)}}},"
+        for table in following.gains for row in table
+    ]  # fmt: skip
+    tables = [["  {", *gains[at : at + points], "  },"] for at in range(0, len(gains), points)]
+    return [
+        "", "/* pulses of the vehicle's engine over its angle, and what each asks of the commands: real, imaginary */",
+        f"#define CONTROLLER_PULSE_SPEEDS {points}",
+        f"#define CONTROLLER_PULSE_SMOOTHING {_real(share)} /* of a change in a sample */",
+        f"#define TURN {_real(2 * math.pi)}",
+        _listed("PULSE_ORDER", pulses.order, "over a turn"), _listed("PULSE_AMPLITUDE", pulses.amplitude, "N*m"),
+        _listed("PULSE_START", pulses.phase, "rad"),
+        "", *_rows("BY_PULSE", pulses.by), "", *_rows("PULSE_TURNS", pulses.turns),
+        "static const controller_real PULSE_SPEED[CONTROLLER_PULSES][CONTROLLER_PULSE_SPEEDS] = {", *speeds, "};",
+        f"static const controller_real PULSE_GAIN[CONTROLLER_PULSES][CONTROLLER_PULSE_SPEEDS][{k}][2] = {{",
+        *(line for table in tables for line in table), "};",
+    ]  # fmt: skip
 
 
 # What CasADi calls by names of its own in the C of a function of scalars.

@@ -935,6 +935,12 @@ static void begin_vehicle(controller *c)
         c->angle[j] = (controller_real)0.0;
     }
     c->distance = (controller_real)0.0;
+#if CONTROLLER_PULSES > 0
+    for (int32_t n = 0; n < CONTROLLER_PULSES; n++) {
+        c->pulse_phase[n] = PULSE_START[n];
+        c->pulse_speed[n] = row(&PULSE_TURNS, n, c->vehicle);
+    }
+#endif
 }
 
 /* lower and upper factors of a matrix, in place, with the rows that were exchanged */
@@ -996,8 +1002,57 @@ static void road_of(const controller *c, controller_real *road)
     road[CONTROLLER_TYRES + 1] = c->settings.grade;
 }
 
+#if CONTROLLER_PULSES > 0
+/* of the pulses in the sample that begins: rates of the vehicle's states, held, and what is added to the commands */
+static void pulses_of(const controller *c, controller_real *rates, controller_real *added)
+{
+    controller_real middle[CONTROLLER_PULSES];
+    for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+        added[j] = (controller_real)0.0;
+    }
+    for (int32_t n = 0; n < CONTROLLER_PULSES; n++) {
+        const controller_real turned = (controller_real)(CONTROLLER_SAMPLE_TIME / 2.0) * PULSE_ORDER[n] *
+                                       row(&PULSE_TURNS, n, c->vehicle);
+        const controller_real sine = PULSE_AMPLITUDE[n] * (controller_real)sin((double)c->pulse_phase[n]);
+        const controller_real cosine = PULSE_AMPLITUDE[n] * (controller_real)cos((double)c->pulse_phase[n]);
+        controller_real share = (controller_real)0.0;
+        const int32_t at = place(PULSE_SPEED[n], CONTROLLER_PULSE_SPEEDS, c->pulse_speed[n], &share);
+        middle[n] = PULSE_AMPLITUDE[n] * (controller_real)sin((double)(c->pulse_phase[n] + turned));
+        for (int32_t j = 0; j < DYNAMOMETERS; j++) {
+            const controller_real *low = PULSE_GAIN[n][at][j];
+            const controller_real *high = PULSE_GAIN[n][at + 1][j];
+            added[j] += (sine * (low[0] + (share * (high[0] - low[0])))) +
+                        (cosine * (low[1] + (share * (high[1] - low[1]))));
+        }
+    }
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        rates[i] = row(&BY_PULSE, i, middle);
+    }
+}
+
+/* phases a sample later, and speeds of the engine, averaged: it turns unevenly with each pulse */
+static void turn_pulses(controller *c, const controller_real *before)
+{
+    for (int32_t n = 0; n < CONTROLLER_PULSES; n++) {
+        const controller_real now = row(&PULSE_TURNS, n, c->vehicle);
+        const controller_real phase = c->pulse_phase[n] + ((controller_real)(CONTROLLER_SAMPLE_TIME / 2.0) *
+                                                           PULSE_ORDER[n] * (row(&PULSE_TURNS, n, before) + now));
+        c->pulse_phase[n] = (controller_real)((double)phase - (TURN * floor((double)phase / TURN)));
+        c->pulse_speed[n] += (controller_real)CONTROLLER_PULSE_SMOOTHING * (now - c->pulse_speed[n]);
+    }
+}
+#endif
+
+static void add_rates(controller_real *rates, const controller_real *more)
+{
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        rates[i] += more[i];
+    }
+}
+
 /* a sample of the vehicle with these torques at its cuts: ROS2, linearly implicit, stable whatever is fast in it */
-static void step_vehicle(controller *c, const controller_real *torque, const controller_real *own)
+static void step_vehicle(controller *c, const controller_real *torque, const controller_real *own,
+                         const controller_real *pulsing)
 {
     const controller_real h = (controller_real)CONTROLLER_SAMPLE_TIME / (controller_real)CONTROLLER_PIECES;
     controller_real road[CONTROLLER_TYRES + 2];
@@ -1020,11 +1075,13 @@ static void step_vehicle(controller *c, const controller_real *torque, const con
         }
         factor(m, pivot);
         rates_of(c->vehicle, torque, own, road, first);
+        add_rates(first, pulsing);
         solve(m, pivot, first);
         for (int32_t i = 0; i < VEHICLE; i++) {
             ahead[i] = c->vehicle[i] + (h * first[i]);
         }
         rates_of(ahead, torque, own, road, second);
+        add_rates(second, pulsing);
         for (int32_t i = 0; i < VEHICLE; i++) {
             second[i] -= (controller_real)2.0 * first[i];
         }
@@ -1216,6 +1273,13 @@ static void emulate(controller *c, const controller_input *in, bool held)
 #if CONTROLLER_VEHICLE_STATES > 0
     controller_real off[DYNAMOMETERS];
     controller_real torque[DYNAMOMETERS];
+    controller_real pulsing[VEHICLE] = {(controller_real)0.0}; /* rates of the vehicle by its pulses */
+    controller_real of_pulses[DYNAMOMETERS] = {(controller_real)0.0};
+#if CONTROLLER_PULSES > 0
+    controller_real before[VEHICLE];
+    (void)memcpy(before, c->vehicle, sizeof before);
+    pulses_of(c, pulsing, of_pulses);
+#endif
     const controller_real speed = body_speed(c);
     at = place(SPEED, CONTROLLER_DESIGNS, schedule_speed(c, speed), &share);
     compare_wheels(c, in, off);
@@ -1245,6 +1309,7 @@ static void emulate(controller *c, const controller_input *in, bool held)
                     (row(&MOMENTUM, j, deviation) / (controller_real)CONTROLLER_SAMPLE_TIME);
     }
     remainder_of(c, in, at, share, z + AT_KNOWN + KNOWN);
+    add_rates(z + AT_KNOWN + KNOWN, pulsing);
 #endif
 #if CONTROLLER_FOREIGN > 0
     use_wheels(c, in, at, share, z);
@@ -1256,7 +1321,11 @@ static void emulate(controller *c, const controller_input *in, bool held)
 #endif
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
+#if CONTROLLER_VEHICLE_STATES > 0
+        const controller_real added = in->added_torque[j] + learned_torque(c, j) + of_pulses[j];
+#else
         const controller_real added = in->added_torque[j] + learned_torque(c, j);
+#endif
         if (!held) {
             c->sent[j] = within(c->sent_start[j] + between(COMMAND, at, share, j, z) + added, -limit, limit);
         }
@@ -1271,7 +1340,10 @@ static void emulate(controller *c, const controller_input *in, bool held)
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         torque[j] += row(&CUT_TORQUE, j, c->state) / (controller_real)2.0;
     }
-    step_vehicle(c, torque, in->known + (KNOWN - CONTROLLER_VEHICLE_INPUTS));
+    step_vehicle(c, torque, in->known + (KNOWN - CONTROLLER_VEHICLE_INPUTS), pulsing);
+#if CONTROLLER_PULSES > 0
+    turn_pulses(c, before);
+#endif
     c->distance += (controller_real)(CONTROLLER_SAMPLE_TIME * CONTROLLER_RADIUS / 2.0) * (speed + body_speed(c));
 #endif
 #if CONTROLLER_FOREIGN > 0

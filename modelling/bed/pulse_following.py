@@ -1,0 +1,166 @@
+"""What an engine's pulses ask of the dynamometers at every speed: from the closed loop and the vehicle in one piece."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from modelling.bed.bed import BedModel, DelayedBed, Loop, bed_model, delayed_bed
+from modelling.bed.firing import FIRING, FiringSettings, PulseFollowing, no_following
+from modelling.bed.stepped import SteppedLaw
+from modelling.bed.vehicle import ResidualVehicle
+from modelling.linear.state_space import state_space
+from modelling.linear.steady_motion import speeds_of
+from modelling.system import Input, Sensor, System
+
+
+@dataclass(frozen=True)
+class SampledRig:
+    """Rig and lags from sample to sample, without the residual vehicle.
+
+    Attributes
+    ----------
+    bed : DelayedBed
+    readings, cuts : ndarray (y, n), (k, n)
+        Readings, and torques into the vehicle at the cuts, by its states (n).
+    """
+
+    bed: DelayedBed
+    readings: np.ndarray
+    cuts: np.ndarray
+
+    def states(self, z: np.ndarray) -> np.ndarray:
+        """States (f, n, k) for commands at z (f,)."""
+        bed, n = self.bed, len(self.bed.whole)
+        late = z[:, None, None] ** (-bed.delay)
+        return np.linalg.solve(z[:, None, None] * np.eye(n) - bed.whole, late * (bed.new + bed.old / z[:, None, None]))
+
+
+def sampled_rig(model: BedModel, readings: np.ndarray, cuts: np.ndarray, loop: Loop) -> SampledRig:
+    """Rig and lags of a model; readings (y, n) and torques at the cuts (k, n) by its first states."""
+    n, k = readings.shape[1], len(loop.dynamometers)
+    made = delayed_bed(
+        model.space.A[:n, :n], model.space.B[:n, :k], np.zeros((n, 0)), loop.command_delays(), loop["sample_time"]
+    )
+    wide = ((0, 0), (0, len(made.whole) - n))
+    return SampledRig(made, np.pad(readings, wide), np.pad(cuts, wide))
+
+
+def cut_responses(
+    law: SteppedLaw, speed: float, rig: SampledRig, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What pulses and torques added to the commands make of the torques at the cuts, about one speed of the vehicle.
+
+    Parameters
+    ----------
+    speed : float
+        rad/s of the vehicle's bodies.
+    z : ndarray (f,)
+
+    Returns
+    -------
+    ndarray (f, k, m), (f, k, k), (f, k, m + k)
+        Torques at the cuts by pulses held over a sample, by added torques, and commands by both.
+    """
+    one = law.frozen(speed, driven=True)
+    held = rig.states(z)  # (f, n, k)
+    x, m, k = one.states, law.vehicle.pulses.count, len(law.dynamometers)
+    inner = one.Bw.shape[1] - m - k
+    Bw, Dw = one.Bw[:, inner:], one.Dw[:, inner:]
+    # corrected = x + L·(y − E·x), y = C·states·u: unknown are x (x) and u (k)
+    read = rig.readings @ held  # (f, y, k)
+    of_state = np.eye(x) - one.L @ one.E
+    A = one.A @ of_state
+    of_command = (one.A @ one.L + one.By) @ read + one.Bs
+    K = one.K @ of_state
+    direct = (one.K @ one.L + one.Dy) @ read
+    whole = np.zeros((len(z), x + k, x + k), complex)
+    whole[:, :x, :x], whole[:, :x, x:] = z[:, None, None] * np.eye(x) - A, -of_command
+    whole[:, x:, :x], whole[:, x:, x:] = -K, np.eye(k) - direct
+    found = np.linalg.solve(whole, np.broadcast_to(np.vstack([Bw, Dw]), (len(z), x + k, m + k)))
+    commands = found[:, x:]
+    cuts = rig.cuts @ held @ commands
+    return cuts[..., :m], cuts[..., m:], commands
+
+
+def vehicle_responses(
+    vehicle: System, residual: ResidualVehicle, cuts: Sequence[str], places: Sequence[str], f: np.ndarray
+) -> np.ndarray:
+    """Torques into the residual vehicle at the cuts (f, k, m) that pulses at inertias make of the vehicle in one piece.
+
+    Frequencies f (f,) in Hz; it is linear about its operating point.
+    """
+    named = [f"pulse_on_{name}" for name in places]
+    read = [f"torque_at_cut_{name}" for name in cuts]
+    driven = replace(
+        vehicle,
+        inputs=(*vehicle.inputs, *(Input(name, at) for name, at in zip(named, places, strict=True))),
+        sensors=(*vehicle.sensors, *(Sensor(name, "torque", at) for name, at in zip(read, cuts, strict=True))),
+    )
+    space = state_space(driven)
+    B = np.stack([space.input(name) for name in named], axis=1)
+    C = np.stack([space.output(name) for name in read])
+    D = space.D[[space.outputs.index(name) for name in read]][:, [space.inputs.index(name) for name in named]]
+    s = 2j * np.pi * f[:, None, None]
+    into = np.array([residual.cut_at(name).factor for name in cuts])
+    found: np.ndarray = into[:, None] * (C @ np.linalg.solve(s * np.eye(len(space.A)) - space.A, B + 0j) + D)
+    return found
+
+
+def pulse_following(
+    law: SteppedLaw, rigs: Sequence[System], residuals: Sequence[ResidualVehicle], loop: Loop,
+    settings: FiringSettings = FIRING,
+) -> PulseFollowing:  # fmt: skip
+    """Torques to be added so that each cut has the torque of the vehicle in one piece.
+
+    ``rigs`` and ``residuals`` (g) are at the speeds of the law, see :func:`modelling.bed.stepped.stepped_law`.
+    """
+    pulses, k, h = law.vehicle.pulses, len(law.dynamometers), loop["sample_time"]
+    if not pulses.count:
+        return no_following(k)
+    cuts = [one.follows for one in loop.dynamometers]
+    turning = [speeds_of(one.vehicle) for one in residuals]
+    speeds, tables = [], []
+    for number, place in enumerate(pulses.places):
+        there = np.abs([each[place] for each in turning])
+        order = pulses.order[number]
+        top = min(there[-1], 2 * np.pi * settings.highest / h / order)
+        count = max(int(np.ceil(np.log(top / there[0]) / np.log1p(settings.finest))), 1) + 1 if top > there[0] else 2
+        known = np.geomspace(min(there[0], top / 2), top, count)
+        gains = np.zeros((count, k), complex)
+        nearest = np.abs(np.log(known[:, None] / there)).argmin(axis=1)
+        for at in np.unique(nearest):
+            rows = np.flatnonzero(nearest == at)
+            f = order * known[rows] / (2 * np.pi)
+            z = np.exp(2j * np.pi * f * h)
+            rig = rig_of(law, rigs[at], residuals[at], loop)
+            wanted = vehicle_responses(residuals[at].vehicle, residuals[at], cuts, [place], f)[..., 0]
+            of_pulse, of_added, _ = cut_responses(law, float(law.speeds[at]), rig, z)
+            made = of_pulse[..., number] * np.sqrt(z)[:, None]  # the law holds the pulse of the middle of a sample
+            gains[rows] = np.linalg.solve(of_added, (wanted - made)[..., None])[..., 0]
+        if top < there[-1]:  # above, nothing is added
+            known, gains = np.r_[known, known[-1] * (1 + settings.fades)], np.vstack([gains, np.zeros(k)])
+        speeds.append(known)
+        tables.append(gains)
+    most = max(map(len, speeds))
+    grids = [np.linspace(0, len(one) - 1, most) for one in speeds]
+    at_all = [np.interp(grid, np.arange(len(one)), one) for grid, one in zip(grids, speeds, strict=True)]
+    filled = [
+        np.stack([np.interp(now, one, part) for part in table.T], axis=1)
+        for now, one, table in zip(at_all, speeds, tables, strict=True)
+    ]
+    return PulseFollowing(np.stack(at_all), np.stack(filled), settings.speed_time)
+
+
+def rig_of(law: SteppedLaw, rig: System, residual: ResidualVehicle, loop: Loop) -> SampledRig:
+    """Rig and lags as the law counts them, which may be another bed than it was designed for."""
+    model = bed_model(rig, residual, loop)
+    n = model.rig_states + loop.lag_states
+    wanted: Mapping[str, int] = {name: row for row, name in enumerate(model.space.outputs)}
+    named = [f"{loop.dynamometers[j].name} torque" for j in loop.with_flange]
+    named += [f"{one.name} speed" for one in loop.dynamometers] + list(loop.further_sensors)
+    readings = np.stack([model.space.C[wanted[name]] for name in named])[:, :n]
+    into = np.linalg.pinv(law.vehicle.by_cut) @ model.space.A[n:, :n]
+    return sampled_rig(model, readings, into, loop)
