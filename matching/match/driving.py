@@ -11,7 +11,9 @@ import numpy as np
 from matching.match.beds import Judge, loop_figures, noise_of_sensors, planned, quantile
 from matching.match.case import Case, Drive
 from matching.match.coupled import controller_rows
+from matching.match.demands import stresses
 from matching.match.exported import exported_controller
+from matching.match.findings import limited_quantity, with_unit
 from matching.match.firing import FollowedPulse
 from matching.match.imperfections import (
     Imperfection,
@@ -34,6 +36,7 @@ from modelling.running.controllers import Schedule
 from modelling.running.run import run
 from modelling.running.sensors import SensorErrors
 from modelling.simulation.stepping import SimulationError
+from modelling.system import Sensor
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,8 @@ class DriveErrors:
 class DriveResult:
     """A drive under the controller of the range, and, on the bed as planned alone, under that of one speed.
 
-    ``traces``: time (t,), then by sensor (t,) of vehicle, bed, and bed under the controller of one speed.
+    ``traces``: time (t,), then by sensor (t,) of vehicle, bed, and bed under the controller of one speed. ``torques``:
+    of the bed as planned, torque (t,) of every shaft by its drawing, N·m, that of the steady motion included.
     """
 
     title: str
@@ -194,6 +198,7 @@ class DriveResult:
     errors: DriveErrors
     one_speed: DriveErrors
     traces: tuple[np.ndarray, dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]] = field(repr=False)
+    torques: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
@@ -205,11 +210,15 @@ class DriveResult:
 
 @dataclass(frozen=True)
 class _Played:
-    """What one controller did: readings (t, y, b), commands (t, k, b), and what ended emulation (b,), 0 if nothing."""
+    """What one controller did: readings (t, y, b), commands (t, k, b), and what ended emulation (b,), 0 if nothing.
+
+    ``torques``: of every shaft by its drawing (t,), of the bed as planned.
+    """
 
     readings: np.ndarray
     commands: np.ndarray
     faults: np.ndarray
+    torques: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def _play(
@@ -218,6 +227,7 @@ def _play(
 ) -> _Played:  # fmt: skip
     """A drive on imperfect beds of a case at its operating point: torques (t,) in N·m by input, less those there, and
     the ``sensors`` (y) of the rig that are kept."""
+    case, watched = _with_torques(case)
     loop, size, names = case.loop, len(rows), controller.law.sensors
     before = round(settings.hold / controller.law.sample_time)
     shape = size, len(names)
@@ -238,10 +248,21 @@ def _play(
         case, controller, Schedule.held_first(before, count, about, plant.beds.trim), size
     )  # fmt: skip
     acting = {name: torque for name, torque in waiting.items() if name in plant.inputs}
-    found = run(plant, rows_of, acting, known, samples=count, keep=sensors)
+    found = run(plant, rows_of, acting, known, samples=count, keep=[*sensors, *watched.values()])
     faults = np.where(found.lost & (found.fault == 0), FAULTS.index("not finite"), found.fault)
     steady = plant.beds.steady[[plant.beds.model.sensors.index(name) for name in sensors]]
-    return _Played(found.readings[before:] - steady, found.commands[before:] - plant.beds.trim, faults)
+    readings, within = np.split(found.readings[before:], [len(sensors)], axis=1)
+    return _Played(
+        readings - steady, found.commands[before:] - plant.beds.trim, faults,
+        {shaft: within[:, i, 0] for i, shaft in enumerate(watched)},
+    )  # fmt: skip
+
+
+def _with_torques(case: Case) -> tuple[Case, dict[str, str]]:
+    """The case with an exact sensor on every shaft by its drawing, and the names of these sensors by shaft."""
+    watched = {shaft.name: f"torque_within_{shaft.name}" for shaft in case.rig.shafts if shaft.drawing is not None}
+    sensors = (Sensor(name, "torque", shaft) for shaft, name in watched.items())
+    return replace(case, rig=replace(case.rig, sensors=(*case.rig.sensors, *sensors))), watched
 
 
 def vehicles_in(
@@ -443,7 +464,29 @@ def _driven(
         name: (vehicle[:, i, 0], played[0].readings[:, i, 0], played[1].readings[:, i, 0])
         for i, name in enumerate(sensors)
     }
-    return DriveResult(drive.title, drive.vehicle_speed, seconds, worst, errors, one_speed, (time, traces))
+    return DriveResult(
+        drive.title, drive.vehicle_speed, seconds, worst, errors, one_speed, (time, traces), played[0].torques
+    )  # fmt: skip
+
+
+def stresses_beyond(case: Case, drives: Sequence[DriveResult]) -> list[str]:
+    """Sentences on shear stresses above the case's limits, of a drive of the case; the largest of each limit."""
+    about = case.operating_range
+    own = {drive.title for drive in about.drives} if about is not None else set[str]()
+    worst: dict[str, tuple[float, str]] = {}
+    for drive in (one for one in drives if one.title in own):
+        for shaft in case.rig.shafts:
+            if shaft.drawing is None or shaft.name not in drive.torques:
+                continue
+            for what, stress in stresses(shaft.drawing, drive.torques[shaft.name]).items():
+                limit = f"shafts.{shaft.name}.{what}"
+                worst[limit] = max(worst.get(limit, (0.0, "")), (stress, drive.title))
+    return [
+        f"{title}: the drive takes {limited_quantity(limit, '')} of {with_unit(limit, stress)}, "
+        f"{with_unit(limit, case.limits[limit])} is the limit"
+        for limit, (stress, title) in worst.items()
+        if limit in case.limits and stress > case.limits[limit]
+    ]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from matching.match.bounds import curves_of, emulating_the_whole, errors_with_bounds, lower_bound
 from matching.match.case import Case, Move, apply, scaled, whole_loop
-from matching.match.driving import DRIVING, DrivingSettings, driving, not_followed
+from matching.match.driving import DRIVING, DrivingSettings, driving, not_followed, stresses_beyond
 from matching.match.findings import Finding, stated
 from matching.match.firing import followed_pulses, with_pulses_of, without_pulses
 from matching.match.free_play import FREE_PLAY, FreePlay, lashes
@@ -247,6 +247,7 @@ def judged(
         *not_kept(case, checked, play),
         *run.findings,
         *stated("drive", over_range.sentences(min(case.limits_of("torque"))) if over_range is not None else ()),
+        *stated("drive", stresses_beyond(tuned, over_range.drives) if over_range is not None else ()),
         *stated("open_lash", unloaded_lashes(case)),
     ]
     stands = led_by_bound(stands, case, error)

@@ -143,7 +143,7 @@ def _by_drawing(case: Case, shaft: Shaft, moved: Sequence[OrderedValue]) -> list
 
 
 def _loads(result: MatchResult, shafts: Sequence[Shaft]) -> list[Load]:
-    """The largest of each load over a shaft and its mirror images."""
+    """The largest of each load over a shaft and its mirror images, in the manoeuvre and in the case's drives."""
     traces = result.verification.traces
     if traces is None:
         return []
@@ -152,14 +152,18 @@ def _loads(result: MatchResult, shafts: Sequence[Shaft]) -> list[Load]:
         place = f"shafts.{shaft.name}"
         if f"{place}.torque" not in traces.matched:
             continue
-        torque = traces.absolute(f"{place}.torque")
+        drives = () if result.driving is None else result.driving.drives
+        torques = [traces.absolute(f"{place}.torque")]
+        torques += [drive.torques[shaft.name] for drive in drives if shaft.name in drive.torques]
         values = {
-            "torque": ("N*m", float(np.abs(torque).max())), "torque amplitude": ("N*m", float(np.ptp(torque)) / 2),
-        }  # fmt: skip
+            "torque": ("N*m", max(float(np.abs(one).max()) for one in torques)),
+            "torque amplitude": ("N*m", max(float(np.ptp(one)) / 2 for one in torques)),
+        }
         if f"{place}.twist" in traces.matched:
             values["twist"] = "rad", float(np.abs(traces.absolute(f"{place}.twist")).max())
         if shaft.drawing is not None:
-            values |= {what: ("Pa", stress) for what, stress in stresses(shaft.drawing, torque).items()}
+            found_in = [stresses(shaft.drawing, one) for one in torques]
+            values |= {what: ("Pa", max(one[what] for one in found_in)) for what in found_in[0]}
         for what, (unit, value) in values.items():
             if what not in found or value > found[what].value:
                 found[what] = Load(what, unit, value, result.case.limits.get(f"{place}.{what}"))
