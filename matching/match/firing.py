@@ -29,13 +29,20 @@ class FollowedSettings:
         Relative: how far the amplitude of the torque at the cut may be from that in the vehicle. A tenth is what a
         driver just notices of a vibration.
     share : float
-        Of the drawn beds that have to keep it.
+        Of the drawn beds that have to keep it: nine of ten, which forty drawn beds tell from draw to draw alike.
     drawn : int
+    least : float
+        Of the pulse: an amplitude below counts as this large. At an antiresonance, where hardly anything of the pulse
+        passes, no driver notices a tenth of it.
+    converges : float
+        Cosine of the angle by which a bed may answer otherwise than planned: the correction then comes to its end.
     """
 
     tolerance: float = 0.1
-    share: float = 0.95
+    share: float = 0.9
     drawn: int = 40
+    least: float = 0.1
+    converges: float = 0.5
 
 
 FOLLOWED = FollowedSettings()
@@ -53,9 +60,12 @@ class FollowedPulse:
         Over a turn; N·m.
     lowest, highest : float
         Over the range of speeds.
-    planned, drawn : float or None
-        Up to where the amplitude is within the tolerance: on the bed as planned, on the share of drawn beds; None where
-        it is not at the lowest.
+    planned : float or None
+        Up to where the amplitude is within the tolerance on the bed as planned, and the machine's torque within its
+        limit; None where it is not at the lowest.
+    drawn_off : float
+        Relative deviation that the share of drawn beds keeps at every frequency up to there; infinite where one of the
+        rest is not followed at all.
     torque : float
         N·m: largest amplitude that the machine gives for it up to ``planned``.
     frequencies, off, off_drawn, torques : tuple of float
@@ -71,7 +81,7 @@ class FollowedPulse:
     lowest: float
     highest: float
     planned: float | None
-    drawn: float | None
+    drawn_off: float
     torque: float
     frequencies: tuple[float, ...]
     off: tuple[float, ...]
@@ -138,17 +148,13 @@ def followed_pulses(case: Case, seed: int = 0, settings: FollowedSettings = FOLL
     cases = [at_speed(case, float(speed)) for speed in grid(about)]
     turning = [speeds_of(one.vehicle) for one in cases]
     most, machines = case.limits_of("torque"), case.loop.dynamometers
-    found = []
+    made = []
     for number, place in enumerate(pulses.places):
         engine = law.following.speeds[number]
         there = np.abs([each[place] for each in turning])
         engine = engine[engine <= there[-1] * (1 + 1e-9)]
         nearest = np.abs(np.log(engine[:, None] / there)).argmin(axis=1)
-        part = next(one for one in case.residual_vehicle.parts if any(each.name == place for each in one.inertias))
-        at_cut = next(
-            j for j, one in enumerate(case.loop.dynamometers)
-            if case.residual_vehicle.part_of(case.residual_vehicle.cut_at(one.follows)) is part
-        )  # fmt: skip
+        at_cut = law.following.machines[number]
         gains = np.array([law.following.at(number, float(one)) for one in engine])
         off = np.zeros((settings.drawn + 1, len(engine)))
         torques = np.zeros(len(engine))
@@ -158,29 +164,58 @@ def followed_pulses(case: Case, seed: int = 0, settings: FollowedSettings = FOLL
             z = np.exp(1j * pulses.order[number] * engine[rows] * law.sample_time)
             wanted = _of_vehicles(own, values, place, at_cut, pulses.order[number] * engine[rows])
             for bed, (rig, torque) in enumerate(zip(_rigs(own, values), wanted, strict=True)):
-                of_pulse, of_added, commands = cut_responses(law, float(law.speeds[at]), rig, z)
-                held = np.sqrt(z)  # the law holds the pulse of the middle of a sample
-                made = of_pulse[:, at_cut, number] * held + np.einsum("fk,fk->f", of_added[:, at_cut], gains[rows])
-                off[bed, rows] = np.abs(made) / np.abs(torque) - 1
+                m, held = pulses.count, np.sqrt(z)  # the law holds the pulse of the middle of a sample
+                found = cut_responses(law, float(law.speeds[at]), rig, z)
+
+                given = _Added(number, at_cut, m, held, gains[rows])
+                answer = found.errors[:, at_cut, m + at_cut]
                 if not bed:
-                    m = pulses.count
-                    sent = commands[:, at_cut, number] * held
-                    sent = sent + np.einsum("fk,fk->f", commands[:, at_cut, m:], gains[rows])
-                    torques[rows] = pulses.amplitude[number] * np.abs(sent)
+                    planned_answer = answer
+                converges = (answer / planned_answer).real > settings.converges * np.abs(answer / planned_answer)
+                more = -given.makes(found.errors, 0.0) / answer
+                off[bed, rows] = np.where(converges, _off(given.makes(found.torques, more), torque, settings), np.inf)
+                if not bed:
+                    torques[rows] = pulses.amplitude[number] * np.abs(given.makes(found.commands, more))
         f = pulses.order[number] * engine / (2 * np.pi)
         high = np.quantile(np.abs(off[1:]), settings.share, axis=0)
-        given = torques <= most[at_cut]
-        planned = _up_to(f, (np.abs(off[0]) <= settings.tolerance) & given)
+        possible = torques <= most[at_cut]
+        planned = _up_to(f, (np.abs(off[0]) <= settings.tolerance) & possible)
         within = f <= (planned or 0.0) * (1 + 1e-9)
-        found.append(
+        made.append(
             FollowedPulse(
                 place, machines[at_cut].name, float(pulses.order[number]), float(pulses.amplitude[number]),
                 float(f[0]), float(pulses.order[number] * there[-1] / (2 * np.pi)), planned,
-                _up_to(f, (high <= settings.tolerance) & given), float(torques[within].max(initial=0.0)),
+                float(high[within].max(initial=0.0)), float(torques[within].max(initial=0.0)),
                 tuple(f.tolist()), tuple(off[0].tolist()), tuple(high.tolist()), tuple(torques.tolist()), settings,
             )
         )  # fmt: skip
-    return tuple(found)
+    return tuple(made)
+
+
+@dataclass(frozen=True)
+class _Added:
+    """A pulse, by its number among m of them, with what is added for it: f frequencies, k dynamometers.
+
+    ``held`` (f,) turns the pulse to the middle of a sample, ``gains`` (f, k) are added by plan.
+    """
+
+    number: int
+    at_cut: int
+    m: int
+    held: np.ndarray
+    gains: np.ndarray
+
+    def makes(self, of: np.ndarray, more: np.ndarray | float) -> np.ndarray:
+        """Response (f,) at the cut, of responses (f, k, m + k), with ``more`` (f,) added to the machine there."""
+        planned = of[:, self.at_cut, self.number] * self.held + (of[:, self.at_cut, self.m :] * self.gains).sum(axis=1)
+        made: np.ndarray = planned + of[:, self.at_cut, self.m + self.at_cut] * more
+        return made
+
+
+def _off(made: np.ndarray, wanted: np.ndarray, settings: FollowedSettings) -> np.ndarray:
+    """Relative deviation of amplitudes (f,), both for a pulse of 1 N·m."""
+    off: np.ndarray = (np.abs(made) - np.abs(wanted)) / np.maximum(np.abs(wanted), settings.least)
+    return off
 
 
 def _up_to(f: np.ndarray, kept: np.ndarray) -> float | None:

@@ -151,7 +151,7 @@ def _pulses(driving: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]:
         within, beds = number(100 * pulse["tolerance"], 2), number(100 * pulse["share"], 2)
         what = f"  order {number(pulse['order'], 3)} of {spaced(pulse['place'])}: amplitude within {within} % up to"
         rows.append((what, "", "", _until(pulse, pulse["planned"]), f"of {number(pulse['highest'], 3)} Hz"))
-        rows.append((f"    on {beds} % of drawn beds up to", "", "", _until(pulse, pulse["drawn"]), ""))
+        rows.append((f"    on {beds} % of drawn beds within", "", "", percent(pulse["drawn_off"]), ""))
         rows.append(
             (f"    for it dynamometer {pulse['dynamometer']} gives", "", "", f"{number(pulse['torque'], 2)} N·m", "")
         )

@@ -48,21 +48,32 @@ def sampled_rig(model: BedModel, readings: np.ndarray, cuts: np.ndarray, loop: L
     return SampledRig(made, np.pad(readings, wide), np.pad(cuts, wide))
 
 
-def cut_responses(
-    law: SteppedLaw, speed: float, rig: SampledRig, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What pulses and torques added to the commands make of the torques at the cuts, about one speed of the vehicle.
+@dataclass(frozen=True)
+class CutResponses:
+    """What pulses held over a sample, and torques added to the commands do, about one speed; f frequencies.
+
+    Attributes
+    ----------
+    torques : ndarray (f, k, m + k)
+        Torques into the vehicle at the cuts.
+    errors : ndarray (f, k, m + k)
+        Speeds of the rotors less those of the vehicle at the cuts, rad/s.
+    commands : ndarray (f, k, m + k)
+    """
+
+    torques: np.ndarray
+    errors: np.ndarray
+    commands: np.ndarray
+
+
+def cut_responses(law: SteppedLaw, speed: float, rig: SampledRig, z: np.ndarray) -> CutResponses:
+    """Responses of the closed loop to each of the vehicle's pulses and to torques added to the commands.
 
     Parameters
     ----------
     speed : float
         rad/s of the vehicle's bodies.
     z : ndarray (f,)
-
-    Returns
-    -------
-    ndarray (f, k, m), (f, k, k), (f, k, m + k)
-        Torques at the cuts by pulses held over a sample, by added torques, and commands by both.
     """
     one = law.frozen(speed, driven=True)
     held = rig.states(z)  # (f, n, k)
@@ -81,8 +92,9 @@ def cut_responses(
     whole[:, x:, :x], whole[:, x:, x:] = -K, np.eye(k) - direct
     found = np.linalg.solve(whole, np.broadcast_to(np.vstack([Bw, Dw]), (len(z), x + k, m + k)))
     commands = found[:, x:]
-    cuts = rig.cuts @ held @ commands
-    return cuts[..., :m], cuts[..., m:], commands
+    rotors = (read[:, list(law.speed_readings)] @ commands) / law.over[:, None]
+    wheels = law.vehicle.wheel @ found[:, x - law.vehicle_states : x]
+    return CutResponses(rig.cuts @ held @ commands, rotors - wheels, commands)
 
 
 def vehicle_responses(
@@ -122,14 +134,19 @@ def pulse_following(
         return no_following(k)
     cuts = [one.follows for one in loop.dynamometers]
     turning = [speeds_of(one.vehicle) for one in residuals]
-    speeds, tables = [], []
+    parts = [residuals[0].part_of(residuals[0].cut_at(name)) for name in cuts]
+    machines = tuple(
+        next(j for j, part in enumerate(parts) if any(one.name == place for one in part.inertias))
+        for place in pulses.places
+    )  # fmt: skip
+    speeds, tables, answers = [], [], []
     for number, place in enumerate(pulses.places):
         there = np.abs([each[place] for each in turning])
         order = pulses.order[number]
         top = min(there[-1], 2 * np.pi * settings.highest / h / order)
         count = max(int(np.ceil(np.log(top / there[0]) / np.log1p(settings.finest))), 1) + 1 if top > there[0] else 2
         known = np.geomspace(min(there[0], top / 2), top, count)
-        gains = np.zeros((count, k), complex)
+        gains, answer = np.zeros((count, k), complex), np.zeros(count, complex)
         nearest = np.abs(np.log(known[:, None] / there)).argmin(axis=1)
         for at in np.unique(nearest):
             rows = np.flatnonzero(nearest == at)
@@ -137,13 +154,17 @@ def pulse_following(
             z = np.exp(2j * np.pi * f * h)
             rig = rig_of(law, rigs[at], residuals[at], loop)
             wanted = vehicle_responses(residuals[at].vehicle, residuals[at], cuts, [place], f)[..., 0]
-            of_pulse, of_added, _ = cut_responses(law, float(law.speeds[at]), rig, z)
-            made = of_pulse[..., number] * np.sqrt(z)[:, None]  # the law holds the pulse of the middle of a sample
-            gains[rows] = np.linalg.solve(of_added, (wanted - made)[..., None])[..., 0]
+            found, m = cut_responses(law, float(law.speeds[at]), rig, z), pulses.count
+            # the law holds the pulse of the middle of a sample
+            made = found.torques[..., number] * np.sqrt(z)[:, None]
+            gains[rows] = np.linalg.solve(found.torques[..., m:], (wanted - made)[..., None])[..., 0]
+            answer[rows] = found.errors[:, machines[number], m + machines[number]]
         if top < there[-1]:  # above, nothing is added
             known, gains = np.r_[known, known[-1] * (1 + settings.fades)], np.vstack([gains, np.zeros(k)])
+            answer = np.r_[answer, answer[-1]]
         speeds.append(known)
         tables.append(gains)
+        answers.append(answer)
     most = max(map(len, speeds))
     grids = [np.linspace(0, len(one) - 1, most) for one in speeds]
     at_all = [np.interp(grid, np.arange(len(one)), one) for grid, one in zip(grids, speeds, strict=True)]
@@ -151,7 +172,10 @@ def pulse_following(
         np.stack([np.interp(now, one, part) for part in table.T], axis=1)
         for now, one, table in zip(at_all, speeds, tables, strict=True)
     ]
-    return PulseFollowing(np.stack(at_all), np.stack(filled), settings.speed_time)
+    answering = [np.interp(now, one, part) for now, one, part in zip(at_all, speeds, answers, strict=True)]
+    return PulseFollowing(
+        np.stack(at_all), np.stack(filled), np.stack(answering), machines, settings.speed_time, settings.correcting
+    )  # fmt: skip
 
 
 def rig_of(law: SteppedLaw, rig: System, residual: ResidualVehicle, loop: Loop) -> SampledRig:

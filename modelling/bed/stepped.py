@@ -397,6 +397,8 @@ class Emulation:
         m.
     phase, pulse_speed : ndarray (m,)
         rad of each pulse (order times angle), and rad/s of its inertia, averaged.
+    correction : ndarray (m,), complex
+        N·m added to the command for each pulse, beside what is planned, as a turning phasor.
     """
 
     state: np.ndarray
@@ -406,6 +408,7 @@ class Emulation:
     distance: float = 0.0
     phase: np.ndarray = field(default_factory=lambda: np.zeros(0))
     pulse_speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    correction: np.ndarray = field(default_factory=lambda: np.zeros(0, complex))
 
 
 @dataclass(frozen=True)
@@ -562,8 +565,9 @@ class SteppedLaw:
         """
         k, vehicle, pulses = len(self.dynamometers), self.steady_vehicle(readings), self.vehicle.pulses
         begun = Emulation(
-            np.zeros(self.states), np.zeros(k), np.zeros(k), vehicle, 0.0, pulses.phase.copy(), pulses.turns @ vehicle
-        )
+            np.zeros(self.states), np.zeros(k), np.zeros(k), vehicle, 0.0, pulses.phase.copy(), pulses.turns @ vehicle,
+            np.zeros(pulses.count, complex),
+        )  # fmt: skip
         return begun, self.cut_torque_read(readings, sent)
 
     def steady_vehicle(self, readings: np.ndarray) -> np.ndarray:
@@ -586,15 +590,27 @@ class SteppedLaw:
             gains = self.following.at(number, float(now.pulse_speed[number]))
             turned = np.sin(now.phase[number]) * gains.real + np.cos(now.phase[number]) * gains.imag
             added += pulses.amplitude[number] * turned
+            by_error = now.correction[number] * np.exp(1j * now.phase[number])
+            added[self.following.machines[number]] += by_error.imag
         return pulses.by @ middle, added
 
-    def _turned(self, now: Emulation, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Phases and averaged speeds (m,) of the pulses a sample later, with the vehicle's states (v,) there."""
+    def _turned(
+        self, now: Emulation, after: np.ndarray, errors: np.ndarray, free: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Phases, averaged speeds and corrections (m,) of the pulses a sample later, with the vehicle's states (v,)
+        there; ``errors`` (k,) of the speeds at the cuts, rad/s, ``free`` (k,) of the commands' limits."""
         pulses, h = self.vehicle.pulses, self.sample_time
         ends = pulses.turns @ after
         phase = now.phase + h / 2 * pulses.order * (pulses.turns @ now.vehicle + ends)
         share = h / (h + self.following.speed_time)
-        return np.mod(phase, 2 * np.pi), now.pulse_speed + share * (ends - now.pulse_speed)
+        correction = now.correction.copy()
+        for number, machine in enumerate(self.following.machines):
+            if free[machine]:
+                correction[number] = self.following.corrected(
+                    number, float(now.pulse_speed[number]), complex(correction[number]), float(errors[machine]),
+                    float(now.phase[number]), h,
+                )  # fmt: skip
+        return np.mod(phase, 2 * np.pi), now.pulse_speed + share * (ends - now.pulse_speed), correction
 
     def step(
         self, now: Emulation, begun: Emulation, cut: np.ndarray, readings: np.ndarray, known: np.ndarray,
@@ -632,13 +648,19 @@ class SteppedLaw:
         pulsing, more = self.pulsing(now)
         remainder = vehicle.rates(now.vehicle, cut, there, road).full()[:, 0] + pulsing - made["likeness"] @ off
         acting = np.concatenate([known, remainder + vehicle.by_cut @ load])
-        sent = np.clip(made["K"] @ corrected + made["Dw"] @ acting + added + more, *limits)
+        asked = made["K"] @ corrected + made["Dw"] @ acting + added + more
+        sent = np.clip(asked, *limits)
         state = made["A"] @ corrected + made["Bw"] @ acting + made["Bs"] @ sent
         torque = cut + self.cut_torque @ (corrected + state) / 2 + self.momentum @ innovation / h
         after = vehicle.step(now.vehicle, torque, own, road, pulsing)
         speed = float(vehicle.body @ (now.vehicle + after)) / 2
         return sent, Emulation(
-            state, load, angle, after, now.distance + h * vehicle.radius * speed, *self._turned(now, after)
+            state,
+            load,
+            angle,
+            after,
+            now.distance + h * vehicle.radius * speed,
+            *self._turned(now, after, turned / self.over - wheel, asked == sent),
         )
 
     def frozen(self, speed: float, driven: bool = False) -> ControlLaw:

@@ -57,7 +57,7 @@ def memory_bytes(controller: ExportedController) -> int:
     v, t = _vehicle_states(controller), len(tyres_of(controller))
     settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 2 + (t + 3 if v else 0)
     state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
-    state += (controller.rotors.kept + 4) * k + 2 * _pulse_count(controller)
+    state += (controller.rotors.kept + 4) * k + 4 * _pulse_count(controller)
     if isinstance(controller.law, ForeignVehicleLaw):
         timing = controller.law.timing
         state += controller.law.by_load.shape[1] + (timing.late + timing.steps + 5) * k
@@ -302,6 +302,9 @@ def _firing(law: SteppedLaw) -> list[str]:
         f"    {{{', '.join(f'{{{_real(one.real)}, {_real(one.imag)}}}' for one in row)}}},"
         for table in following.gains for row in table
     ]  # fmt: skip
+    answers = (
+        f"    {{{', '.join(f'{{{_real(one.real)}, {_real(one.imag)}}}' for one in row)}}}," for row in following.answers
+    )  # fmt: skip
     tables = [["  {", *gains[at : at + points], "  },"] for at in range(0, len(gains), points)]
     return [
         "", "/* pulses of the vehicle's engine over its angle, and what each asks of the commands: real, imaginary */",
@@ -314,6 +317,9 @@ def _firing(law: SteppedLaw) -> list[str]:
         "static const controller_real PULSE_SPEED[CONTROLLER_PULSES][CONTROLLER_PULSE_SPEEDS] = {", *speeds, "};",
         f"static const controller_real PULSE_GAIN[CONTROLLER_PULSES][CONTROLLER_PULSE_SPEEDS][{k}][2] = {{",
         *(line for table in tables for line in table), "};",
+        "static const controller_real PULSE_ANSWER[CONTROLLER_PULSES][CONTROLLER_PULSE_SPEEDS][2] = {", *answers, "};",
+        f"static const int32_t PULSE_MACHINE[] = {{{', '.join(map(str, following.machines))}}};",
+        f"#define CONTROLLER_PULSE_CORRECTING {_real(law.sample_time / following.correcting)}",
     ]  # fmt: skip
 
 

@@ -17,7 +17,7 @@
 typedef struct {
     double J_engine, drag_engine, J_gear, J_diff, ratio, k_in, c_in, k_out, c_out, k_side, c_side;
     double J_wheel, J_body, drag_body, k_car, c_car, slip, peak;
-    double order, pulse, phase;
+    double order, pulse, phase, idle_full, idle_none, idle_torque, top, top_drag;
     double J_in, drag_in, J_adapter, J_rotor, drag_rotor, k_flange, c_flange;
     double inverter[3], gain[3], lag[3], delay, noise_torque[3], noise_speed[3];
 } plant;
@@ -43,12 +43,20 @@ static void front(const plant *p, const double *s, double first, const double *o
     d[OUT] = s[GEAR] / p->ratio - s[DIFF];
 }
 
+/* idle speed control, and the drag of an engine without fuel */
+static double governed(const plant *p, double speed)
+{
+    if (speed < p->idle_full) return p->idle_torque;
+    if (speed < p->idle_none) return p->idle_torque * (p->idle_none - speed) / (p->idle_none - p->idle_full);
+    return -p->top_drag * (speed < p->top ? (speed - p->idle_none) / (p->top - p->idle_none) : 1.0);
+}
+
 static void car_rates(const plant *p, const double *s, const double *u, double *d, double *in)
 {
     double side[2];
     front(p, s, s[ENGINE], s + WHEEL, d, in, side);
     d[TURNED] = s[ENGINE];
-    d[ENGINE] = (u[0] + p->pulse * sin(p->order * s[TURNED] + p->phase) - p->drag_engine * s[ENGINE] - *in) / p->J_engine;
+    d[ENGINE] = (u[0] + governed(p, s[ENGINE]) + p->pulse * sin(p->order * s[TURNED] + p->phase) - p->drag_engine * s[ENGINE] - *in) / p->J_engine;
     for (int i = 0; i < 2; i++) {
         const double body = s[BODY + i], v = fabs(body), slid = s[WHEEL + i] - body;
         const double rate = (p->slip * slid - v * p->k_car * s[Z + i]) / (p->slip + v * p->c_car);

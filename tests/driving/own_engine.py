@@ -18,6 +18,7 @@ NOISE = (0.2, 0.35, 0.35), (0.05, 0.08, 0.08)  # N·m, rad/s of the machines
 NAMES = (
     *("J_engine", "drag_engine", "J_gear", "J_diff", "ratio", "k_in", "c_in", "k_out", "c_out", "k_side", "c_side"),
     *("J_wheel", "J_body", "drag_body", "k_car", "c_car", "slip", "peak", "order", "pulse", "phase"),
+    *("idle_full", "idle_none", "idle_torque", "top", "top_drag"),
     *("J_in", "drag_in", "J_adapter", "J_rotor", "drag_rotor", "k_flange", "c_flange"),
 )
 
@@ -53,7 +54,9 @@ def plant(draw=None, dead_time=0.003, **changed) -> Plant:
         "J_body": J(car, "body_left"), "drag_body": car["inertias"]["body_left"]["drag"],
         "slip": effects["tyre_slip"]["slip_stiffness"], "peak": effects["tyre_slip"]["peak"],
         "order": effects["torque_ripple"]["order"], "pulse": effects["torque_ripple"]["amplitude"],
-        "phase": effects["torque_ripple"]["phase"], "J_in": J(bed, "rotor_in"),
+        "phase": effects["torque_ripple"]["phase"], "idle_full": effects["table"]["speed"][1],
+        "idle_none": effects["table"]["speed"][2], "idle_torque": effects["table"]["torque"][1],
+        "top": effects["table"]["speed"][3], "top_drag": -effects["table"]["torque"][3], "J_in": J(bed, "rotor_in"),
         "drag_in": bed["inertias"]["rotor_in"]["drag"], "J_adapter": J(bed, "adapter_left"),
         "J_rotor": J(bed, "rotor_left"), "drag_rotor": bed["inertias"]["rotor_left"]["drag"],
         "inverter": THREE(*(0.002 * off(0.2) for _ in range(3))), "gain": THREE(*(off(0.03) for _ in range(3))),
@@ -70,6 +73,12 @@ def plant(draw=None, dead_time=0.003, **changed) -> Plant:
     for name, value in (values | changed).items():
         setattr(made, name, value)
     return made
+
+
+def governed(plant: Plant, speed: float) -> float:
+    """As in the C, N·m."""
+    points = plant.idle_full, plant.idle_none, plant.top
+    return float(np.interp(speed, points, (plant.idle_torque, 0.0, -plant.top_drag)))
 
 
 def _at(array):
@@ -91,20 +100,20 @@ class Engine:
         )  # fmt: skip
         self._library = ctypes.CDLL(str(library))
 
-    def drive(self, plant: Plant, speed: float, torque: np.ndarray, draw):
+    def drive(self, plant: Plant, speed: float, torque: np.ndarray, draw, road: float = 0.0):
         """From a steady speed (m/s): the car's and the bed's rows, and where emulation ended (-1: nowhere).
 
-        ``torque`` (n,) in N·m is added to the engine's, which holds the speed.
+        ``torque`` (n,) in N·m is added to the engine's, which holds the speed, ``road`` to each body from then on.
         """
         wheel, n = speed / RADIUS, len(torque)
         load = 2 * plant.drag_body * wheel  # N·m at the differential
         engine = wheel * plant.ratio
-        demand = load / plant.ratio + plant.drag_engine * engine
+        demand = load / plant.ratio + plant.drag_engine * engine - governed(plant, engine)
         s = np.zeros(14)
         s[[0, 6]], s[[1, 8, 9, 10, 11]] = engine, wheel
         s[2], s[3], s[4:6] = load / plant.ratio / plant.k_in, load / plant.k_out, load / 2 / plant.k_side
         u = np.zeros((n, 3))
-        u[:, 0] = demand + torque
+        u[:, 0], u[:, 1:] = demand + torque, road
         car, bed = np.zeros((n, 6)), np.zeros((HELD + n, 8))
         self._library.run_car(ctypes.byref(plant), _at(s), n, _at(u), _at(car))
         b = np.zeros(21)
@@ -113,6 +122,8 @@ class Engine:
         column = self.known.index("engine_torque")
         known[:, column] = demand
         known[HELD:, column] += torque
+        for side in ("left", "right"):
+            known[HELD:, self.known.index(f"road_{side}")] = road
         noise, hold = draw.normal(size=(HELD + n, 6)), np.array([engine, wheel, wheel])
         ended = self._library.run_bed(
             ctypes.byref(plant), _at(b), HELD + n, HELD, _at(hold), _at(known), _at(noise), _at(bed)

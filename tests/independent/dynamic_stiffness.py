@@ -730,6 +730,24 @@ class LoopCheck:
     command_noise: tuple[float, ...]
 
 
+def in_balance(matrices: np.ndarray, case: Case, law: ControlLaw, uncertainty: np.ndarray) -> np.ndarray:
+    """Matrices (…, k, k) from commands to commands, in units of what noise of its encoder asks of each machine.
+
+    The product documents it so: rotor's inertia times noise of its speed sensor, counted where they differ by 1 %.
+    """
+    on, inertia = (
+        {part.name: part.on for part in case.rig.inputs},
+        {part.name: part.J.value for part in case.rig.inertias},
+    )
+    asks = np.array([
+        inertia[on[one.torque_input]] * uncertainty[list(law.sensors).index(one.speed_sensor)]
+        for one in case.loop.dynamometers
+    ])  # fmt: skip
+    if max(asks) - min(asks) <= 0.01 * max(asks):
+        return matrices
+    return np.linalg.solve(np.diag(asks), matrices @ np.diag(asks))
+
+
 def check_loop(
     case: Case, law: ControlLaw, uncertainty: np.ndarray, margin_from: float, rolled_off_from: float
 ) -> LoopCheck:
@@ -748,12 +766,13 @@ def check_loop(
         difference, of_readings = Judge(case, law, f).planned()
     except NotCovered:
         return LoopCheck(np.nan, np.nan, np.nan, (np.nan,) * len(law.dynamometers))
-    sizes = np.linalg.svd(difference, compute_uv=False)[:, -1]
+    sizes = np.linalg.svd(in_balance(difference, case, law, uncertainty), compute_uv=False)[:, -1]
     sizes[f < min(margin_from, f[-1])] = np.inf
     at = int(np.argmin(sizes))
     T = np.linalg.solve(difference, np.eye(difference.shape[-1]) - difference)[f >= rolled_off_from]
     power = (np.abs(np.linalg.solve(difference, of_readings * uncertainty)) ** 2).sum(axis=2)
     # a sample's noise is spread evenly up to half the sampling frequency; below the band it counts as at its edge
     noise = np.sqrt((np.trapezoid(power, f, axis=0) + power[0] * f[0]) / f[-1])
-    rolled_off = float(np.linalg.svd(T, compute_uv=False).max(initial=0.0)) if len(T) else 0.0
+    alike = in_balance(T, case, law, uncertainty) if len(T) else T
+    rolled_off = float(np.linalg.svd(alike, compute_uv=False).max(initial=0.0)) if len(T) else 0.0
     return LoopCheck(float(sizes[at]), float(f[at]), rolled_off, tuple(noise.tolist()))

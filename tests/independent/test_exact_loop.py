@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from independent.dynamic_stiffness import Judge as Independent
-from independent.dynamic_stiffness import check_loop
+from independent.dynamic_stiffness import check_loop, in_balance
 from match_beds.drawn_cases import draw
 
 from matching.match.beds import Judge, loop_figures, noise_of_sensors, planned
@@ -45,6 +45,7 @@ def assert_alike(case, bed: LinearBed, seed: int) -> None:
     figures = loop_figures(planned(case, noise), controller, required)
     judged = check_loop(case, law, noise[: len(law.sensors)], required.margin_from, required.rolled_off_from)
     difference = Independent(case, law, np.array([figures.margin_at])).planned()[0][0]
+    difference = in_balance(difference, case, law, noise[: len(law.sensors)])
     assert figures.modulus_margin == pytest.approx(np.linalg.svd(difference, compute_uv=False)[-1], rel=1e-6)
     assert figures.modulus_margin <= judged.modulus_margin * (1 + 1e-6)  # of a grid
     assert figures.largest_rolled_off == pytest.approx(judged.largest_rolled_off, rel=1e-6, abs=1e-9)

@@ -939,6 +939,8 @@ static void begin_vehicle(controller *c)
     for (int32_t n = 0; n < CONTROLLER_PULSES; n++) {
         c->pulse_phase[n] = PULSE_START[n];
         c->pulse_speed[n] = row(&PULSE_TURNS, n, c->vehicle);
+        c->pulse_correction[n][0] = (controller_real)0.0;
+        c->pulse_correction[n][1] = (controller_real)0.0;
     }
 #endif
 }
@@ -1024,15 +1026,48 @@ static void pulses_of(const controller *c, controller_real *rates, controller_re
             added[j] += (sine * (low[0] + (share * (high[0] - low[0])))) +
                         (cosine * (low[1] + (share * (high[1] - low[1]))));
         }
+        added[PULSE_MACHINE[n]] += (c->pulse_correction[n][0] * (controller_real)sin((double)c->pulse_phase[n])) +
+                                   (c->pulse_correction[n][1] * (controller_real)cos((double)c->pulse_phase[n]));
     }
     for (int32_t i = 0; i < VEHICLE; i++) {
         rates[i] = row(&BY_PULSE, i, middle);
     }
 }
 
-/* phases a sample later, and speeds of the engine, averaged: it turns unevenly with each pulse */
-static void turn_pulses(controller *c, const controller_real *before)
+/* what the speed at the cut is off, in step with the pulse, corrects what is added; beyond the table it is forgotten */
+static void correct_pulse(controller *c, int32_t n, controller_real error)
 {
+    const controller_real part = (controller_real)CONTROLLER_PULSE_CORRECTING;
+    const controller_real speed = c->pulse_speed[n];
+    controller_real *now = c->pulse_correction[n];
+    if ((speed < PULSE_SPEED[n][0]) || (speed >= PULSE_SPEED[n][CONTROLLER_PULSE_SPEEDS - 1])) {
+        now[0] *= (controller_real)1.0 - part;
+        now[1] *= (controller_real)1.0 - part;
+    } else {
+        controller_real share = (controller_real)0.0;
+        const int32_t at = place(PULSE_SPEED[n], CONTROLLER_PULSE_SPEEDS, speed, &share);
+        const controller_real *low = PULSE_ANSWER[n][at];
+        const controller_real *high = PULSE_ANSWER[n][at + 1];
+        const controller_real real = low[0] + (share * (high[0] - low[0]));
+        const controller_real imaginary = low[1] + (share * (high[1] - low[1]));
+        /* twice the error, turned back by the phase: 2j * exp(-j * phase) */
+        const controller_real size = (controller_real)2.0 * error * part / ((real * real) + (imaginary * imaginary));
+        const controller_real sine = size * (controller_real)sin((double)c->pulse_phase[n]);
+        const controller_real cosine = size * (controller_real)cos((double)c->pulse_phase[n]);
+        now[0] -= (sine * real) + (cosine * imaginary);
+        now[1] -= (cosine * real) - (sine * imaginary);
+    }
+}
+
+/* phases a sample later, and speeds of the engine, averaged: it turns unevenly with each pulse */
+static void turn_pulses(controller *c, const controller_input *in, const controller_real *before, const bool *is_free)
+{
+    for (int32_t n = 0; n < CONTROLLER_PULSES; n++) {
+        const int32_t j = PULSE_MACHINE[n];
+        if (is_free[j]) {
+            correct_pulse(c, n, (in->reading[SPEED_READING[j]] / OVER[j]) - row(&WHEEL, j, before));
+        }
+    }
     for (int32_t n = 0; n < CONTROLLER_PULSES; n++) {
         const controller_real now = row(&PULSE_TURNS, n, c->vehicle);
         const controller_real phase = c->pulse_phase[n] + ((controller_real)(CONTROLLER_SAMPLE_TIME / 2.0) *
@@ -1277,6 +1312,7 @@ static void emulate(controller *c, const controller_input *in, bool held)
     controller_real of_pulses[DYNAMOMETERS] = {(controller_real)0.0};
 #if CONTROLLER_PULSES > 0
     controller_real before[VEHICLE];
+    bool is_free[DYNAMOMETERS];
     (void)memcpy(before, c->vehicle, sizeof before);
     pulses_of(c, pulsing, of_pulses);
 #endif
@@ -1326,9 +1362,13 @@ static void emulate(controller *c, const controller_input *in, bool held)
 #else
         const controller_real added = in->added_torque[j] + learned_torque(c, j);
 #endif
+        const controller_real asked = c->sent_start[j] + between(COMMAND, at, share, j, z) + added;
         if (!held) {
-            c->sent[j] = within(c->sent_start[j] + between(COMMAND, at, share, j, z) + added, -limit, limit);
+            c->sent[j] = within(asked, -limit, limit);
         }
+#if CONTROLLER_PULSES > 0
+        is_free[j] = (asked >= -limit) && (asked <= limit) && !held;
+#endif
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         z[AT_SENT + j] = c->sent[j] - c->sent_start[j];
@@ -1342,7 +1382,7 @@ static void emulate(controller *c, const controller_input *in, bool held)
     }
     step_vehicle(c, torque, in->known + (KNOWN - CONTROLLER_VEHICLE_INPUTS), pulsing);
 #if CONTROLLER_PULSES > 0
-    turn_pulses(c, before);
+    turn_pulses(c, in, before, is_free);
 #endif
     c->distance += (controller_real)(CONTROLLER_SAMPLE_TIME * CONTROLLER_RADIUS / 2.0) * (speed + body_speed(c));
 #endif
