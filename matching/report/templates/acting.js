@@ -179,18 +179,21 @@ class Panel {
 }
 // On a narrow screen every panel stands alone, so that its letters can be read.
 function apart(svg, count) {
-  const alone = []
+  const alone = [], words = svg.closest("figure")?.getAttribute("aria-label") || "figure"
   for (let k = 0; k < count; k++) {
     const group = svg.querySelector(`[id="acts-${k}"]`)
     if (!group) continue
     const { x, y, width, height } = group.getBBox()
-    const own = element("svg", { viewBox: `${x - 4} ${y - 4} ${width + 8} ${height + 8}`, width: "100%", role: "img" })
+    const own = element("svg", {
+      viewBox: `${x - 4} ${y - 4} ${width + 8} ${height + 8}`, width: "100%", role: "img",
+      "aria-label": `${words} (panel ${k + 1} of ${count})`,
+    })
     own.append(...[...svg.querySelectorAll("defs")].map(each => each.cloneNode(true)), group.cloneNode(true))
     alone.push(own)
   }
   for (const legend of svg.querySelectorAll("[id='figure_1'] > [id^='legend']")) {
     const { x, y, width, height } = legend.getBBox()
-    const own = element("svg", { viewBox: `${x} ${y} ${width} ${height}`, style: `width: ${1.33 * width}px; max-width: none` })
+    const own = element("svg", { viewBox: `${x} ${y} ${width} ${height}`, style: `width: ${1.33 * width}px; max-width: 100%` })
     own.append(...[...svg.querySelectorAll("defs")].map(each => each.cloneNode(true)), legend.cloneNode(true))
     alone.unshift(own)
   }
