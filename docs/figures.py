@@ -6,6 +6,8 @@ import base64
 import io
 import lzma
 import os
+import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -45,6 +47,7 @@ MATCHED_EXAMPLES = {  # whose cards show a response, and their cases
     "adapter_only": "case.toml",
     "compact_bev": "case.toml",
     "fixed_controller": "case.toml",
+    "four_wheel": "case.toml",
     "from_recordings": "case.toml",
     "simple_vehicle": "case.toml",
 }
@@ -67,7 +70,7 @@ def generators() -> dict[str, Callable[[], Any]]:
     }
     figures = {f"examples/road_to_rig/{name}": make for name, make in made.items()}
     figures["examples/drive_away/tracked.png"] = tracked
-    figures |= {f"docs/gallery/{name}.svg": make for name, make in gallery().items()}
+    figures["docs/gallery/foreign_vehicle.svg"] = foreign_vehicle
     figures["docs/gallery/dead_time.svg"] = dead_time
     figures |= {f"docs/gallery/physics_{name}.svg": make for name, make in pictures().items()}
     figures |= {f"docs/gallery/explorer_{tab.lower()}.png": lambda tab=tab: explorer(tab) for tab in TABS}
@@ -158,23 +161,17 @@ def diagnosed(recording: str, picture: str) -> Any:
     return pictures(found)[picture].draw()
 
 
-def gallery() -> dict[str, Callable[[], Any]]:
-    """Pictures of the cards that show no result, by example: the drivetrain, or what the example is about."""
-    import rigmatch as rm
-
-    examples, drawn = ROOT / "examples", ("case.toml", "model.toml", "planetary_gear.toml")
-    files = {path.parent.name: path for name in reversed(drawn) for path in examples.glob(f"*/{name}")}
-    shown = {name: lambda path=path: rm.show(path) for name, path in files.items() if name not in cards()}
-    return shown | {"foreign_vehicle": foreign_vehicle}
-
-
 def cards() -> dict[str, Callable[[], Any]]:
     """Results of examples as small pictures: one panel, few words, to be read at the size of a card."""
     return {name: lambda name=name: match_card(name) for name in MATCHED_EXAMPLES} | {
         "diagnosis": diagnosis_card,
-        "drive_away": drive_card,
+        "drive_away": lambda: drive_card(ROOT / "examples" / "drive_away" / "case.toml", 0),
+        "emps": emps_card,
         "engine": engine_card,
         "fidelity": fidelity_card,
+        "foreign_vehicle": foreign_card,
+        "gear_change": shift_card,
+        "parts": clutch_card,
         "sensors": budget_card,
     }
 
@@ -199,12 +196,12 @@ def match_card(name: str) -> Any:
     return fig
 
 
-def drive_card() -> Any:
-    """The drive-away of the vehicle and of the bed: the worst sensor."""
+def drive_card(case: Path, number: int) -> Any:
+    """A drive of the vehicle and of the bed: the worst sensor."""
     import rigmatch as rm
     from matching.report.common import MATCHED, VEHICLE, styled
 
-    drive = rm.match(ROOT / "examples" / "drive_away" / "case.toml").driving.drives[0]
+    drive = rm.match(case).driving.drives[number]
     time, traces = drive.traces
     vehicle, bed, _ = traces[drive.worst_sensor]
     with styled():
@@ -213,6 +210,72 @@ def drive_card() -> Any:
         axes.plot(time, bed, color=MATCHED, linewidth=1.5)
         entitled(axes, f"{100 * drive.errors.planned:.1f} % off, {drive.title}", "time in s")
         named(fig, {"vehicle": VEHICLE, "bed": MATCHED})
+    return fig
+
+
+def foreign_card() -> Any:
+    """The vehicle of others as it drives away, and the bed with it at its cuts."""
+    import rigmatch as rm
+
+    folder = ROOT / "examples" / "foreign_vehicle"
+    rm.export(folder / "car.toml", fmu=ROOT / "out" / "car.fmu")
+    return drive_card(folder / "case.toml", 0)
+
+
+def shift_card() -> Any:
+    """The left rotor while the gearbox shifts, and the wheel that it emulates, by the example's own simulator."""
+    from matching.report.common import MATCHED, VEHICLE, styled
+
+    example = runpy.run_path(str(ROOT / "examples" / "gear_change" / "run.py"))
+    with TemporaryDirectory() as folder:
+        motion = example["main"](Path(folder))["unknown"]
+    time = np.arange(len(motion.emulated["left.wheel_speed"])) * example["STEP"] - example["BEGIN"]
+    shown = (time > -0.3) & (time < 1.0)
+    with styled():
+        fig, axes = card()
+        axes.plot(time[shown], motion.emulated["left.wheel_speed"][shown, 0], color=VEHICLE, linewidth=4, alpha=0.4)
+        axes.plot(time[shown], motion["rotor_left_speed"][shown, 0], color=MATCHED, linewidth=1.5)
+        axes.axvspan(0, example["HANDING"] + example["TURNING"], color="#E6E6E6", zorder=0)
+        entitled(axes, "wheel speed in rad/s in the shift (grey)", "time in s")
+        named(fig, {"emulated wheel": VEHICLE, "rotor": MATCHED})
+    return fig
+
+
+def clutch_card() -> Any:
+    """Engine and car at the example's clutch, which slips under twice its torque."""
+    import rigmatch as rm
+    from matching.report.common import RIG, VEHICLE, styled
+
+    time = np.arange(0, 1, 1e-3)
+    run = rm.simulate(
+        ROOT / "examples" / "parts" / "clutch.toml",
+        rm.Recording(time, {"engine_torque": np.where(time < 0.5, 200, 60)}),
+    )
+    with styled():
+        fig, axes = card()
+        axes.plot(time, run["engine_speed"], color=VEHICLE, linewidth=2)
+        axes.plot(time, run["car_speed"], "--", color=RIG, linewidth=2)
+        entitled(axes, "speeds in rad/s: 200, then 60 N·m", "time in s")
+        named(fig, {"engine": VEHICLE, "car": RIG})
+    return fig
+
+
+def emps_card() -> Any:
+    """The errors of the page's table: its data belong to others."""
+    from matching.report.common import MATCHED, RIG, styled
+
+    text = (ROOT / "examples" / "emps" / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"\| (fitted|held-out) [\d.]+ s \| ([\d.]+) mm \| ([\d.]+) mm", text)
+    with styled():
+        fig, axes = card()
+        for row, (_, before, after) in enumerate(rows):
+            axes.barh(row - 0.2, float(before), 0.38, color=RIG)
+            axes.barh(row + 0.2, float(after), 0.38, color=MATCHED)
+        axes.set_yticks(range(len(rows)), [name for name, *_ in rows])
+        axes.invert_yaxis()
+        axes.set_xscale("log")
+        entitled(axes, "error of a measured drive", "position in mm")
+        named(fig, {"linear model": RIG, "with the friction found": MATCHED})
     return fig
 
 

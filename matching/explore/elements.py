@@ -122,6 +122,12 @@ WIDE = "stretch_width"
 AS_HIGH_AS_CONTENT = {"max-height": "none"}
 # Panes have a shadow tree of their own, which the style sheet of the page does not reach.
 PANE_STYLE = beside_this("pane.css")
+# the arrow of a choice, which Bokeh draws black in any theme
+CHOICE_STYLE = """
+@media (prefers-color-scheme: dark) { select:not([multiple]).bk-input { background-image: url('data:image/svg+xml;utf8,\
+<svg viewBox="0 0 25 20" xmlns="http://www.w3.org/2000/svg"><path d="M 0,0 25,0 12.5,20 Z" fill="white" /></svg>'); } }
+"""
+pn.widgets.Select.stylesheets = [CHOICE_STYLE]  # of all that have no style of their own
 
 
 def heading(text: str, level: int = 2) -> pn.pane.HTML:

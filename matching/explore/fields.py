@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import panel as pn
 
-from matching.explore.elements import Message, plain_button
-from matching.explore.files import Document
+from matching.explore.elements import CHOICE_STYLE, Message, plain_button
 from modelling.errors import InputError
 
 # --- Text fields that stay while what they show changes: what somebody is typing is never replaced.
@@ -19,7 +19,7 @@ WRONG = "wrong"  # CSS class of a field whose text was not taken
 # one line, which hides no value; above its field a label is drawn at three quarters of its size
 ONE_LINE = "label { max-width: calc(133% - 32px); white-space: nowrap; overflow: hidden; text-overflow: ellipsis; }"
 STYLE = f"""
-{ONE_LINE}
+{ONE_LINE}{CHOICE_STYLE}
 :host(.{WRONG}) :is(input, select) {{ border: 2px solid #a00000; background: #fff4f4; }}
 """
 
@@ -129,6 +129,19 @@ def lay_out(box: Any, members: list[Any]) -> None:
 # --- Fields, message, *Undo* and *Save* of files that are edited: the same in every tab.
 
 
+class Savable(Protocol):
+    """A file that *Save* writes."""
+
+    path: Path
+
+    @property
+    def changed(self) -> bool:
+        """Whether something is not saved."""
+
+    def save(self) -> None:
+        """Write it."""
+
+
 class Editing:
     """What a tab needs to edit files.
 
@@ -154,7 +167,7 @@ class Editing:
         enter: Callable[[Any, str], str],
         undo: Callable[[], bool],
         redo: Callable[[], bool],
-        documents: Callable[[], Sequence[Document]],
+        documents: Callable[[], Sequence[Savable]],
         changed: Callable[[], None],
         width: int,
     ):

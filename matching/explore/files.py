@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from matching.explore.places import Places
 from matching.match.case import Case
 from matching.match.case_file import case_files, case_from_tables, load_case
 from matching.match.map import held_at, quantities
@@ -343,6 +344,8 @@ class Workspace:
     budget, fidelity : Document or None
     sketches : dict of str to Sketch
         The models as they were drawn last.
+    places : dict of str to Places
+        Where parts of the models were moved in their drawings.
     tasks : dict of str to Task
         The commands that run or have ended, in whichever window they were begun.
     matched : list of str
@@ -358,6 +361,7 @@ class Workspace:
     budget: Document | None = None
     fidelity: Document | None = None
     sketches: dict[str, Any] = field(default_factory=dict, repr=False)
+    places: dict[str, Places] = field(default_factory=dict, repr=False)
     tasks: dict[str, Any] = field(default_factory=dict, repr=False)
     matched: list[str] = field(default_factory=list, repr=False)
     leave: Callable[[], None] = field(default=lambda: None, repr=False)
@@ -390,7 +394,7 @@ class Workspace:
             return
         kind = kind_of(read_toml(file), str(file))
         replaced = {"budget": [self.budget], "fidelity case": [self.fidelity]}.get(
-            kind, [self.case, *self.models.values()]
+            kind, [self.case, *self.models.values(), *self.places.values()]
         )
         for document in replaced:
             if document is not None and document.changed:
@@ -403,8 +407,10 @@ class Workspace:
             load_case(file)
             content = read_toml(file)
             models = {role: ModelDocument(file.parent / content[role]) for role in ROLES}
+            self.places = {role: Places(model.path) for role, model in models.items()}
             self.case, self.models = Document(file), models
         elif kind == "model":
+            self.places = {"model": Places(file)}
             self.case, self.models = None, {"model": ModelDocument(file)}
         else:
             raise InputError(str(file), f"is a {kind}", "open it in the step Measurement")

@@ -27,8 +27,8 @@ from matching.explore.elements import (
     same,
     table,
 )
-from matching.explore.fields import Editing, Entry, lay_out
-from matching.explore.files import Document, Workspace, part_of, write_case, write_model
+from matching.explore.fields import Editing, Entry, Savable, lay_out
+from matching.explore.files import Workspace, part_of, write_case, write_model
 from matching.explore.live import WhatIf, largest_shares
 from matching.explore.orders import OrdersView
 from matching.explore.parts import (
@@ -54,12 +54,16 @@ from modelling.escape import html
 def sketches(workspace: Workspace) -> dict[str, Sketch]:
     """Drawing of every open model, by its role; values as edited, dynamometers and cut as the saved case has them."""
     systems = {role: document.system for role, document in workspace.models.items()}
+    shifts = {role: workspace.places[role].shifts if role in workspace.places else {} for role in systems}
     if workspace.case is None:
-        drawings = {role: drawing(system) for role, system in systems.items()}
+        drawings = {role: drawing(system, shifts=shifts[role]) for role, system in systems.items()}
     else:
         of_case = dict(zip(("vehicle", "rig"), case_drawings(workspace.load_case()), strict=True))
         largest = max(part.J.value for system in systems.values() for part in system.inertias)
-        drawings = {role: drawing(system, of_case[role].emphasis, largest) for role, system in systems.items()}
+        drawings = {
+            role: drawing(system, of_case[role].emphasis, largest, shifts=shifts[role])
+            for role, system in systems.items()
+        }
     known = workspace.sketches  # a drawing takes a fifth of a second
     workspace.sketches = {
         role: known[role] if role in known and known[role].drawing == drawn else sketch(drawn)
@@ -68,6 +72,7 @@ def sketches(workspace: Workspace) -> dict[str, Sketch]:
     return workspace.sketches
 
 
+MOVES = {"Left": (-1, 0), "Right": (1, 0), "Up": (0, -1), "Down": (0, 1)}  # columns to the right, lanes downwards
 TITLE = "title"  # of a model, among the fields of its parts
 
 # --- The tab *Drivetrain*: the drawing, the values of a part, changes that are marked, undone and saved.
@@ -111,6 +116,8 @@ class DrivetrainTab:
                 ("Add the effect", self._add_effect), ("Remove the effect", self._remove_effect),
             )
         )  # fmt: skip
+        self.moves = [self._button(name, partial(self._move, *way)) for name, way in MOVES.items()]
+        self.moving = pn.Column(paragraph("Move it in the drawing, with what hangs on it:"), pn.FlexBox(*self.moves))
         self.select(*self.chooser.value)
 
     def panel(self) -> Any:
@@ -124,7 +131,7 @@ class DrivetrainTab:
             self.editing.undo, self.editing.redo, self.editing.save,
         )  # fmt: skip
         fields = [
-            heading("Values", 2), self.chooser, self.values, self.editing.message, self.changes,
+            heading("Values", 2), self.chooser, self.values, self.editing.message, self.changes, self.moving,
             heading("Parts", 2), paragraph("A new part sits at the chosen part. With a part goes what hangs on it."),
             self.kind, self.named, self.other, self.third, self.add, self.new_name,
             pn.FlexBox(self.rename, self.remove),
@@ -188,9 +195,17 @@ class DrivetrainTab:
         self._part = f"{self._part.partition('.')[0]}.{self.new_name.value.strip()}"
         return f"Renamed in {', '.join(changed)}; not saved yet"
 
+    def _move(self, right: int, down: int) -> str:
+        table, _, name = self._part.partition(".")
+        if table != "inertias":
+            raise InputError(spaced(self._part), "is no inertia", "choose an inertia, which takes its shafts along")
+        self.workspace.places[self._role].move(self.workspace.models[self._role].system, name, right, down)
+        return f"{spaced(name)} was moved in the drawing; not saved yet"
+
     def select(self, role: str, part: str) -> None:
         """Show the values of a part."""
         self._role, self._part = role, part
+        self.moving.visible = part.startswith("inertias.")
         if self.chooser.value != (role, part):
             self.chooser.value = (role, part)
             return
@@ -220,6 +235,7 @@ class DrivetrainTab:
                 rows += [html(f"{spaced(role)}: {word}: {place}") for place in places]
             if document.changed and not any(row.startswith(spaced(role)) for row in rows):
                 rows.append(html(f"{spaced(role)}: its text"))
+        rows += [f"{spaced(role)}: places in the drawing" for role, own in self.workspace.places.items() if own.changed]
         listed = "".join(f"<li>{row}</li>" for row in rows)
         self.same.set(self._equivalent())
         case = self.workspace.case
@@ -310,8 +326,8 @@ class DrivetrainTab:
         role = self._role if self._role in undone else (undone or [self._role])[0]
         return self.workspace.models[role].redo()
 
-    def _documents(self) -> list[Document]:
-        return list(self.workspace.models.values())
+    def _documents(self) -> list[Savable]:
+        return [*self.workspace.models.values(), *self.workspace.places.values()]
 
     def _after_change(self) -> None:
         self.after_change()

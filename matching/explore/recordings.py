@@ -12,6 +12,7 @@ from bokeh.models import ColumnDataSource, PlainText, Range1d, Span
 
 from matching.channel_names import wanted_channels
 from matching.explore.elements import (
+    CHOICE_STYLE,
     PANE_STYLE,
     WIDE,
     Message,
@@ -157,7 +158,7 @@ class RecordingsTab:
             if chosen not in options.values() or not self._keeps_channels(file):
                 chosen, of = first
             column = pn.widgets.Select(
-                name=label, options=options, value=chosen, width=COLUMN_PX, stylesheets=[ONE_LINE]
+                name=label, options=options, value=chosen, width=COLUMN_PX, stylesheets=[ONE_LINE, CHOICE_STYLE]
             )  # fmt: skip
             own = pn.widgets.TextInput(
                 name=f"unit of {wanted.name.replace('_', ' ')}", value=of, width=UNIT_PX, stylesheets=[ONE_LINE]

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -85,8 +85,18 @@ class Layout:
         return max([*self.lane.values(), *(joint.lane for joint in self.joints)]) + 1
 
 
-def layout(system: System) -> Layout:
-    """Lay a drivetrain out, from the first inertia in the file that is an end of it; parts that stand apart below."""
+class Shift(NamedTuple):
+    """Columns to the right and lanes downwards by which an inertia, with all that hangs on it, was moved."""
+
+    right: int
+    down: int
+
+
+def layout(system: System, shifts: Mapping[str, Shift] | None = None) -> Layout:
+    """Lay a drivetrain out, from the first inertia in the file that is an end of it; parts that stand apart below.
+
+    ``shifts`` moves inertias from there, by name.
+    """
     if len(system.inertias) > MOST_INERTIAS:
         raise InputError(
             "inertias", f"{len(system.inertias)} are too many for a drawing", f"at most {MOST_INERTIAS} are drawn"
@@ -94,7 +104,13 @@ def layout(system: System) -> Layout:
     tree = _grown(system)
     _put_behind(tree)
     lane = _lanes(tree.roots, tree.children, tree.order)
-    return _with_lanes(tree, lane)
+    for name, shift in (shifts or {}).items():
+        for each in dict.fromkeys(tree.below(name)) if name in tree.column else ():
+            tree.column[each] += shift.right
+            lane[each] += shift.down
+    first, top = min(tree.column.values()), min(lane.values())
+    tree.column.update({name: column - first for name, column in tree.column.items()})
+    return _with_lanes(tree, {name: own - top for name, own in lane.items()})
 
 
 @dataclass(frozen=True)
@@ -387,7 +403,7 @@ class Drawing:
 
 def drawing(
     system: System, emphasis: Emphasis | None = None, largest: float | None = None,
-    lines: Mapping[str, Sequence[str]] | None = None,
+    lines: Mapping[str, Sequence[str]] | None = None, shifts: Mapping[str, Shift] | None = None,
 ) -> Drawing:  # fmt: skip
     """Lay out a drivetrain to be drawn.
 
@@ -397,6 +413,8 @@ def drawing(
         Inertia of the tallest disc, kg·m²; default the system's largest.
     lines : mapping, optional
         Further lines below parts.
+    shifts : mapping, optional
+        By how much inertias were moved.
     """
     notes = _notes(system)
     for part, more in (lines or {}).items():
@@ -405,7 +423,7 @@ def drawing(
     largest = largest or max(part.J.value for part in system.inertias)
     emphasis = emphasis or Emphasis()
     lane, column = LANE + LINE_HEIGHT * most, _column(system, emphasis, notes)
-    return Drawing(system, layout(system), emphasis, notes, lane, largest, column)
+    return Drawing(system, layout(system, shifts), emphasis, notes, lane, largest, column)
 
 
 def _column(system: System, emphasis: Emphasis, notes: dict[str, list[str]]) -> float:

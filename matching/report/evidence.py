@@ -237,7 +237,8 @@ TWIG = 1.75  # inches, length of an input's line in the Ishikawa diagram
 def contributions(result: MeasurandResult) -> Figure:
     """Bars of |c|·u(x) of each input, largest on top, with the combined standard uncertainty as line."""
     by_draws = result.method == "monte_carlo"
-    rows = [row for row in result.rows if (row.share if by_draws else row.contribution) > 0][:LARGEST_INPUTS]
+    # inputs that were read together may make the variance smaller: their share is negative
+    rows = [row for row in result.rows if (abs(row.share) if by_draws else row.contribution) > 0][:LARGEST_INPUTS]
     unit = result.measurand.unit
     sizes = [100 * row.share if by_draws else unit.difference_from_si(row.contribution) for row in rows]
     with common.styled():
@@ -250,7 +251,8 @@ def contributions(result: MeasurandResult) -> Figure:
         axes.margins(x=0.12)
         name = result.measurand.name
         if by_draws:
-            axes.set_xlabel(f"by how much u²({name}) would fall if this input were known exactly, in %")
+            rises = " (below 0: rise)" if min(sizes, default=0.0) < 0 else ""
+            axes.set_xlabel(f"by how much u²({name}) would fall{rises} if this input were known exactly, in %")
         else:
             combined = unit.difference_from_si(result.propagation.first_order)
             axes.axvline(combined, color=common.LIMIT, linestyle="--", label=f"combined, {combined:.3g}{_unit(result)}")

@@ -177,22 +177,44 @@ class Panel {
     this.tip.style.top = `${event.pageY + 14}px`
   }
 }
+// The entries of a legend, each with its stroke and its name: on a narrow screen they stand one below the other.
+function entries(legend) {
+  const found = [[]], whole = legend.getBBox().width
+  for (const each of legend.children) {
+    if (legend.children.length > 2 && each.getBBox().width > 0.9 * whole) continue  // the frame
+    found.at(-1).push(each)
+    if (each.id.startsWith("text")) found.push([])
+  }
+  return found.filter(parts => parts.length)
+}
 // On a narrow screen every panel stands alone, so that its letters can be read.
 function apart(svg, count) {
-  const alone = []
+  const alone = [], words = svg.closest("figure")?.getAttribute("aria-label") || "figure"
   for (let k = 0; k < count; k++) {
     const group = svg.querySelector(`[id="acts-${k}"]`)
     if (!group) continue
     const { x, y, width, height } = group.getBBox()
-    const own = element("svg", { viewBox: `${x - 4} ${y - 4} ${width + 8} ${height + 8}`, width: "100%", role: "img" })
+    const own = element("svg", {
+      viewBox: `${x - 4} ${y - 4} ${width + 8} ${height + 8}`, width: "100%", role: "img",
+      "aria-label": `${words} (panel ${k + 1} of ${count})`,
+    })
     own.append(...[...svg.querySelectorAll("defs")].map(each => each.cloneNode(true)), group.cloneNode(true))
     alone.push(own)
   }
+  const defs = () => [...svg.querySelectorAll("defs")].map(each => each.cloneNode(true))
   for (const legend of svg.querySelectorAll("[id='figure_1'] > [id^='legend']")) {
-    const { x, y, width, height } = legend.getBBox()
-    const own = element("svg", { viewBox: `${x} ${y} ${width} ${height}`, style: `width: ${1.33 * width}px; max-width: none` })
-    own.append(...[...svg.querySelectorAll("defs")].map(each => each.cloneNode(true)), legend.cloneNode(true))
-    alone.unshift(own)
+    const row = document.createElement("div")
+    for (const parts of entries(legend)) {
+      const boxes = parts.map(each => each.getBBox())
+      const x = Math.min(...boxes.map(each => each.x)), y = Math.min(...boxes.map(each => each.y)) - 2
+      const width = Math.max(...boxes.map(each => each.x + each.width)) - x
+      const height = Math.max(...boxes.map(each => each.y + each.height)) - y + 2
+      const style = `width: ${1.33 * width}px; max-width: 100%`
+      const own = element("svg", { viewBox: `${x} ${y} ${width} ${height}`, style })
+      own.append(...defs(), ...parts.map(each => each.cloneNode(true)))
+      row.append(own)
+    }
+    alone.unshift(row)
   }
   return alone
 }
