@@ -135,6 +135,7 @@ def test_two_wrong_channels_are_both_named(case, controller, plan, tmp_path):
     assert "kN·m" in found.sentence()
 
 
+@pytest.mark.long
 def test_what_right_channels_read_is_within_its_uncertainty(case, controller, plan, tmp_path):
     """Gains of 1 (torques 1.020 and 0.985), zeros and noise as they are."""
     found, _ = checked(case, controller, plan, reference_bed(case), tmp_path)

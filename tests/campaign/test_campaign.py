@@ -91,7 +91,7 @@ def test_table() -> None:
 @pytest.mark.parametrize(
     ("number", "where"),
     [
-        (46, "the screening takes the angles of a shaft's ends for each other"),
+        pytest.param(46, "the screening takes the angles of a shaft's ends for each other", marks=pytest.mark.long),
         pytest.param(5, "the screening promises more of a neighbouring shaft", marks=pytest.mark.long),
     ],
 )

@@ -23,8 +23,9 @@ from modelling.simulation.simulate import simulate
     ("kind", "at", "seed"),
     [
         ("parameter_drift", "shafts.link.stiffness", 3),
-        ("input_gain_drift", "inputs.motor_torque", 5),  # nearly a straight line: three times the recording
-        ("sensor_gain_drift", "sensors.load_speed", 6),
+        # nearly a straight line: three times the recording
+        pytest.param("input_gain_drift", "inputs.motor_torque", 5, marks=pytest.mark.long),
+        pytest.param("sensor_gain_drift", "sensors.load_speed", 6, marks=pytest.mark.long),
     ],
 )
 def test_a_drift_is_named_with_its_values(kind: str, at: str, seed: int, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from plant.case import make_case
 from plant.marks import needs_compiler
 
@@ -28,6 +29,7 @@ def with_friction(system: System, base: Fit, at: str, parameters: dict[str, floa
     return model.with_cause("coulomb_friction", at, parameters, base.problem.data.sampling_interval)
 
 
+@pytest.mark.long
 def test_friction_of_a_short_recording_is_not_stribeck() -> None:
     """2 s tell the drag badly: the rest drifts away from either kind, from the simpler one by chance a little more."""
     drive = chain(3, 4)

@@ -15,10 +15,10 @@ SEED = 4907
 @pytest.mark.parametrize(
     ("number", "begins"),
     [
-        (14, "in another minimum, smooth inputs"),
+        pytest.param(14, "in another minimum, smooth inputs", marks=pytest.mark.long),
         (17, "in another minimum, held inputs"),
         (11, "where twenty iterations do not reach the end, held inputs"),
-        (12, "with held inputs of 12 bits"),
+        pytest.param(12, "with held inputs of 12 bits", marks=pytest.mark.long),
     ],
 )
 def test_a_perfect_model_is_adequate_wherever_it_begins(number, begins, tmp_path):

@@ -64,6 +64,7 @@ def test_every_fitted_candidate_is_listed_with_the_reason_it_was_not_taken(tmp_p
     assert rows[0]["misfit_holdout"] == pytest.approx(1, abs=0.1)
 
 
+@pytest.mark.long
 def test_friction_that_differs_between_recordings_is_told_for_each(tmp_path: Path) -> None:
     case = make_case("two_mass", ["recording_friction"], "plain", "normal", 3, 3.0, 250.0)
     case.write(tmp_path)
@@ -80,6 +81,7 @@ def test_friction_that_differs_between_recordings_is_told_for_each(tmp_path: Pat
     )
 
 
+@pytest.mark.long
 def test_two_effects_are_both_named(tmp_path: Path) -> None:
     found, answer = diagnosed(tmp_path, "coulomb_friction", "sensor_gain", duration=2.5)
     assert {(cause.kind, cause.at) for cause in found.causes} == {(one["kind"], one["at"]) for one in answer["causes"]}

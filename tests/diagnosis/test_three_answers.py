@@ -114,6 +114,7 @@ def test_gain_and_delay_of_one_sensor_take_the_place_of_an_offset() -> None:
     assert "Use extended.toml" in to_do(found)
 
 
+@pytest.mark.long
 @with_findings
 def test_an_input_that_is_held_is_no_dead_time_beside_friction_either() -> None:
     found = answered(FINDINGS / "held_input_beside_friction", "recording.csv")

@@ -150,6 +150,7 @@ def small(tmp_path_factory):
     return load_case(drawn.draw(2, tmp_path_factory.mktemp("drawn")))
 
 
+@pytest.mark.long
 def test_a_match_starts_from_a_neighbours_solution_and_says_where_that_is_no_better(small, monkeypatch):
     monkeypatch.setattr(maps, "OF_A_POINT", LITTLE)
     dead_time, here, beside = ("loop.dead_time", 2e-3), (FLANGE, 2e5), (FLANGE, 2.4e5)

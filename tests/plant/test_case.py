@@ -118,6 +118,7 @@ def test_places_that_only_a_torque_sensor_could_part_are_told() -> None:
     assert clear.answer["equivalent_causes"] == []
 
 
+@pytest.mark.long
 def test_other_kinds_at_other_places_are_told_where_both_look_alike() -> None:
     """Always forwards, friction is a constant torque; behind a stiff gearbox it may sit on either side."""
     case = make_case(

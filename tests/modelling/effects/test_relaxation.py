@@ -60,6 +60,7 @@ def test_it_moves_as_its_law_says(native: bool) -> None:
         np.testing.assert_allclose(got[name], own, atol=2e-4 * np.ptp(own))
 
 
+@pytest.mark.long
 def test_rubber_is_found_with_its_values() -> None:
     torque, readings = recorded(2)
     rng = np.random.default_rng(3)
