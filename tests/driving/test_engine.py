@@ -132,7 +132,7 @@ def test_drawn_beds_keep_the_amplitude_as_is_said(engine, said):
 @compiles
 @pytest.mark.long
 def test_tip_ins_and_idle_are_as_in_the_car(engine):
-    """As planned and six drawn beds: tip-ins at 30 and 70 km/h as drives are judged; then without fuel, up a grade
+    """As planned and six drawn beds: tip-ins at 30 and 70 km/h, within 1 % of the range; then without fuel, up a grade
     until idle speed control takes over. Means over 50 and 500 ms are compared: the crank may have another phase.
     """
     time = np.arange(4000) * 1e-3
@@ -143,8 +143,9 @@ def test_tip_ins_and_idle_are_as_in_the_car(engine):
             car, bed, ended = engine.drive(bed_of, speed, tip_in, np.random.default_rng(seed or 5))
             assert ended == -1
             for signal in (0, 2, 3, 4):
-                error = np.sqrt(np.mean((bed[:, signal] - car[:, signal]) ** 2)) / np.ptp(car[:, signal])
-                assert error < (0.03 if seed is None else 0.05), (seed, speed, signal)
+                of_bed, of_car = (np.convolve(rows[:, signal], np.full(50, 0.02), "valid") for rows in (bed, car))
+                error = np.sqrt(np.mean((of_bed - of_car) ** 2)) / np.ptp(of_car)
+                assert error < 0.01, (seed, speed, signal)
         engine_speed = 30 / 3.6 / 0.3 * bed_of.ratio
         demand = bed_of.drag_engine * engine_speed - governed(bed_of, engine_speed)
         fall = -demand * np.clip(np.arange(30000) * 1e-3, 0, 1)
