@@ -14,7 +14,7 @@ HERE = Path(__file__).parent
 CASE = HERE / "engine" / "case.toml"
 ONE, THREE = ctypes.c_double, ctypes.c_double * 3
 STEP, HELD, RADIUS = 1e-3, 1500, 0.3  # s, samples of speed hold, m
-NOISE = (0.2, 0.35, 0.35), (0.05, 0.08, 0.08)  # N·m, rad/s of the machines
+NOISE = (0.2, 0.35, 0.35), (0.05, 0.05, 0.05)  # N·m, rad/s of the machines
 NAMES = (
     *("J_engine", "drag_engine", "J_gear", "J_diff", "ratio", "k_in", "c_in", "k_out", "c_out", "k_side", "c_side"),
     *("J_wheel", "J_body", "drag_body", "k_car", "c_car", "slip", "peak", "order", "pulse", "phase"),
