@@ -1264,7 +1264,7 @@ def commission(
     if repeat < 0 or (repeat and not Path(bed).is_file()):
         raise InputError("repeat", f"{repeat} is not possible here", "0 or more, and the FMU of a bed; else use learn")
     with shown("commission", progress) as tell:
-        result = Circle(Path(out), Path(bed), order, tell).run(Path(case))
+        result = Circle(Path(out), Path(bed), order, tell, lambda known: known.save(Path(out))).run(Path(case))
         if repeat and result.best_round is not None:
             from matching.bed.learn import learn_on_bed
 

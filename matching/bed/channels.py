@@ -20,6 +20,8 @@ from scipy.ndimage import uniform_filter1d
 
 from matching.bed.deviations import DEVIATIONS, Deviations, delays_at_edges, deviations
 from matching.bed.excite import bed_inputs, torques_csv
+from matching.bed.identify import measured_case
+from matching.bed.lost_motion import LostMotion, lost_motion, with_free_play
 from matching.bed.simulated_bed import FmuBed, FmuController, FmuPlant, bed_system, held_as_linear, run_csv
 from matching.bed.stated import Deviation, case_line, off_words
 from matching.match.case import Case
@@ -34,13 +36,14 @@ from modelling.controller.law import (
     SupervisedController,
 )
 from modelling.display import Displayed
+from modelling.effects.effect import place_in_words
 from modelling.effects.friction_and_compliance import CoulombFriction
 from modelling.equations.casadi_code import compiled
 from modelling.errors import InputError, listed
 from modelling.modal.modes import damped_modes
 from modelling.recordings.channel_faults import ChannelFault, conversion, factor_fault, fault
 from modelling.recordings.corrections import SETTINGS as CORRECTIONS
-from modelling.recordings.corrections import kept_values
+from modelling.recordings.corrections import kept_values, resolution
 from modelling.recordings.recording import Recording
 from modelling.running.run import run
 from modelling.simulation.simulate import simulate
@@ -76,6 +79,7 @@ class ChannelSettings:
     better: float = 0.5  # of the misfit before: what a wrong channel leaves when it is taken into account, and
     mended: float = 0.2  # the same, where it is still not like the model: a bed that sticks answers like nothing
     most: int = 4  # wrong channels that are looked for
+    plays: int = 2  # shafts with free play that are looked for, one after another
     friction: tuple[float, ...] = (0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.5, 1.1)  # of the largest torque: what may hold
     inexact: float = 0.01  # of a reading's range: error of a simulation with friction, small beside any misfit
     stops: float = (
@@ -487,7 +491,9 @@ class ChannelCheck(Displayed):
     measured : tuple of Deviation
         All that the check measures of the bed: the first match begins from it.
     explained : bool
-        Whether the bed with these values answers as it was recorded: it has no free play, then.
+        Whether the bed with these values, and with the free play that was found, answers as it was recorded.
+    free_plays : tuple of LostMotion
+        Free play that the recording shows, with its wrong channels mended.
     shown : mapping of str to ndarray (t,)
         ``time`` (s), and of every wrong sensor the reading and, as ``NAME model``, what it should have read.
     mended : Recording or None
@@ -507,6 +513,7 @@ class ChannelCheck(Displayed):
     off: tuple[Deviation, ...] = ()
     measured: tuple[Deviation, ...] = ()
     explained: bool = False
+    free_plays: tuple[LostMotion, ...] = ()
     shown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
     mended: Recording | None = field(default=None, repr=False)
 
@@ -518,7 +525,9 @@ class ChannelCheck(Displayed):
     def sentence(self) -> str:
         """Which channels are wrong or open, and which are not judged, in a sentence."""
         rest = f"not judged: {listed(list(self.unjudged))}" if self.unjudged else ""
-        return "; ".join(part for part in (self._judged(), *map(off_words, self.off), rest) if part)
+        played = [f"{'with what is wrong mended, ' * (not self.right)}the recording shows free play of "
+                  f"{one.gap:.2g} rad of {place_in_words(one.at)}" for one in self.free_plays]  # fmt: skip
+        return "; ".join(part for part in (self._judged(), *map(off_words, self.off), *played, rest) if part)
 
     def _judged(self) -> str:
         if self.wrong:
@@ -543,6 +552,7 @@ class ChannelCheck(Displayed):
             "channels": [one.to_dict() for one in self.channels],
             "off": [one.to_dict() | {"words": off_words(one), "line": case_line(one)} for one in self.off],
             "measured": [one.to_dict() for one in self.measured], "explained": self.explained,
+            "free_plays": [one.to_dict() for one in self.free_plays],
             "shown": {name: [float(f"{value:.5g}") for value in values[:: max(len(values) // SHOWN, 1)]]
                       for name, values in self.shown.items()},
         }  # fmt: skip
@@ -660,7 +670,8 @@ def judge_channels(
     read = np.stack([_at(time, recording, sensor.name) for sensor in sensors], axis=1)
     windows, together, lead = _windows(sent, settings, step, recording.source)
     rest = read[:lead]
-    zero, noise = np.nanmean(rest, axis=0), np.maximum(np.nanstd(rest, axis=0), _resolution(read) / np.sqrt(12))
+    steps = np.array([resolution(recording[one.name][np.isfinite(recording[one.name])]) for one in sensors])
+    zero, noise = np.nanmean(rest, axis=0), np.maximum(np.nanstd(rest, axis=0), steps / np.sqrt(12))
     acted = [j for j, window in enumerate(windows) if window is not None]
     run = _Run(
         sent, read, tuple(window for window in windows if window is not None), together, tuple(acted), noise,
@@ -699,19 +710,26 @@ def judge_channels(
     blocks, wiring, wrong, unlike, model = best.blocks, best.wiring, best.wrong, best.unlike, best.model
     if best.model is not findings[0].model:  # friction holds the bed: what little a motor moves says no sign of it
         wrong = [replace(one, certain=one.certain and one.channel not in inputs[driven:]) for one in wrong]
-    found, off = None, list[Deviation]()
-    clipped = _clipped(time, read, zero, noise, names, units, settings)
+    found, off, plays = None, list[Deviation](), list[LostMotion]()
+    clipped = _clipped(time, read, zero, noise, steps, names, units, settings)
     if not tripped and not clipped:
         found, wiring, wrong = _measured(case, system, time, sent, read, lead, names, moved, inputs, wiring, wrong)
     explained = found is not None and found.misfit <= DEVIATIONS.explained
+    commands, readings = _mended(sent, read, names, moved, inputs, wiring)
+    edges: tuple[Deviation, ...] = ()
+    if not tripped and not clipped and not explained:
+        edges = delays_at_edges(case, system, time - time[0], commands, readings)
+        if not any(one.kind == "stuck" for one in wrong):
+            mended = replace(recording, time=time, channels=commands | readings)
+            plays, played = _plays(case, edges, mended, commands, readings, lead, settings)
+            explained = played is not None and played.misfit <= DEVIATIONS.explained
+            found = played if explained else found
     if found is not None and explained:
         unlike = []
         wrong, off = _with_factors(case, found, wiring, names, run.quantities, wrong, settings)
-    measured = found.quantities if found is not None and explained else ()
-    commands, readings = _mended(sent, read, names, moved, inputs, wiring)
-    if not tripped and not clipped and not explained:  # free play: its dynamometers may be late all the same
-        measured = delays_at_edges(case, system, time - time[0], commands, readings)
-        off = [one for one in measured if one.beyond]
+    # free play that is not found exactly: its dynamometers may be late all the same
+    measured = found.quantities if found is not None and explained else edges
+    off = off if explained else [one for one in edges if one.beyond]
     if clipped:  # its answer is too small for whatever the bed is: nothing else is said by it
         wrong, unlike = [one for one in wrong if one.plain and one.channel not in clipped], []
     open_ = [one for one in wrong if not one.certain]
@@ -754,7 +772,7 @@ def judge_channels(
     return ChannelCheck(
         tuple(channels), tuple(wrong), tuple(name for name in unlike if name in judged), alike, tuple(open_), fastest,
         tripped, tuple(unjudged), tuple(needed), tuple(off), measured, explained,
-        _shown(time, names, read - zero, wrong, found, wiring, model),
+        tuple(plays), _shown(time, names, read - zero, wrong, found, wiring, model),
         None if tripped or any(one.kind in ("stuck", "clipped") for one in wrong) else replace(
             recording, time=time, channels=commands | readings
         ),
@@ -762,14 +780,14 @@ def judge_channels(
 
 
 def _clipped(
-    time: np.ndarray, read: np.ndarray, zero: np.ndarray, noise: np.ndarray, names: Sequence[str],
+    time: np.ndarray, read: np.ndarray, zero: np.ndarray, noise: np.ndarray, steps: np.ndarray, names: Sequence[str],
     units: Mapping[str, str], settings: ChannelSettings,
 ) -> dict[str, ChannelFault]:  # fmt: skip
     """Sensors that stay at the end of their range, away from their value at rest, while a torque moves the bed."""
-    found, step = {}, _resolution(read)
+    found = {}
     for i, name in enumerate(names):
         # equal values are no chance where noise is wider than a step, however short they last
-        shortest = 0.0 if noise[i] > settings.noisy * step[i] else CORRECTIONS.longest_constant
+        shortest = 0.0 if noise[i] > settings.noisy * steps[i] else CORRECTIONS.longest_constant
         ends = {
             float(read[first, i]) for first, _, kind in kept_values(read[:, i], time, shortest) if kind == "clipped"
         }
@@ -814,6 +832,33 @@ def _measured(
         if other is not None and other.misfit <= DEVIATIONS.explained:
             return other, right, []
     return found, wiring, wrong
+
+
+def _plays(
+    case: Case, edges: Sequence[Deviation], mended: Recording, commands: Mapping[str, np.ndarray],
+    readings: Mapping[str, np.ndarray], lead: int, settings: ChannelSettings,
+) -> tuple[list[LostMotion], Deviations | None]:  # fmt: skip
+    """Free play that a recording shows, one shaft after another, and what it measures with it in the model."""
+    plays, found, time = list[LostMotion](), None, mended.time - mended.time[0]
+    searched, playing = measured_case(case, edges)[0], case
+    begin: Mapping[str, float] = {}
+    share = DEVIATIONS.part
+    for _ in range(settings.plays):
+        seen = lost_motion(searched, mended, share=share, begin=begin)
+        if seen is None:
+            break
+        plays.append(seen)
+        searched, playing = with_free_play(searched, seen), with_free_play(playing, seen)
+        again = deviations(playing, bed_system(playing), time, commands, readings, lead, begin=seen.values)
+        if again is None:
+            break
+        found, begin = again, again.coordinates
+        plays = [replace(one, gap=begin[f"{one.at}.gap"]) for one in plays]
+        if found.share == 1:
+            break
+        share = min(found.share + DEVIATIONS.stride, 1.0)
+    told = found is not None and found.share >= DEVIATIONS.least_part
+    return plays, found if told else None
 
 
 def _with_factors(
@@ -882,12 +927,6 @@ def _at(time: np.ndarray, recording: Recording, name: str) -> np.ndarray:
     if not there.any():
         raise InputError(f"{recording.source}: {name}", "has no value", "connect the sensor, or leave the channel out")
     return np.interp(time, recording.time[there], values[there])
-
-
-def _resolution(read: np.ndarray) -> np.ndarray:
-    """Smallest step (y,) of every channel; 0 of one that never moves."""
-    steps = np.abs(np.diff(read, axis=0))
-    return np.where((steps > 0).any(axis=0), np.where(steps > 0, steps, np.inf).min(axis=0), 0.0)
 
 
 def _windows(

@@ -25,7 +25,7 @@ from matching.bed.excite import (
     steady_speed,
 )
 from matching.bed.identify import GAIN, IdentifiedValue, bed_from_recordings, measured_case, vehicle_from_recordings
-from matching.bed.lost_motion import LostMotion, play_beside, with_free_play
+from matching.bed.lost_motion import LostMotion, with_free_play
 from matching.bed.plausible import NotThisBed, check_excitation
 from matching.bed.proof import plan_proof, proof_csv
 from matching.bed.simulated_bed import (
@@ -375,10 +375,16 @@ class Circle:
     order : CommissionOrder
     tell : callable
         Is given the name of each step.
+    keep : callable
+        Is given after each stage what is known by then: a run that is killed leaves it.
     """
 
-    def __init__(self, folder: Path, bed: Path, order: CommissionOrder, tell: Tell = lambda _: None):
+    def __init__(
+        self, folder: Path, bed: Path, order: CommissionOrder, tell: Tell = lambda _: None,
+        keep: Callable[[Commissioning], object] = lambda _: None,
+    ):  # fmt: skip
         check_bed(bed)
+        self._keep, self._again = keep, ""
         self._folder, self._bed, self._order, self._tell = folder, bed, order, tell
         self._stages = Stages(folder)
         self._by_hand = ByHand(bed, order.follow, tell)
@@ -403,7 +409,7 @@ class Circle:
         """
         plan_speed(_case_at(path), self._order)  # an error now, not after a match
         self._rounds = []
-        again = shlex.join([
+        self._again = shlex.join([
             "rigmatch", "commission", str(path), "--bed", str(self._bed), *self._order.options(), "--out",
             str(self._folder),
         ])  # fmt: skip
@@ -426,8 +432,14 @@ class Circle:
             end, last = "it was ended from outside; the same command goes on", None
             self._rounds = [entry for entry in self._rounds if len(entry.to_dict()) > 1]
         return Commissioning(
-            tuple(self._rounds), end, waiting, vehicle, last, self._channels, again, str(self._folder)
-        )  # fmt: skip
+            tuple(self._rounds), end, waiting, vehicle, last, self._channels, self._again, str(self._folder)
+        )
+
+    def _kept(self) -> None:
+        """What is known after a stage."""
+        rounds = tuple(entry for entry in self._rounds if len(entry.to_dict()) > 1)
+        end = "the command is still running, or was ended from outside; the same command goes on"
+        self._keep(Commissioning(rounds, end, None, None, None, self._channels, self._again, str(self._folder)))
 
     def _go_round(self, path: Path) -> str | None:
         """The rounds; why no further one would gain, None where one may."""
@@ -446,6 +458,7 @@ class Circle:
     def _found(self, **of_step: Any) -> None:
         """Add what a step found to the present round; a step that waits for a recording keeps those before it."""
         self._rounds[-1] = replace(self._rounds[-1], **of_step)
+        self._kept()
 
     def _vehicle_known(self, path: Path) -> dict[str, Any]:
         """Diagnose the recordings of the vehicle; what became of it."""
@@ -526,11 +539,12 @@ class Circle:
         elif not self._order.skip_channel_check:
             case = _case_at(path)
             self._channels = self._checked(case, number)
+            self._kept()
             if not self._channels["right"]:
                 return None
-            play = self._channels.get("free_play")
-            if play and not case.rig.free_plays:
-                path = self._with_play(case, LostMotion(**play))
+            plays = [LostMotion(**one) for one in self._channels["free_plays"]]
+            if plays and not case.rig.free_plays:
+                path = self._with_plays(case, plays)
                 case = load_case(path)
             if any(one["told"] for one in self._channels["measured"]):
                 path = self._with_measured(path, case)
@@ -540,18 +554,23 @@ class Circle:
         self._found(verification=self._verified(case, number))
         return matched
 
-    def _with_play(self, case: Case, seen: LostMotion) -> Path:
+    def _with_plays(self, case: Case, seen: Sequence[LostMotion]) -> Path:
         """The case with the free play that the check of the channels shows: it is matched with its play closed."""
 
         def work() -> tuple[Files, dict[str, Any]]:
-            return case_files(with_free_play(case, seen)), {}
+            made = case
+            for one in seen:
+                made = with_free_play(made, one)
+            return case_files(made), {}
 
         self._stages.run("1_play", _of_case(case) + repr(seen), work)
-        words = f"{seen.gap:.2g} rad, by small torques from rest (check of the channels)"
         self._found(identification={
-            "verdict": "of free play", "causes": [{"kind": Backlash.kind, "at": seen.at, "evidence": words}],
-            "notes": [f"free play of {place_in_words(seen.at)}: this match has it closed, and the proof keeps it "
-                      "closed by a mean torque"],
+            "verdict": "of free play",
+            "causes": [{"kind": Backlash.kind, "at": one.at,
+                        "evidence": f"{one.gap:.2g} rad, by small torques from rest (check of the channels)"}
+                       for one in seen],
+            "notes": [f"free play of {place_in_words(one.at)}: this match has it closed, and the proof keeps it "
+                      "closed by a mean torque" for one in seen],
             "values": [], "torque_gains": {one.name: one.torque_gain for one in case.loop.dynamometers},
             "ended_early": None,
         })  # fmt: skip
@@ -640,13 +659,7 @@ class Circle:
             keep_recording(self._folder / name, taken)
             recorded = read_recording(self._folder / name / taken.name, bed_system(case), self._names)
             checked = judge_channels(case, recorded, tripped)
-            play = play_beside(case, checked)
-            found = checked.to_dict() | {"free_play": None if play is None else play.to_dict()}
-            if play is not None and not checked.right:
-                found["sentence"] += (
-                    f"; with what is wrong mended, the recording shows free play of {play.gap:.2g} rad of "
-                    f"{place_in_words(play.at)}"
-                )
+            found = checked.to_dict()
             return {taken.name: taken.content, "channels.json": strict_json(found)}, found
 
         return self._stages.run(name, self._of_run(plan.csv() + _of_case(case)), work, lambda _: self._as_handed(name))

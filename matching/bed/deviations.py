@@ -3,8 +3,9 @@
 One fit of the recording holds every quantity near its stated value, as far as its tolerance says. A quantity that is
 far off bends all others in such a fit. So one quantity after another is released from its tolerance: the one by which
 the misfit falls most, as long as it falls beyond chance. A quantity that was released and lies beyond its tolerance is
-off; everything else keeps its place. Free play is no part of this fit: where the bed has some, a misfit is left, no
-quantity is called off, and :mod:`matching.bed.lost_motion` looks for it.
+off; everything else keeps its place. Where the bed has free play that its model does not have, a misfit is left, no
+quantity is called off, and :mod:`matching.bed.lost_motion` looks for it. With that free play in the model the fit is
+made again.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class DeviationSettings:
         0.03,
         1e-3,
     )  # rad/s over which the sign of friction changes: of the first fit, and of all others, where it bends nothing
-    factors: tuple[float, ...] = (0.18, 0.5, 1.8, 5.0)  # starts of a released quantity
+    factors: tuple[float, ...] = (0.15, 0.3, 0.55, 1.8, 3.3, 6.0)  # starts of a released quantity
     delays: tuple[float, ...] = (1e-3, 2.5e-3, 5e-3, 1e-2)  # s beyond the stated dead time: starts as well
     fall: float = 40.0  # of χ² by which a release is beyond chance: six standard uncertainties
     promised: float = 0.5  # of that fall, to first order, below which a candidate is not fitted
@@ -61,6 +62,15 @@ class DeviationSettings:
     refitted: int = 4  # candidates of a round that are fitted; the others fall less already to first order
     most: int = 3  # releases at most: the recording tells no more
     chance: float = 0.3  # of χ²: a fall that says nothing
+    part: float = 0.12  # of a recording, that is fitted first where shafts have play: to the end of the first pulses
+    stride: float = 0.05  # by which that part grows: what moves freely has minima at every beat
+    shortest_stride: float = 0.006  # the same, below which the model does not follow the recording any further
+    followed: float = 0.008  # misfit of a channel, relative, up to which a model follows the longer part
+    well_told: float = (
+        0.3  # of its tolerance: uncertainty beside free play at which a quantity is told. Derivatives hold
+    )
+    # for tiny changes alone where impacts happen earlier or later, so that longer parts seem to tell more than they do
+    least_part: float = 0.3  # of the recording, that a model with free play explains at least
     weak: float = 0.4  # of its tolerance, of an uncertainty from which on a step may lead a quantity astray
     farthest: float = 3.0  # tolerances that a quantity is off at most, as long as it is not released
     stiffest: float = 10.0  # damping of a step that still does not help: the fit has ended
@@ -93,12 +103,16 @@ DEVIATIONS = DeviationSettings()
 class Deviations:
     """All quantities that the check measures; ``misfit``: largest error of a channel, relative.
 
+    ``share`` is the part of the recording, from its begin, that they are measured on: with free play the model may not
+    follow the whole of it. ``coordinates`` are where the fit ended, by name, in the model's units.
     ``readings`` (t,) by sensor: those of the bed with these values and right gains, less their zeros.
     """
 
     quantities: tuple[Deviation, ...]
     misfit: float
     readings: Mapping[str, np.ndarray] = field(repr=False)
+    share: float = 1.0
+    coordinates: Mapping[str, float] = field(default_factory=dict, repr=False)
 
     def __getitem__(self, name: str) -> Deviation:
         """A quantity by its name."""
@@ -134,6 +148,9 @@ class _Free:
     def at(self, x: float) -> float:
         return self.stated * float(np.exp(x)) if self.log else self.stated + x
 
+    def coordinate(self, value: float) -> float:
+        return float(np.log(value / self.stated)) if self.log else value - self.stated
+
 
 WIDE = {True: 8.0, False: 1.0}  # of a released coordinate: ln of a factor of 3000; s
 
@@ -154,10 +171,10 @@ class _Errors:
         return float(np.sum(self.left**2))
 
 
-class _Fit:
+class Fit:
     """A model of the bed on a recording: readings, weighted errors and their derivatives at coordinates x (p,)."""
 
-    def __init__(self, run: _Recorded):
+    def __init__(self, run: RecordedCheck):
         self.run = run
         self.model: Model = compiled(run.system)
         self.free = run.free
@@ -165,6 +182,7 @@ class _Fit:
         self.places = [n for n, one in enumerate(self.free) if one.sensor < 0]
 
     def parameters(self, x: np.ndarray) -> np.ndarray:
+        """Parameters of the model at coordinates (p,)."""
         p = np.array(self.model.p0, dtype=float)
         for n in self.places:
             p[self.model.parameters.index(self.free[n].parameter)] = self.free[n].at(float(x[n]))
@@ -173,6 +191,7 @@ class _Fit:
         return p
 
     def gains(self, x: np.ndarray) -> np.ndarray:
+        """Of the sensors (y,) at coordinates (p,)."""
         gains = np.ones(self.run.read.shape[1])
         for n, one in enumerate(self.free):
             if one.sensor >= 0:
@@ -207,7 +226,7 @@ class _Fit:
             raise SimulationError("simulation", f"needs {rate:.3g} steps a second", "a value is out of all bounds")
         return rate
 
-    def size(self, x: np.ndarray, now: _Found | None = None) -> float:
+    def size(self, x: np.ndarray, now: Found | None = None) -> float:
         """χ² of the readings at coordinates (p,), without derivatives; infinite for what cannot be simulated."""
         run, p = self.run, self.parameters(x)
         if (
@@ -229,7 +248,7 @@ class _Fit:
 
 
 @dataclass(frozen=True)
-class _Recorded:
+class RecordedCheck:
     """The recording of a check as the fit needs it; ``weights`` (y,) are one over the expected error of a sample."""
 
     system: System
@@ -248,26 +267,40 @@ class _Recorded:
     stick_speed: float
     settings: DeviationSettings
 
+    def until(self, share: float, stick_speed: float | None = None) -> RecordedCheck:
+        """The first part of the recording; with friction that is easily fitted, where no stick speed is given."""
+        n = round(share * len(self.time))
+        sent = {name: torque[:n] for name, torque in self.sent.items()}
+        return replace(
+            self, time=self.time[:n], sent=sent, read=self.read[:n], there=self.there[:n],
+            of_noise=share * self.of_noise, stick_speed=stick_speed or self.settings.stick_speeds[0],
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
-class _Found:
+class Found:
     """A fit that has ended: coordinates (p,), χ² with what the tolerances add, and what was released."""
 
-    fit: _Fit
+    fit: Fit
     x: np.ndarray
     cost: float
     released: tuple[str, ...]
     errors: _Errors = field(repr=False)
     apart: Mapping[str, float] = field(default_factory=dict)  # by name: how far nearly as good fits end beside x
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Where the fit ended, by name, in the model's units."""
+        return {one.name: one.at(float(x)) for one, x in zip(self.fit.free, self.x, strict=True)}
 
-def _solved(
-    fit: _Fit,
+
+def solved(
+    fit: Fit,
     begin: np.ndarray,
     released: tuple[str, ...],
     last: tuple[int, float] = (0, 0.0),
     apart: Mapping[str, float] | None = None,
-) -> _Found:
+) -> Found:
     """Least squares by Gauss and Newton, with Levenberg's damping where a step fails."""
     settings, widths = fit.run.settings, fit.widths(released)
     most, hardly = last if last[0] else (settings.iterations, settings.hardly)
@@ -295,10 +328,10 @@ def _solved(
         damping /= 10
         if gained < max(hardly * (cost - fit.run.of_noise), settings.chance):
             break
-    return _Found(fit, x, cost, released, errors, {} if apart is None else apart)
+    return Found(fit, x, cost, released, errors, {} if apart is None else apart)
 
 
-def _first_order(now: _Found, released: tuple[str, ...], x: np.ndarray | None = None) -> float:
+def _first_order(now: Found, released: tuple[str, ...], x: np.ndarray | None = None) -> float:
     """χ² that one step of a fit leaves from coordinates x, or from where a fit ended, to first order."""
     errors = now.errors if x is None else now.fit.errors(x)
     x, widths = now.x if x is None else x, now.fit.widths(released)
@@ -308,7 +341,7 @@ def _first_order(now: _Found, released: tuple[str, ...], x: np.ndarray | None = 
 
 def deviations(
     case: Case, system: System, time: np.ndarray, sent: Mapping[str, np.ndarray], read: Mapping[str, np.ndarray],
-    lead: int, settings: DeviationSettings = DEVIATIONS,
+    lead: int, settings: DeviationSettings = DEVIATIONS, begin: Mapping[str, float] | None = None,
 ) -> Deviations | None:  # fmt: skip
     """Measure a bed by the recording of the check of its channels; None where no model of it can be simulated.
 
@@ -322,11 +355,12 @@ def deviations(
         Commands of all inputs, and readings of channels whose sign, unit and place are right.
     lead : int
         Samples at rest before the first torque.
+    begin : mapping of str to float, optional
+        Where the fit begins, as :attr:`Deviations.coordinates`; the stated values otherwise.
     """
-    run = _recorded(case, system, time, sent, read, lead, settings)
+    run = recorded_check(case, system, time, sent, read, lead, settings)
     try:
-        rough = _solved(_Fit(replace(run, stick_speed=settings.stick_speeds[0])), np.zeros(len(run.free)), ())
-        now = _settled(_solved(_Fit(run), rough.x, ()))
+        now, share = _begun(run, begin or {})
     except SimulationError:
         return None
     rivals: dict[str, tuple[str, ...]] = {}
@@ -338,7 +372,7 @@ def deviations(
         needed = max(settings.fall, settings.worth * (now.cost - run.of_noise))
         if now.cost - best.cost >= needed:  # a fit may have ended early: what it gains without the release is no cause
             with contextlib.suppress(SimulationError):
-                again = _solved(now.fit, best.x, now.released, apart=now.apart)
+                again = solved(now.fit, best.x, now.released, apart=now.apart)
                 now = min(now, again, key=lambda one: one.cost)
         if now.cost - best.cost < needed:
             break
@@ -347,17 +381,49 @@ def deviations(
     now, rivals = _needed(now, rivals)
     for _ in range(settings.most):
         now = _settled(now)
-        held = _held(now) if _misfit(now) <= settings.right else ()
+        held = _held(now) if misfit_of(now) <= settings.right else ()
         if not held:
             break
         with contextlib.suppress(SimulationError):
-            now = _solved(now.fit, now.x, (*now.released, *held), settings.at_last, now.apart)
-    return _measured(now, rivals)
+            now = solved(now.fit, now.x, (*now.released, *held), settings.at_last, now.apart)
+    return _measured(now, rivals, run, share)
 
 
-def _settled(now: _Found) -> _Found:
+def _begun(run: RecordedCheck, begin: Mapping[str, float]) -> tuple[Found, float]:
+    """The first fit, and the share of the recording that it is of: with free play as much as the model follows."""
+    settings = run.settings
+    x = np.array([one.coordinate(begin[one.name]) if one.name in begin else 0.0 for one in run.free])
+    if not any(effect.law.free_play for effect in run.system.effects):
+        rough = solved(Fit(replace(run, stick_speed=settings.stick_speeds[0])), x, ())
+        return _settled(solved(Fit(run), rough.x, ())), 1.0
+    released = tuple(
+        one.name for one, own in zip(run.free, x, strict=True)
+        if one.starts and abs(own) > settings.farthest * one.width
+    )  # fmt: skip
+    share, stride = settings.part, settings.stride
+    now = solved(Fit(run.until(share, run.stick_speed)), x, released)
+    widths = np.array([one.width for one in run.free])
+    spread = np.sqrt(np.diag(_covariance(now)))
+    while share < 1 and stride >= settings.shortest_stride:
+        further = min(share + stride, 1.0)
+        with contextlib.suppress(SimulationError):
+            tried = solved(Fit(run.until(further, run.stick_speed)), now.x, now.released)
+            if misfit_of(tried) <= settings.followed:
+                now, share, stride = tried, further, min(2 * stride, settings.stride)
+                of_part = np.sqrt(np.diag(_covariance(now)))
+                least = settings.well_told * widths if share > settings.least_part else 0.0
+                spread = np.where(spread > least, np.minimum(np.maximum(of_part, least), spread), spread)
+                continue
+        stride /= 2
+    return replace(now, apart={one.name: float(own) for one, own in zip(run.free, spread, strict=True)}), share
+
+
+def _settled(now: Found) -> Found:
     """The fit to its end; also from where what the recording hardly tells has its stated value."""
     settings = now.fit.run.settings
+    playing = any(effect.law.free_play for effect in now.fit.run.system.effects)
+    if playing or misfit_of(now) > settings.explained:
+        return now
     spread = np.sqrt(np.diag(_covariance(now)))
     widths = now.fit.widths(now.released)
     weak = (spread > settings.weak * widths) | (np.abs(now.x) > 0.99 * settings.farthest * widths)
@@ -365,16 +431,23 @@ def _settled(now: _Found) -> _Found:
     ends = [now]
     for x in [now.x, np.where(weak, 0.0, now.x)] if weak.any() else [now.x]:
         with contextlib.suppress(SimulationError):
-            ends.append(_solved(now.fit, x, now.released, settings.at_last, now.apart))
+            ends.append(solved(now.fit, x, now.released, settings.at_last, now.apart))
     return min(ends, key=lambda one: one.cost)
 
 
-def _covariance(now: _Found) -> np.ndarray:
+def _covariance(now: Found) -> np.ndarray:
     """Of the coordinates (p, p), by the weights of the fit."""
-    return np.asarray(np.linalg.inv(now.errors.gram.sum(axis=0) + np.diag(now.fit.widths(now.released) ** -2.0)))
+    return _inverse(now.errors.gram.sum(axis=0), now.fit.widths(now.released))
 
 
-def _held(now: _Found) -> tuple[str, ...]:
+def _inverse(gram: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Covariance (p, p) of coordinates that are expected within ``widths`` (p,); they differ by many powers of ten."""
+    both = np.outer(widths, widths)
+    values, vectors = np.linalg.eigh(gram * both + np.eye(len(widths)))
+    return np.asarray(both * ((vectors / np.maximum(values, 1.0)) @ vectors.T))
+
+
+def _held(now: Found) -> tuple[str, ...]:
     """What the recording tells and its tolerance holds back: it bends all others."""
     settings, spread = now.fit.run.settings, np.sqrt(np.diag(_covariance(now)))
     return tuple(
@@ -425,53 +498,57 @@ def delays_at_edges(
     return tuple(found)
 
 
-def _next(now: _Found) -> Iterator[tuple[str, _Found]]:
+def _next(now: Found) -> Iterator[tuple[str, Found]]:
     """Fits with one more quantity released: those that promise most."""
     settings, fit = now.fit.run.settings, now.fit
-    begins, far = list[tuple[float, int, str, np.ndarray]](), _misfit(now) > settings.far
+    begins, misfit, base, least = list[tuple[float, int, str, np.ndarray]](), misfit_of(now), now.x, now.errors.square
+    if misfit > settings.explained:  # what is far off has bent all others
+        base = np.where([one.name in now.released for one in fit.free], now.x, 0.0)
+        least = fit.size(base)
     for n, one in enumerate(fit.free):
         if one.name in now.released or not one.starts:
             continue
         released = (*now.released, one.name)
         begins.append((_first_order(now, released), len(begins), one.name, now.x))
-        if not far:
+        if misfit <= settings.far:
             continue
-        xs = np.tile(now.x, (len(one.starts), 1))
+        xs = np.tile(base, (len(one.starts), 1))
         xs[:, n] = one.starts
         sizes = [fit.size(x, now) for x in xs]
         best = int(np.argmin(sizes))
-        if sizes[best] < now.errors.square:
+        if sizes[best] < least:
             with contextlib.suppress(SimulationError):
                 begins.append((_first_order(now, released, xs[best]), len(begins), one.name, xs[best]))
     begins.sort(key=lambda one: one[:2])
-    found: dict[str, _Found] = {}
+    found: dict[str, Found] = {}
     for promised, _, name, x in begins[: settings.refitted]:
         if now.cost - promised < settings.promised * settings.fall:
             break
         with contextlib.suppress(SimulationError):
-            solved = _solved(fit, x, (*now.released, name), apart=now.apart)
-            if name not in found or solved.cost < found[name].cost:
-                found[name] = solved
+            ended = solved(fit, x, (*now.released, name), apart=now.apart)
+            if name not in found or ended.cost < found[name].cost:
+                found[name] = ended
     yield from found.items()
 
 
-def _best_of(found: _Found, name: str) -> _Found:
+def _best_of(found: Found, name: str) -> Found:
     """The fit with its last release, to its end; of a far value also from beside: stiff modes have minima there."""
     settings, n = found.fit.run.settings, [one.name for one in found.fit.free].index(name)
-    done = [_solved(found.fit, found.x, found.released, settings.at_last)]
-    if name.startswith("rig.") and abs(found.x[n]) > abs(settings.beside[0]):
+    done = [solved(found.fit, found.x, found.released, settings.at_last)]
+    far = abs(found.x[n]) > abs(settings.beside[0]) and misfit_of(done[0]) > settings.right
+    if name.startswith("rig.") and far:
         for side in settings.beside:
             x = np.where([one.name in found.released for one in found.fit.free], done[0].x, 0.0)
             x[n] += side
             with contextlib.suppress(SimulationError):
-                done.append(_solved(found.fit, x, found.released, settings.at_last))
+                done.append(solved(found.fit, x, found.released, settings.at_last))
     best = min(done, key=lambda one: one.cost)
     near = [one.x[n] for one in done if one.cost - best.cost < settings.near_minima]
     apart = float(np.sqrt(np.mean((np.array(near) - best.x[n]) ** 2)))
     return replace(best, apart={**found.apart, name: apart})
 
 
-def _misfit(now: _Found) -> float:
+def misfit_of(now: Found) -> float:
     """Largest rms error of a channel beyond its noise, over its rms."""
     run = now.fit.run
     left, size = now.errors.left / run.weights, np.sqrt(np.mean(run.read**2, axis=0))
@@ -479,18 +556,18 @@ def _misfit(now: _Found) -> float:
     return float(np.max(np.sqrt(beyond) / np.maximum(size, 1e-12), initial=0.0))
 
 
-def _needed(now: _Found, rivals: dict[str, tuple[str, ...]]) -> tuple[_Found, dict[str, tuple[str, ...]]]:
+def _needed(now: Found, rivals: dict[str, tuple[str, ...]]) -> tuple[Found, dict[str, tuple[str, ...]]]:
     """The fit without releases that the later ones made needless."""
     for name in now.released[:-1]:  # the last one was accepted beside all others
         fewer = tuple(one for one in now.released if one != name)
         with contextlib.suppress(SimulationError):
-            without = _solved(now.fit, now.x, fewer, apart=now.apart)
+            without = solved(now.fit, now.x, fewer, apart=now.apart)
             if without.cost - now.cost < now.fit.run.settings.fall:
                 now = without
     return now, {name: others for name, others in rivals.items() if name in now.released}
 
 
-def _measured(now: _Found, rivals: Mapping[str, tuple[str, ...]]) -> Deviations:
+def _measured(now: Found, rivals: Mapping[str, tuple[str, ...]], whole: RecordedCheck, share: float) -> Deviations:
     """The quantities with their uncertainties, by the errors that are left."""
     fit, run, settings = now.fit, now.fit.run, now.fit.run.settings
     left = now.errors.left / run.weights
@@ -499,13 +576,13 @@ def _measured(now: _Found, rivals: Mapping[str, tuple[str, ...]]) -> Deviations:
     per = max(settings.correlated / float(np.median(np.diff(run.time))), 1.0)
     weights = 1 / np.sqrt(run.noise**2 + per * beyond_noise)
     gram = (now.errors.gram * ((weights / run.weights) ** 2)[:, None, None]).sum(axis=0)
-    covariance = np.linalg.inv(gram + np.diag(fit.widths(now.released) ** -2.0))
+    covariance = _inverse(gram, fit.widths(now.released))
     covariance[np.diag_indices_from(covariance)] += [
         now.apart.get(one.name, 0.0) ** 2
         + (settings.least_share if one.log or one.sensor >= 0 else settings.least_time) ** 2
         for one in fit.free
     ]
-    spread, misfit, out = np.sqrt(np.diag(covariance)), _misfit(now), []
+    spread, misfit, out = np.sqrt(np.diag(covariance)), misfit_of(now), []
     # what the recording tells and a tolerance holds back bends all others
     held = any(
         one.name not in now.released and spread[n] < settings.told * one.width
@@ -528,13 +605,17 @@ def _measured(now: _Found, rivals: Mapping[str, tuple[str, ...]]) -> Deviations:
                 bool(free and far), bool(far or spread[n] < settings.told * one.width), rivals.get(one.name, ())[:2],
             )
         )  # fmt: skip
-    return Deviations(tuple(out), misfit, dict(zip(run.names, ((run.read - left) / fit.gains(now.x)).T, strict=True)))
+    gains = fit.gains(now.x)
+    shown = run.read - left if share == 1 else whole.read - Fit(whole).errors(now.x).left / whole.weights
+    readings = dict(zip(run.names, (shown / gains).T, strict=True))
+    return Deviations(tuple(out), misfit, readings, share, now.values)
 
 
-def _recorded(
+def recorded_check(
     case: Case, system: System, time: np.ndarray, sent: Mapping[str, np.ndarray], read: Mapping[str, np.ndarray],
     lead: int, settings: DeviationSettings,
-) -> _Recorded:  # fmt: skip
+) -> RecordedCheck:  # fmt: skip
+    """A recording as the fit needs it, see :func:`deviations`; ``system`` may have free play."""
     names = list(read)
     values = np.stack([read[name] for name in names], axis=1)
     there = np.isfinite(values)
@@ -552,7 +633,7 @@ def _recorded(
     commands = {name: np.asarray(torque) for name, torque in sent.items()}
     of_noise = float(there.sum(axis=0) @ (weights * noise) ** 2)
     hold = case.loop["dead_time"] - case.loop.command_delay()
-    return _Recorded(
+    return RecordedCheck(
         with_all, time, commands, values, there, weights, noise, float(noise_error), columns, names, free, of_noise,
         hold, settings.stick_speeds[1], settings,
     )  # fmt: skip
@@ -608,7 +689,13 @@ def _coordinates(
                                   (*late, -0.5 * stated), lowest=-stated))  # fmt: skip
             elif stated > 0:
                 free.append(_Free(f"{whole}.{key}", parameter, stated, of_loop.half_width / of_loop.value, True,
-                                  factors[2:], lowest=settings.shortest))  # fmt: skip
+                                  factors[3:], lowest=settings.shortest))  # fmt: skip
+    for effect in system.effects:
+        if effect.law.free_play:
+            gap = f"{effect.name}.{effect.law.free_play}"
+            free.append(
+                _Free(f"{effect.at}.{effect.law.free_play}", gap, system.parameters[gap].value, WIDE[True], True)
+            )
     for i, name in enumerate(sensors):
         gain = box.get(f"sensors.{name}.gain")
         width = gain.half_width if gain is not None and gain.half_width > 0 else settings.sensor_gain

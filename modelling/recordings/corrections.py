@@ -174,8 +174,8 @@ def _smooth_after(values: np.ndarray, period: float) -> bool:
     return smooth and float(moved.max()) <= SETTINGS.largest_motion * period
 
 
-def _resolution(values: np.ndarray) -> float:
-    """The step of which all values (t,) are whole multiples; 0 where there is none."""
+def _counter_step(values: np.ndarray) -> float:
+    """What one count of a counter is worth: all values (t,) are whole multiples of it; 0 where there is none."""
     levels = np.unique(np.abs(values))
     levels = levels[levels > 0]
     if len(levels) < 2:
@@ -214,7 +214,7 @@ def corrected_wraps(name: str, values: np.ndarray, *, angle: bool) -> tuple[np.n
     largest = float(np.abs(np.diff(own)).max())
     if largest <= SETTINGS.jump * span or span == 0:
         return values, 0.0, []
-    step = _resolution(own)
+    step = _counter_step(own)
     jumps = int((np.abs(np.diff(own)) > SETTINGS.jump * span).sum())
     if angle:
         for period in (TURN, 360.0, *(2.0**bits * step for bits in SETTINGS.counter_bits if step)):

@@ -10,7 +10,7 @@ import pytest
 from small_bed import write
 
 from matching.bed import commission as module
-from matching.bed.commission import Circle, CommissionOrder, Stages
+from matching.bed.commission import Circle, CommissionOrder, Round, Stages
 from matching.bed.identify import COVERAGE, LEAST_SHARE, bed_from_recordings, identified_case
 from matching.bed.proof import Proof, plan_proof
 from matching.bed.simulated_bed import (
@@ -108,7 +108,7 @@ def test_free_play_that_the_check_shows_enters_the_first_match(case, tmp_path):
     circle = Circle(tmp_path / "out", tmp_path / "bed", CommissionOrder(rounds=1))
     seen, play = [], {"at": "shafts.side", "gap": 0.004, "misfit": 0.6}
     circle._found = lambda **of_step: seen.append(of_step)
-    circle._checked = Mock(return_value={"right": True, "free_play": play, "measured": [], "off": []})
+    circle._checked = Mock(return_value={"right": True, "free_plays": [play], "measured": [], "off": []})
     circle._matched = Mock(side_effect=Waiting("the match"))
     folder = tmp_path / "case"
     folder.mkdir()
@@ -121,6 +121,24 @@ def test_free_play_that_the_check_shows_enters_the_first_match(case, tmp_path):
     for model in (made.rig, made.vehicle):
         assert set(model.free_plays) == {"shafts.side"}
         assert model.parameters[model.free_plays["shafts.side"]].value == pytest.approx(0.004)
+
+
+def test_a_commissioning_that_is_killed_leaves_its_page(case, tmp_path):
+    """After every stage, with what is known by then."""
+    (tmp_path / "bed").mkdir()
+    kept = []
+    circle = Circle(tmp_path / "out", tmp_path / "bed", CommissionOrder(rounds=1), keep=kept.append)
+    circle._rounds = [Round(1)]
+    circle._found(match={"status": "matched", "limits": [], "structure": "observer"})
+    circle._found(verification={"status": "short", "errors": [], "modes": []})
+    assert [list(one.to_dict()["rounds"][0]) for one in kept] == [
+        ["round", "match"],
+        ["round", "match", "verification"],
+    ]
+    kept[0].save(tmp_path / "page")
+    page = (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+    assert "still running" in page
+    assert "Round 1" in page
 
 
 def test_a_commissioning_goes_on_at_the_step_that_tripped(case, tmp_path, monkeypatch):

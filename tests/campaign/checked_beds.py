@@ -24,7 +24,6 @@ from virtual_bed.reference_circle import CASE
 
 from matching.bed.channels import channel_recording, judge_channels, plan_channels
 from matching.bed.excite import bed_inputs
-from matching.bed.lost_motion import play_beside
 from matching.bed.simulated_bed import FmuBed, bed_system
 from matching.match.case import Case
 from matching.match.case_file import load_case
@@ -116,10 +115,9 @@ def work(case: Case, seed: int, number: int, folder: Path) -> dict[str, Any]:
     (folder / "recording.csv").write_text(text, encoding="utf-8")
     recording = read_recording(folder / "recording.csv", bed_system(case))
     found = judge_channels(case, recording, tripped)
-    play = play_beside(case, found)
     seconds = time.process_time() - began
     named = {one.channel for one in (*found.wrong, *found.open)} | {one.name for one in found.off}
-    named |= {play.at} if play else set()
+    named |= {one.at for one in found.free_plays}
     friction = next((one for one in found.measured if one.name == "inertias.motor.friction"), None)
     if friction is not None and found.explained and friction.value > 5 * friction.uncertainty and friction.value > 0.2:
         named.add(friction.name)
@@ -128,7 +126,7 @@ def work(case: Case, seed: int, number: int, folder: Path) -> dict[str, Any]:
     allowed = {name for one in defects for name in one["named"]}
     return {
         "number": number, "defects": defects, "hits": hits, "invented": sorted(named - allowed),
-        "sentence": found.sentence(), "play": None if play is None else play.to_dict(), "tripped": tripped,
+        "sentence": found.sentence(), "plays": [one.to_dict() for one in found.free_plays], "tripped": tripped,
         "explained": found.explained, "seconds": seconds, "values": values(case, bed, found) if found.explained else [],
     }  # fmt: skip
 
