@@ -382,7 +382,7 @@ def deviations(
     for _ in range(settings.most):
         now = _settled(now)
         held = _held(now) if misfit_of(now) <= settings.right else ()
-        if not held:
+        if not 0 < len(held) <= settings.most:  # as many as that are bent by something else
             break
         with contextlib.suppress(SimulationError):
             now = solved(now.fit, now.x, (*now.released, *held), settings.at_last, now.apart)
