@@ -405,7 +405,8 @@ def ending(result: Mapping[str, Any]) -> str:
     if result["status"] == "wrong_channel":
         return "No emulation was begun."
     if result["end"]:
-        return f"It ended with round {result['rounds'][-1]['round']}: {result['end']}."
+        after = f"with round {result['rounds'][-1]['round']}" if result["rounds"] else "before its first round"
+        return f"It ended {after}: {result['end']}."
     if result["status"] in VERDICT_MEANING:
         return "It ended with the last round that was asked for; a further one may gain."
     return ""

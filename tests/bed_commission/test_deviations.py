@@ -10,14 +10,20 @@ import numpy as np
 import pytest
 import small_bed
 from scipy.linalg import expm
+from virtual_bed.reference_circle import CASE as REFERENCE
 
 from matching.bed import commission as circle
-from matching.bed.channels import judge_channels, plan_channels
+from matching.bed.channels import channel_recording, judge_channels, plan_channels
+from matching.bed.excite import bed_inputs
 from matching.bed.identify import measured_case
+from matching.bed.simulated_bed import FmuBed, bed_system
 from matching.bed.stated import Deviation
 from matching.cli import main
 from matching.match.case_file import load_case
+from matching.match.exported import exported_controller
+from modelling.recordings.read import read_recording
 from modelling.recordings.recording import Recording
+from tests.campaign.checked_beds import healthy
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STEP, NOISE = 1e-3, {"speed": 0.02, "torque": 0.2}
@@ -189,3 +195,25 @@ def test_a_soft_shaft_is_named_with_its_stiffness(case):
     (own,) = found.off
     assert own.name == "rig.shafts.side.stiffness"
     assert abs(own.value - true["side"]) < 3 * own.uncertainty
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("shaft", "factor"), [("flange_left", 0.1), ("side_right", 0.3), ("flange_right", 0.25)])
+def test_a_soft_shaft_of_two_in_a_row_is_not_taken_for_its_neighbour(shaft, factor, tmp_path):
+    """Rubber for steel at one flange: side shaft and flange on either side of a light adapter look nearly alike."""
+    drawn = np.random.default_rng([7, len(shaft), round(100 * factor)])
+    reference = load_case(REFERENCE)
+    virtual = healthy(reference, drawn, 3)
+    name = f"shafts.{shaft}.stiffness"
+    virtual.drive.values[name] *= factor
+    plan, made = plan_channels(reference), exported_controller(reference)
+    path = virtual.write(tmp_path / "bed.fmu", reference.loop["sample_time"])
+    with FmuBed(path, bed_inputs(reference), [part.name for part in reference.rig.sensors]) as running:
+        text, tripped = channel_recording(running, reference, made.law, made.running(), plan)
+    (tmp_path / "recording.csv").write_text(text)
+    found = judge_channels(
+        reference, read_recording(tmp_path / "recording.csv", bed_system(reference)), tripped
+    )  # fmt: skip
+    assert found.right
+    assert [one.name for one in found.off] == [f"rig.{name}"]
+    assert abs(found.off[0].value - virtual.drive.values[name]) < 3 * found.off[0].uncertainty
