@@ -542,7 +542,9 @@ class Circle:
             self._kept()
             if not self._channels["right"]:
                 return None
-            plays = [LostMotion(**one) for one in self._channels["free_plays"]]
+            older = self._channels.get("free_play")  # of a folder that version 0.1 began
+            found = self._channels.get("free_plays", [older] if older else [])
+            plays = [LostMotion(**one) for one in found]
             if plays and not case.rig.free_plays:
                 path = self._with_plays(case, plays)
                 case = load_case(path)

@@ -105,12 +105,14 @@ def test_it_goes_on_where_it_stopped(proven, monkeypatch):
 @pytest.mark.parametrize(
     "changed", [lambda folder: ["--bed", str(bed(folder, 0.9))], lambda _: ["--speed", "25"]], ids=["bed", "speed"]
 )
-def test_another_bed_or_another_speed_is_run_again(changed, proven, matched, monkeypatch, capsys):
+def test_another_bed_or_another_speed_is_run_again(changed, proven, matched, tmp_path, monkeypatch, capsys):
     def begun(*_, **__):
         raise InputError("bed", "is run again", "")
 
     monkeypatch.setattr(circle, "proof_recording", begun)
-    assert main([*proven[0], *changed(matched)]) == 2
+    command, out = proven
+    shutil.copytree(out, tmp_path / "out")  # what is known after each stage is written there
+    assert main([*command[:-1], str(tmp_path / "out"), *changed(matched)]) == 2
     assert "is run again" in capsys.readouterr().err
 
 
