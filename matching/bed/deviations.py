@@ -492,15 +492,19 @@ def _alone(now: Found) -> Found | None:
     fit, settings = now.fit, now.fit.run.settings
     begins = list[tuple[float, int, str, np.ndarray]]()
     for n, one in enumerate(fit.free):
-        for start in one.starts if one.log else ():
-            x = np.zeros(len(fit.free))
-            x[n] = start
-            with contextlib.suppress(SimulationError):
-                begins.append((_first_order(now, (one.name,), x), len(begins), one.name, x))
+        if not one.log or not one.starts:
+            continue
+        xs = np.zeros((len(one.starts), len(fit.free)))
+        xs[:, n] = one.starts
+        x = xs[int(np.argmin([fit.size(each) for each in xs]))]
+        with contextlib.suppress(SimulationError):
+            begins.append((_first_order(now, (one.name,), x), len(begins), one.name, x))
     ends = list[Found]()
     for _, _, name, x in sorted(begins, key=lambda one: one[:2])[: settings.refitted]:
         with contextlib.suppress(SimulationError):
             ends.append(solved(fit, x, (name,), settings.at_last))
+        if ends and ends[-1].cost - now.cost < settings.fall and len(_beyond(ends[-1])) < len(_beyond(now)):
+            break
     return min(ends, key=lambda one: one.cost, default=None)
 
 
@@ -589,6 +593,8 @@ def _best_of(found: Found, name: str) -> Found:
             x[n] += side
             with contextlib.suppress(SimulationError):
                 done.append(solved(found.fit, x, found.released, settings.at_last))
+            if sum(misfit_of(one) <= settings.right for one in done) > 1:  # two ends tell how far minima lie apart
+                break
     best = min(done, key=lambda one: one.cost)
     near = [one.x[n] for one in done if one.cost - best.cost < settings.near_minima]
     apart = float(np.sqrt(np.mean((np.array(near) - best.x[n]) ** 2)))
