@@ -83,7 +83,7 @@ def load(path: File) -> System:
     from modelling.model_file import load as read
 
     system = read(Path(path))
-    was_read(path, lambda: model_words(system))
+    was_read(path, lambda: model_words(system) + "".join(f"\n  note: {note}" for note in system.doubts))
     return system
 
 
@@ -754,10 +754,10 @@ def simulate(
     measured.check_continuous()
     check_speed_units(built, measured)
     inputs = measured.inputs(built.system)
-    notes: list[str] = []
+    notes = built.system.doubts
     if isinstance(start, str) and start == "recorded":
         start = recorded_start(built, measured, with_stick_speed(built, measured.time, inputs, built.p0))
-        notes = [undetermined_note(start.undetermined)] if start.undetermined else []
+        notes += [undetermined_note(start.undetermined)] if start.undetermined else []
     return replace(run(built, measured.time, inputs, start=start, tolerance=tolerance), notes=notes)
 
 

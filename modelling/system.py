@@ -504,6 +504,7 @@ def clock_error(places: Iterable[str], largest: float) -> Effect:
 
 # --- Checks that components make a system: names, ends, signs, and that all are connected.
 
+WIDEST_PLAY = 0.5  # rad: all play of a geared chain together is seldom 10 degrees at the wheel, 29 nowhere
 MOST_COMPONENTS = 10_000  # a chain of 3000 inertias has 6000; a model of them takes some ten seconds
 _NAME = re.compile(r"\w[\w-]{0,199}")
 
@@ -832,6 +833,15 @@ class System(Components):
     def free_plays(self) -> dict[str, str]:
         """Parameter that is the total free play of a shaft (rad), by the shaft's place ``shafts.NAME``."""
         return {effect.at: f"{effect.name}.{effect.law.free_play}" for effect in self.effects if effect.law.free_play}
+
+    @property
+    def doubts(self) -> list[str]:
+        """A note on every free play that is wider than any drivetrain's: in degrees, perhaps."""
+        values = self.parameters
+        return [
+            f"{name} is {values[name].value:g} rad, {math.degrees(values[name].value):.0f} deg: is it meant in degrees?"
+            for name in self.free_plays.values() if values[name].value > WIDEST_PLAY
+        ]  # fmt: skip
 
     @property
     def uncertain(self) -> dict[str, Quantity]:

@@ -401,7 +401,7 @@ def _data(
 ) -> tuple[FitData, FitData, list[str]]:
     """Data to fit, data of hold-out recordings, and notes."""
     data, remarks = prepare_data(system, recordings)
-    notes = [note for recording in recordings for note in recording.notes] + remarks
+    notes = [note for recording in recordings for note in recording.notes] + remarks + system.doubts
     if not measuring:
         return data, replace(data, segments=()), notes
     other, remarks = prepare_data(system, measuring)

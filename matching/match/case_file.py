@@ -729,6 +729,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         notes=(
             *in_gear,
             *unlike,
+            *dict.fromkeys([*vehicle.doubts, *rig.doubts]),
             *one_of_two(moves, movable(rig, residual, loop), rig, vehicle),
             *_elsewhere(rig, loop),
             *_in_turns(data),

@@ -156,6 +156,9 @@ def test_a_plan_outside_its_bounds_is_refused_with_both(tmp_path):
         load_case(tmp_path / "case.toml")
 
 
+PLAY = '[[effects]]\nkind = "backlash"\nat = "shafts.side_shafts"\ngap = 1.2\n'
+
+
 def starter(folder, **edits):
     """The case that `rigmatch new` writes, with edits by file: (before, after)."""
     rm.new(folder)
@@ -188,6 +191,10 @@ def test_a_mistake_of_a_newcomer_is_refused(tmp_path, edits, said):
             "measures motor: the right sensor?",
         ),
         ({"case": ('dynamometer_speed = "1200 1/min"', "dynamometer_speed = 1200")}, "is in rad/s: 11459 1/min"),
+        (
+            {"rig": ("[inputs.motor_torque]", PLAY + "[inputs.motor_torque]")},
+            "gap is 1.2 rad, 69 deg: is it meant in degrees?",
+        ),
     ],
 )
 def test_a_mistake_of_a_newcomer_is_told(tmp_path, capsys, edits, said):
