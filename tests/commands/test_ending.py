@@ -41,7 +41,7 @@ def ends(process, group: bool) -> tuple[int, str]:
 
 @pytest.mark.parametrize(
     ("step", "group"),
-    [("controller", False), ("verification", True)],
+    [("controller", False), pytest.param("verification", True, marks=pytest.mark.long)],
     ids=["search-one process", "verification-Ctrl-C"],
 )
 def test_a_match_ends(tmp_path, step, group):

@@ -91,6 +91,7 @@ def test_a_wrong_stiffness_that_a_fit_left_at_zero_stays_at_zero_or_more() -> No
     assert EFFECTS["wrong_parameter"].fit_bounds("value", 0.0, 0.004)[0] == 0.0
 
 
+@pytest.mark.long
 @with_findings
 def test_a_torque_of_two_levels_is_answered() -> None:
     found = answered(FINDINGS / "two_level_input", "recording.csv")

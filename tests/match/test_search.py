@@ -149,6 +149,7 @@ def test_a_stated_requirement_is_what_the_search_keeps():
         np.testing.assert_allclose(1 - halved[part], 2 * (1 - rooms[part]), rtol=1e-12)
 
 
+@pytest.mark.long
 def test_a_fixed_observer_stays_and_the_rest_is_tuned_with_it():
     case = case_in("observer")
     moves = tuple(move for move in case.moves if not move.name.startswith("loop."))

@@ -231,6 +231,7 @@ def test_command_draws_a_map(tmp_path, capsys, monkeypatch):
     check_schema("map", printed)
 
 
+@pytest.mark.long
 def test_any_executor_will_do_and_dead_time_costs(small):
     told = []
     x, y = Axis("loop.dead_time", "s", (1e-3, 3e-3), 3e-3), Axis("loop.inverter_lag", "s", (1e-3,), 2e-3)
