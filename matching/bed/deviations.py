@@ -73,6 +73,7 @@ class DeviationSettings:
     least_part: float = 0.3  # of the recording, that a model with free play explains at least
     weak: float = 0.4  # of its tolerance, of an uncertainty from which on a step may lead a quantity astray
     farthest: float = 3.0  # tolerances that a quantity is off at most, as long as it is not released
+    at_end: float = 0.99  # of that range, from which on the quantity stands at its end
     stiffest: float = 10.0  # damping of a step that still does not help: the fit has ended
     iterations: int = 10  # of a fit
     fastest: float = 2e5  # steps a second that are worth their time
@@ -399,10 +400,9 @@ def deviations(
             break
         with contextlib.suppress(SimulationError):
             now = solved(now.fit, now.x, (*now.released, *held), settings.at_last, now.apart)
-    if share == 1 and len(_beyond(now)) > 1:
-        alone = _alone(now)
-        if alone is not None and alone.cost - now.cost < settings.fall and len(_beyond(alone)) < len(_beyond(now)):
-            now, rivals = alone, {}
+    alone = _alone(now) if share == 1 else None
+    if alone is not None:
+        now, rivals = alone, {}
     return _measured(now, rivals, run, share)
 
 
@@ -410,7 +410,7 @@ def _begun(run: RecordedCheck, begin: Mapping[str, float]) -> tuple[Found, float
     """The first fit, and the share of the recording that it is of: with free play as much as the model follows."""
     settings = run.settings
     x = np.array([one.coordinate(begin[one.name]) if one.name in begin else 0.0 for one in run.free])
-    if not any(effect.law.free_play for effect in run.system.effects):
+    if not run.system.free_plays:
         rough = solved(Fit(replace(run, stick_speed=settings.stick_speeds[0])), x, ())
         return _settled(solved(Fit(run), rough.x, ())), 1.0
     released = tuple(
@@ -436,14 +436,13 @@ def _begun(run: RecordedCheck, begin: Mapping[str, float]) -> tuple[Found, float
 
 
 def _settled(now: Found) -> Found:
-    """The fit to its end; also from where what the recording hardly tells has its stated value."""
+    """The fit run to its end, and once more from where quantities that are hardly told have their stated values."""
     settings = now.fit.run.settings
-    playing = any(effect.law.free_play for effect in now.fit.run.system.effects)
-    if playing or misfit_of(now) > settings.explained:
+    if now.fit.run.system.free_plays or misfit_of(now) > settings.explained:
         return now
     spread = np.sqrt(np.diag(_covariance(now)))
     widths = now.fit.widths(now.released)
-    weak = (spread > settings.weak * widths) | (np.abs(now.x) > 0.99 * settings.farthest * widths)
+    weak = (spread > settings.weak * widths) | (np.abs(now.x) > settings.at_end * settings.farthest * widths)
     weak &= np.array([one.name not in now.released for one in now.fit.free])
     ends = [now]
     for x in [now.x, np.where(weak, 0.0, now.x)] if weak.any() else [now.x]:
@@ -465,13 +464,18 @@ def _inverse(gram: np.ndarray, widths: np.ndarray) -> np.ndarray:
 
 
 def _held(now: Found) -> tuple[str, ...]:
-    """What the recording tells and its tolerance holds back: it bends all others."""
-    settings, spread = now.fit.run.settings, np.sqrt(np.diag(_covariance(now)))
-    return tuple(
-        one.name for n, one in enumerate(now.fit.free)
-        if one.name not in now.released and one.starts and spread[n] < settings.told * one.width
-        and abs(now.x[n]) > 0.99 * settings.farthest * one.width
-    )  # fmt: skip
+    """What is held back by the weights of the fit, and can be released."""
+    return tuple(one.name for one in _held_back(now, np.sqrt(np.diag(_covariance(now)))) if one.starts)
+
+
+def _held_back(now: Found, spread: np.ndarray) -> list[_Free]:
+    """What the recording tells, by its uncertainty (p,), and its tolerance holds back: it bends all others."""
+    settings = now.fit.run.settings
+    return [
+        one for n, one in enumerate(now.fit.free)
+        if one.name not in now.released and spread[n] < settings.told * one.width
+        and abs(now.x[n]) > settings.at_end * settings.farthest * one.width
+    ]  # fmt: skip
 
 
 def _beyond(now: Found) -> tuple[str, ...]:
@@ -484,12 +488,14 @@ def _beyond(now: Found) -> tuple[str, ...]:
 
 
 def _alone(now: Found) -> Found | None:
-    """The best fit with one quantity alone that is far off: several that are off together may stand for it.
+    """A fit as good with one quantity alone far off, where several were off together; None where there is none.
 
     A shaft that is a tenth as stiff answers like several small changes about it, as far as a fit from the stated values
     sees. Two defects are not that: one alone leaves a misfit.
     """
-    fit, settings = now.fit, now.fit.run.settings
+    fit, settings, off = now.fit, now.fit.run.settings, len(_beyond(now))
+    if off < 2:
+        return None
     begins = list[tuple[float, int, str, np.ndarray]]()
     for n, one in enumerate(fit.free):
         if not one.log or not one.starts:
@@ -499,13 +505,12 @@ def _alone(now: Found) -> Found | None:
         x = xs[int(np.argmin([fit.size(each) for each in xs]))]
         with contextlib.suppress(SimulationError):
             begins.append((_first_order(now, (one.name,), x), len(begins), one.name, x))
-    ends = list[Found]()
     for _, _, name, x in sorted(begins, key=lambda one: one[:2])[: settings.refitted]:
         with contextlib.suppress(SimulationError):
-            ends.append(solved(fit, x, (name,), settings.at_last))
-        if ends and ends[-1].cost - now.cost < settings.fall and len(_beyond(ends[-1])) < len(_beyond(now)):
-            break
-    return min(ends, key=lambda one: one.cost, default=None)
+            alone = solved(fit, x, (name,), settings.at_last)
+            if alone.cost - now.cost < settings.fall and len(_beyond(alone)) < off:
+                return alone
+    return None
 
 
 def delays_at_edges(
@@ -636,12 +641,7 @@ def _measured(now: Found, rivals: Mapping[str, tuple[str, ...]], whole: Recorded
         for one in fit.free
     ]
     spread, misfit, out = np.sqrt(np.diag(covariance)), misfit_of(now), []
-    # what the recording tells and a tolerance holds back bends all others
-    held = any(
-        one.name not in now.released and spread[n] < settings.told * one.width
-        and abs(now.x[n]) > 0.99 * settings.farthest * one.width
-        for n, one in enumerate(fit.free)
-    )  # fmt: skip
+    held = bool(_held_back(now, spread))
     for n, one in enumerate(fit.free):
         value, hold = one.at(float(now.x[n])), run.hold if one.name.endswith(".dead_time") else 0.0
         slope = value if one.log else 1.0

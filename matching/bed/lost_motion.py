@@ -109,7 +109,8 @@ def lost_motion(
         return np.array([one.coordinate(begin[one.name]) if begin and one.name in begin else 0.0 for one in fit.free])
 
     try:
-        without = solved(part(system), start(part(system)), ())
+        plain = part(system)
+        without = solved(plain, start(plain), ())
     except SimulationError:
         return None
     if misfit_of(without) <= settings.linear:

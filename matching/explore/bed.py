@@ -42,7 +42,7 @@ class BedTab(RecordingsTab):
     def __init__(self, workspace: Workspace):
         super().__init__(workspace, ["rig"])
         self.out, self.folder = workspace.out / STEPS, workspace.out / HANDED
-        self._asked = ""  # name of the recording that is waited for
+        self._asked = ""  # name of the recording that the command asked for last
         self.fmu = pn.widgets.TextInput(name="FMU of the bed, by its path; empty: you record", width=340)
         self.rounds = pn.widgets.TextInput(name="Rounds at most", value=str(ROUNDS), width=140)
         self.go = Runner("Go on", workspace.tasks, self._words, self._show)
@@ -82,7 +82,7 @@ class BedTab(RecordingsTab):
     def take_dropped(self, name: str, content: bytes) -> None:
         """Put a recording where the next run looks for it, in place of one of another format."""
         if not self._asked:
-            self.message.say("No recording is waited for: press Go on, which says what to record", wrong=True)
+            self.message.say("Nothing is to be recorded yet: press Go on, which says what to record", wrong=True)
             return
         target = self.folder / f"{self._asked}{Path(name).suffix.lower()}"
         write_all(self.folder, {target.name: content})

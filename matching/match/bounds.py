@@ -59,7 +59,7 @@ def lower_bound(case: Case, refinement: int) -> float:
 
 
 def prompt_bound(case: Case) -> float:
-    """The same of a bed that answers at once: what is left comes from what stands on the rig, not from the loop.
+    """The lower bound without dead time and lags: what is left comes from the specimen on the rig, not from the loop.
 
     Dead times, lags and the sample time are as short as the design takes them, an eighth of a sample and less.
     """
