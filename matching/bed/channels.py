@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from matching.bed.deviations import DEVIATIONS, Deviations, delays_at_edges, deviations
+from matching.bed.deviations import DEVIATIONS, Deviations, begun_fit, delays_at_edges, deviations
 from matching.bed.excite import bed_inputs, torques_csv
 from matching.bed.identify import measured_case
 from matching.bed.lost_motion import LostMotion, lost_motion, with_free_play
@@ -78,6 +78,7 @@ class ChannelSettings:
     )
     better: float = 0.5  # of the misfit before: what a wrong channel leaves when it is taken into account, and
     mended: float = 0.2  # the same, where it is still not like the model: a bed that sticks answers like nothing
+    rival: float = 1.05  # of χ² of the first fit: an exchange that leaves more is none, whatever else is wrong
     most: int = 4  # wrong channels that are looked for
     plays: int = 2  # shafts with free play that are looked for, one after another
     friction: tuple[float, ...] = (0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.5, 1.1)  # of the largest torque: what may hold
@@ -201,13 +202,19 @@ COAST_SECONDS = 0.3  # that are recorded after the controller has given up: what
 
 
 def channel_recording(
-    bed: FmuBed, case: Case, law: Law, controller: FmuController | SupervisedController, plan: ChannelPlan
-) -> tuple[str, str]:
+    bed: FmuBed, case: Case, law: Law, controller: FmuController | SupervisedController, plan: ChannelPlan,
+    known: Mapping[str, tuple[str, float]] | None = None,
+) -> tuple[str, str]:  # fmt: skip
     """Text of the CSV recording of the check of the channels, from rest; what ended it early, empty where nothing did.
 
-    No reading is fed back: the controller's mode for it commands the planned torques, within its limits.
+    No reading is fed back: the controller's mode for it commands the planned torques, within its limits. ``known`` is
+    :attr:`ChannelCheck.carried` of an earlier check that a wrong channel ended: the controller, which watches the
+    speeds, reads them mended; the recording holds them as the bed gives them.
     """
-    asks = _Check(controller, tuple(law.sensors), tuple(law.known), plan, len(law.dynamometers))
+    carried = known or {}
+    sensors = tuple(carried.get(name, (name, 1.0))[0] for name in law.sensors)
+    factors = np.array([carried.get(name, (name, 1.0))[1] for name in law.sensors])
+    asks = _Check(controller, sensors, tuple(law.known), plan, len(law.dynamometers), factors)
     plant = FmuPlant(bed, bed.inputs, 0.0)
     found = run(plant, asks, samples=len(plan.torques), sample_time=plan.step)
     sent, readings = found.commands[:, :, 0], found.readings[:, :, 0]
@@ -227,6 +234,7 @@ class _Check:
     known: tuple[str, ...]
     plan: ChannelPlan
     dynamometers: int
+    factors: np.ndarray  # of the readings, over the truth
     fault: int = 0
     fault_at: int = -1
 
@@ -236,7 +244,7 @@ class _Check:
         if self.fault and sample > self.fault_at + round(COAST_SECONDS / self.plan.step):
             return None
         mode = ZERO_TORQUE if self.fault else CHANNEL_CHECK
-        answer = self.controller.step(readings[:, 0], known[:, 0], mode, np.zeros(k), sample, torque[:k])
+        answer = self.controller.step(readings[:, 0] / self.factors, known[:, 0], mode, np.zeros(k), sample, torque[:k])
         if answer.fault and not self.fault:
             self.fault, self.fault_at = answer.fault, sample
         others = np.zeros(len(torque) - k) if self.fault else torque[k:]
@@ -496,6 +504,9 @@ class ChannelCheck(Displayed):
         Free play that the recording shows, with its wrong channels mended.
     shown : mapping of str to ndarray (t,)
         ``time`` (s), and of every wrong sensor the reading and, as ``NAME model``, what it should have read.
+    carried : mapping of str to (str, float)
+        By sensor whose reading is not its own: the channel that carries it, and its factor; of wrong channels that
+        nothing else explains.
     mended : Recording or None
         The recording with its wrong channels mended, by which a further defect is looked for; None of one that a trip
         ended, or with a channel that stands still.
@@ -515,6 +526,7 @@ class ChannelCheck(Displayed):
     explained: bool = False
     free_plays: tuple[LostMotion, ...] = ()
     shown: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
+    carried: Mapping[str, tuple[str, float]] = field(default_factory=dict, repr=False)
     mended: Recording | None = field(default=None, repr=False)
 
     @property
@@ -642,6 +654,29 @@ def _as_it_may_be(system: System, case: Case, largest: Mapping[str, float], sett
     return beds
 
 
+def check_channels(
+    case: Case, record: Callable[[Mapping[str, tuple[str, float]]], tuple[Recording, str]],
+    settings: ChannelSettings = CHANNELS,
+) -> ChannelCheck:  # fmt: skip
+    """Record and judge the channels; after a trip that a wrong channel explains, again with its reading mended.
+
+    A trip ends a recording that would tell what else is wrong.
+
+    Parameters
+    ----------
+    record : callable
+        Is given ``known`` of :func:`channel_recording`; returns the recording, and what ended it early.
+    """
+    known: dict[str, tuple[str, float]] = {}
+    for _ in range(settings.most):
+        recording, tripped = record(known)
+        found = judge_channels(case, recording, tripped, settings)
+        if not tripped or not found.wrong or not found.carried.items() - known.items():
+            break
+        known |= found.carried
+    return found
+
+
 def judge_channels(
     case: Case, recording: Recording, tripped: str = "", settings: ChannelSettings = CHANNELS,
 ) -> ChannelCheck:  # fmt: skip
@@ -713,7 +748,9 @@ def judge_channels(
     found, off, plays = None, list[Deviation](), list[LostMotion]()
     clipped = _clipped(time, read, zero, noise, steps, names, units, settings)
     if not tripped and not clipped:
-        found, wiring, wrong = _measured(case, system, time, sent, read, lead, names, moved, inputs, wiring, wrong)
+        found, wiring, wrong = _measured(
+            case, system, time, sent, read, lead, names, moved, inputs, best, wrong, settings
+        )
     explained = found is not None and found.misfit <= DEVIATIONS.explained
     commands, readings = _mended(sent, read, names, moved, inputs, wiring)
     edges: tuple[Deviation, ...] = ()
@@ -773,6 +810,7 @@ def judge_channels(
         tuple(channels), tuple(wrong), tuple(name for name in unlike if name in judged), alike, tuple(open_), fastest,
         tripped, tuple(unjudged), tuple(needed), tuple(off), measured, explained,
         tuple(plays), _shown(time, names, read - zero, wrong, found, wiring, model),
+        {} if open_ else _carried(names, wiring),
         None if tripped or any(one.kind in ("stuck", "clipped") for one in wrong) else replace(
             recording, time=time, channels=commands | readings
         ),
@@ -816,21 +854,47 @@ def _mended(
     return commands, truth
 
 
+def _carried(names: Sequence[str], wiring: _Wiring) -> dict[str, tuple[str, float]]:
+    """See :attr:`ChannelCheck.carried`; a channel that stands still carries nothing."""
+    pairs = zip(names, wiring.outputs, wiring.factors, strict=True)
+    found = {names[place]: (name, factor) for name, place, factor in pairs if factor}
+    return {name: told for name, told in found.items() if told != (name, 1.0)}
+
+
 def _measured(
     case: Case, system: System, time: np.ndarray, sent: np.ndarray, read: np.ndarray, lead: int, names: list[str],
-    moved: list[str], inputs: Sequence[str], wiring: _Wiring, wrong: list[ChannelFault],
+    moved: list[str], inputs: Sequence[str], best: _Finding, wrong: list[ChannelFault], settings: ChannelSettings,
 ) -> tuple[Deviations | None, _Wiring, list[ChannelFault]]:  # fmt: skip
-    """What the recording measures of the bed, with the wrong channels mended; as recorded where that explains it."""
-    right = _Wiring(tuple(range(len(names))), (1.0,) * len(names), tuple(range(len(moved))), (1.0,) * len(moved))
+    """What the recording measures of the bed, with the wrong channels mended; as recorded where that explains it.
 
-    def of(own: _Wiring) -> Deviations | None:
-        return deviations(case, system, time - time[0], *_mended(sent, read, names, moved, inputs, own), lead)
+    Neighbours on a shaft answer so much alike that their answers alone, beside another defect, do not tell whether they
+    are exchanged. The fit does.
+    """
+    right, wiring = best.blocks.right(), best.wiring
 
-    found = of(wiring)
+    def parts(own: _Wiring) -> tuple[Any, ...]:
+        return case, system, time - time[0], *_mended(sent, read, names, moved, inputs, own), lead
+
+    begun = begun_fit(*parts(wiring))
+    if begun is not None and begun.misfit > DEVIATIONS.right:
+        before, begun = begun.cost, begun.released()
+        if begun.misfit > DEVIATIONS.right:
+            for i, k in best.neighbours(settings):
+                other = wiring.exchanged("outputs", i, k)
+                rival = begun_fit(*parts(other))
+                if rival is None or rival.cost > settings.rival * before:
+                    continue
+                exchanged = rival.released()
+                if exchanged.cost * DEVIATIONS.nearly < begun.cost:
+                    told = exchanged.measured()
+                    if told.misfit <= DEVIATIONS.right:
+                        pair = (fault("exchanged", names[i], names[k]), fault("exchanged", names[k], names[i]))
+                        return told, other, [*wrong, *pair]
+    found = None if begun is None else begun.measured()
     if wrong and wiring != right and (found is None or found.misfit > DEVIATIONS.explained):
-        other = of(right)
-        if other is not None and other.misfit <= DEVIATIONS.explained:
-            return other, right, []
+        as_recorded = deviations(*parts(right))
+        if as_recorded is not None and as_recorded.misfit <= DEVIATIONS.explained:
+            return as_recorded, right, []
     return found, wiring, wrong
 
 
@@ -973,6 +1037,14 @@ class _Finding:
         if self.unlike:
             return 1.0, self.left + largest * self.steps
         return 0.0, self.steps, sum(not one.plain for one in self.wrong), self.left
+
+    def neighbours(self, settings: ChannelSettings) -> Iterator[tuple[int, int]]:
+        """Pairs of outputs whose exchange, on top of what is wrong, leaves answers as like the model as they are."""
+        for i, k in self.blocks.pairs:
+            other = self.wiring.exchanged("outputs", i, k)
+            answers = np.where(self.blocks.changed(self.wiring, other), self.blocks.misfits(other), 0.0)
+            if answers.max(initial=0.0) <= settings.wrong:
+                yield i, k
 
     @property
     def clear(self) -> bool:

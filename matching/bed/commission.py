@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from matching.bed.channels import channel_recording, judge_channels, plan_channels
+from matching.bed.channels import channel_recording, check_channels, judge_channels, plan_channels
 from matching.bed.excite import (
     ExcitationOrder,
     ExcitationPlan,
@@ -60,6 +60,7 @@ from modelling.effects.friction_and_compliance import Backlash
 from modelling.errors import VERSION, InputError
 from modelling.fmu.export import controller_fmu
 from modelling.recordings.read import Channel, read_channels, read_recording, read_signals
+from modelling.recordings.recording import Recording
 from modelling.resources import interrupted, reports_at_once
 from modelling.toml import no_pipe
 from modelling.writing import strict_json, write_all
@@ -641,9 +642,10 @@ class Circle:
         of_torque = "" if share == 1 else f"{100 * share:.0f} % of the torques, after a trip"
         self._tell(f"round {number} of {self._order.rounds} at most: check the channels {of_torque}".rstrip())
         name, plan = f"{number}_channels" if share == 1 else f"{number}_channels_{share:g}", plan_channels(case, share)
-        exported = self._folder / CHECKING / "controller.fmu"
+        exported, taken = self._folder / CHECKING / "controller.fmu", HandedRecording(BY_FMU, "")
 
-        def work() -> tuple[Files, dict[str, Any]]:
+        def recorded(known: Mapping[str, tuple[str, float]]) -> tuple[Recording, str]:
+            nonlocal taken
             tripped = ""
             if not self._bed.is_file():
                 taken = self._by_hand.recording(
@@ -656,12 +658,13 @@ class Circle:
             else:
                 law = exported_controller(case).law
                 with self._fmu(case) as bed, FmuController(exported, law) as controller:
-                    content, tripped = channel_recording(bed, case, law, controller, plan)
+                    content, tripped = channel_recording(bed, case, law, controller, plan, known)
                 taken = HandedRecording(BY_FMU, content)
             keep_recording(self._folder / name, taken)
-            recorded = read_recording(self._folder / name / taken.name, bed_system(case), self._names)
-            checked = judge_channels(case, recorded, tripped)
-            found = checked.to_dict()
+            return read_recording(self._folder / name / taken.name, bed_system(case), self._names), tripped
+
+        def work() -> tuple[Files, dict[str, Any]]:
+            found = check_channels(case, recorded).to_dict()
             return {taken.name: taken.content, "channels.json": strict_json(found)}, found
 
         return self._stages.run(name, self._of_run(plan.csv() + _of_case(case)), work, lambda _: self._as_handed(name))

@@ -343,6 +343,96 @@ def _first_order(now: Found, released: tuple[str, ...], x: np.ndarray | None = N
     return errors.square + float(np.sum((x / widths) ** 2) - slope @ np.linalg.solve(H, slope))
 
 
+@dataclass(frozen=True)
+class Begun:
+    """A fit on its way: what was released, and what fell nearly as much, by name; ``share`` as in :class:`Deviations`.
+
+    Attributes
+    ----------
+    misfit : float
+        Largest error of a channel, relative.
+    cost : float
+        χ² with what the tolerances add.
+    """
+
+    now: Found
+    share: float
+    run: RecordedCheck
+    rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    ended: bool = False  # no release gains more
+
+    @property
+    def misfit(self) -> float:
+        """See the attributes."""
+        return misfit_of(self.now)
+
+    @property
+    def cost(self) -> float:
+        """See the attributes."""
+        return self.now.cost
+
+    def released(self) -> Begun:
+        """With one more quantity released, the one by which the misfit falls most; ended where none gains enough."""
+        now, run, settings = self.now, self.run, self.run.settings
+        tried = sorted(_next(now), key=lambda one: one[1].cost)
+        if not tried:
+            return replace(self, ended=True)
+        name, best = tried[0]
+        needed = max(settings.fall, settings.worth * (now.cost - run.of_noise))
+        if now.cost - best.cost >= needed:  # a fit may have ended early: what it gains without the release is no cause
+            with contextlib.suppress(SimulationError):
+                again = solved(now.fit, best.x, now.released, apart=now.apart)
+                now = min(now, again, key=lambda one: one.cost)
+        if now.cost - best.cost < needed:
+            return replace(self, now=now, ended=True)
+        # these fits have not ended: those that fall nearly as much go on to their ends before one of them is chosen
+        ended = dict[str, Found]()
+        for other, one in tried:
+            if one.cost > settings.nearly * best.cost or any(misfit_of(e) <= settings.right for e in ended.values()):
+                break
+            ended[other] = _best_of(one, other)
+        name = min(ended, key=lambda other: ended[other].cost)
+        now = ended[name]
+        alike = tuple(
+            other for other, one in (dict(tried) | ended).items()
+            if other != name and one.cost - now.cost < settings.alike
+        )  # fmt: skip
+        return replace(self, now=now, rivals={**self.rivals, name: alike})
+
+    def measured(self) -> Deviations:
+        """The fit gone on to its end."""
+        begun, settings = self, self.run.settings
+        for _ in range(settings.most - len(self.rivals)):
+            if begun.ended:
+                break
+            begun = begun.released()
+        now, rivals = _needed(begun.now, dict(begun.rivals))
+        for _ in range(settings.most):
+            now = _settled(now)
+            held = _held(now) if misfit_of(now) <= settings.right else ()
+            if not 0 < len(held) <= settings.most:  # as many as that are bent by something else
+                break
+            with contextlib.suppress(SimulationError):
+                now = solved(now.fit, now.x, (*now.released, *held), settings.at_last, now.apart)
+        alone = _alone(now) if self.share == 1 else None
+        if alone is not None:
+            now, rivals = alone, {}
+        return _measured(now, rivals, self.run, self.share)
+
+
+def begun_fit(
+    case: Case, system: System, time: np.ndarray, sent: Mapping[str, np.ndarray], read: Mapping[str, np.ndarray],
+    lead: int, settings: DeviationSettings = DEVIATIONS, begin: Mapping[str, float] | None = None,
+) -> Begun | None:  # fmt: skip
+    """The fit of :func:`deviations` with nothing released; None where no model of the bed can be simulated."""
+    run = recorded_check(case, system, time, sent, read, lead, settings)
+    try:
+        now, share = _begun(run, begin or {})
+    except SimulationError:
+        return None
+    return Begun(now, share, run)
+
+
 def deviations(
     case: Case, system: System, time: np.ndarray, sent: Mapping[str, np.ndarray], read: Mapping[str, np.ndarray],
     lead: int, settings: DeviationSettings = DEVIATIONS, begin: Mapping[str, float] | None = None,
@@ -362,48 +452,8 @@ def deviations(
     begin : mapping of str to float, optional
         Where the fit begins, as :attr:`Deviations.coordinates`; the stated values otherwise.
     """
-    run = recorded_check(case, system, time, sent, read, lead, settings)
-    try:
-        now, share = _begun(run, begin or {})
-    except SimulationError:
-        return None
-    rivals: dict[str, tuple[str, ...]] = {}
-    for _ in range(settings.most):
-        tried = sorted(_next(now), key=lambda one: one[1].cost)
-        if not tried:
-            break
-        name, best = tried[0]
-        needed = max(settings.fall, settings.worth * (now.cost - run.of_noise))
-        if now.cost - best.cost >= needed:  # a fit may have ended early: what it gains without the release is no cause
-            with contextlib.suppress(SimulationError):
-                again = solved(now.fit, best.x, now.released, apart=now.apart)
-                now = min(now, again, key=lambda one: one.cost)
-        if now.cost - best.cost < needed:
-            break
-        # these fits have not ended: those that fall nearly as much go on to their ends before one of them is chosen
-        ended = dict[str, Found]()
-        for other, one in tried:
-            if one.cost > settings.nearly * best.cost or any(misfit_of(e) <= settings.right for e in ended.values()):
-                break
-            ended[other] = _best_of(one, other)
-        name = min(ended, key=lambda other: ended[other].cost)
-        now = ended[name]
-        rivals[name] = tuple(
-            other for other, one in (dict(tried) | ended).items()
-            if other != name and one.cost - now.cost < settings.alike
-        )  # fmt: skip
-    now, rivals = _needed(now, rivals)
-    for _ in range(settings.most):
-        now = _settled(now)
-        held = _held(now) if misfit_of(now) <= settings.right else ()
-        if not 0 < len(held) <= settings.most:  # as many as that are bent by something else
-            break
-        with contextlib.suppress(SimulationError):
-            now = solved(now.fit, now.x, (*now.released, *held), settings.at_last, now.apart)
-    alone = _alone(now) if share == 1 else None
-    if alone is not None:
-        now, rivals = alone, {}
-    return _measured(now, rivals, run, share)
+    begun = begun_fit(case, system, time, sent, read, lead, settings, begin)
+    return None if begun is None else begun.measured()
 
 
 def _begun(run: RecordedCheck, begin: Mapping[str, float]) -> tuple[Found, float]:

@@ -13,7 +13,7 @@ from virtual_bed.drawn_beds import WRONG, draw_bed, largest_speed
 from virtual_bed.drawn_rigs import KINDS, write_rig
 from virtual_bed.reference_circle import CASE, reference_bed
 
-from matching.bed.channels import channel_recording, judge_channels, plan_channels
+from matching.bed.channels import channel_recording, check_channels, judge_channels, plan_channels
 from matching.bed.excite import bed_inputs
 from matching.bed.lost_motion import lost_motion
 from matching.bed.simulated_bed import FmuBed
@@ -41,7 +41,7 @@ def plan(case):
 
 
 def checked(case, controller, plan, bed, folder):
-    """What the check says of a bed, and the largest true speed of a dynamometer, rad/s."""
+    """What one recording of a bed says, and the largest true speed of a dynamometer, rad/s."""
     running = bed
     if isinstance(bed, VirtualBed):
         path = bed.write(folder / "bed.fmu", case.loop["sample_time"])
@@ -166,6 +166,31 @@ def test_after_a_trip_the_rest_is_not_judged(case, controller, plan, tmp_path):
     assert [one.channel for one in found.wrong] == ["rotor_left_speed"]
     others = {sensor.name for sensor in case.rig.sensors} - {"rotor_left_speed"}
     assert set(found.unjudged) == others | {"dyno_left", "dyno_right", "motor_torque"}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("pair", "tripping"),
+    [(("motor_speed", "rotor_left_speed"), True), (("flange_left_torque", "side_left_torque"), False)],
+)
+def test_a_second_defect_is_told_beside_exchanged_channels(case, controller, plan, tmp_path, pair, tripping):
+    """Exchanged speeds end the check before it says more; torques of one shaft answer nearly alike."""
+    bed = with_actuator(reference_bed(case), "dyno_right", factor=0.65)
+    bed.wired = dict(zip(pair, pair[::-1], strict=True))
+    path, trips = bed.write(tmp_path / "bed.fmu", case.loop["sample_time"]), []
+
+    def record(known):
+        with FmuBed(path, bed_inputs(case), [sensor.name for sensor in case.rig.sensors]) as running:
+            text, tripped = channel_recording(running, case, controller.law, controller.running(), plan, known)
+        trips.append(bool(tripped))
+        (tmp_path / "recording.csv").write_text(text)
+        return read_recording(tmp_path / "recording.csv", case.rig), tripped
+
+    found = check_channels(case, record)
+    assert trips == ([True, False] if tripping else [False])
+    assert {one.channel for one in found.wrong} == {*pair, "dyno_right"}
+    gain = next(one for one in found.channels if one.name == "dyno_right")
+    assert abs(gain.gain - 0.65) < 3 * gain.gain_uncertainty
 
 
 @pytest.mark.long

@@ -12,6 +12,7 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from plant.hidden import Hidden
 from virtual_bed.bed import Actuator, Reader, VirtualBed, drawn, drive_of
 from virtual_bed.reference_circle import CASE
 
-from matching.bed.channels import channel_recording, judge_channels, plan_channels
+from matching.bed.channels import channel_recording, check_channels, plan_channels
 from matching.bed.excite import bed_inputs
 from matching.bed.simulated_bed import FmuBed, bed_system
 from matching.match.case import Case
@@ -30,6 +31,7 @@ from matching.match.case_file import load_case
 from matching.match.exported import exported_controller
 from matching.studies import append, rows
 from modelling.recordings.read import read_recording
+from modelling.recordings.recording import Recording
 
 DEFECTS = ("late", "scale", "gain", "zero", "sign", "exchange", "play", "friction", "quantity", "none")
 ZEROS = {"speed": 2.0, "torque": 20.0}  # rad/s, N·m
@@ -110,11 +112,14 @@ def work(case: Case, seed: int, number: int, folder: Path) -> dict[str, Any]:
     path = bed.write(folder / "bed.fmu", case.loop["sample_time"])
     plan, made = plan_channels(case), exported_controller(case)
     began = time.process_time()
-    with FmuBed(path, bed_inputs(case), [sensor.name for sensor in case.rig.sensors]) as running:
-        text, tripped = channel_recording(running, case, made.law, made.running(), plan)
-    (folder / "recording.csv").write_text(text, encoding="utf-8")
-    recording = read_recording(folder / "recording.csv", bed_system(case))
-    found = judge_channels(case, recording, tripped)
+
+    def record(known: Mapping[str, tuple[str, float]]) -> tuple[Recording, str]:
+        with FmuBed(path, bed_inputs(case), [sensor.name for sensor in case.rig.sensors]) as running:
+            text, tripped = channel_recording(running, case, made.law, made.running(), plan, known)
+        (folder / "recording.csv").write_text(text, encoding="utf-8")
+        return read_recording(folder / "recording.csv", bed_system(case)), tripped
+
+    found = check_channels(case, record)
     seconds = time.process_time() - began
     named = {one.channel for one in (*found.wrong, *found.open)} | {one.name for one in found.off}
     named |= {one.at for one in found.free_plays}
@@ -126,7 +131,7 @@ def work(case: Case, seed: int, number: int, folder: Path) -> dict[str, Any]:
     allowed = {name for one in defects for name in one["named"]}
     return {
         "number": number, "defects": defects, "hits": hits, "invented": sorted(named - allowed),
-        "sentence": found.sentence(), "plays": [one.to_dict() for one in found.free_plays], "tripped": tripped,
+        "sentence": found.sentence(), "plays": [one.to_dict() for one in found.free_plays], "tripped": found.tripped,
         "explained": found.explained, "seconds": seconds, "values": values(case, bed, found) if found.explained else [],
     }  # fmt: skip
 
@@ -165,12 +170,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--beds", type=int, default=30)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", type=int, nargs="*", help="numbers of beds")
     parser.add_argument("--out", type=Path, default=Path("out/checked_beds"))
     asked = parser.parse_args()
     record, case = asked.out / "beds.jsonl", load_case(CASE)
     asked.out.mkdir(parents=True, exist_ok=True)
     done = {row["number"] for row in rows(record, {"number": int})}
-    for number in range(asked.beds):
+    for number in asked.only or range(asked.beds):
         if number not in done:
             append(record, work(case, asked.seed, number, asked.out / str(number)))
     print(json.dumps(summary(list(rows(record, {"number": int}))), indent=1))
