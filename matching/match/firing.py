@@ -13,10 +13,10 @@ from matching.match.case import Case
 from matching.match.loop import beds_of
 from matching.match.operating_range import at_speed, grid, law_over_speed
 from modelling.bed.firing import KIND
-from modelling.bed.pulse_following import SampledRig, cut_responses
+from modelling.bed.pulse_following import SampledRig, cut_responses, pulsed, vehicle_responses
 from modelling.linear.state_space import state_spaces
 from modelling.linear.steady_motion import speeds_of
-from modelling.system import Effect, Input, Sensor, System
+from modelling.system import Effect, Sensor, System
 
 
 @dataclass(frozen=True)
@@ -162,8 +162,10 @@ def followed_pulses(case: Case, seed: int = 0, settings: FollowedSettings = FOLL
             rows, own = np.flatnonzero(nearest == at), cases[at]
             values = [{}, *(own.uncertainty.at(one) for one in own.uncertainty.draw(settings.drawn, seed))]
             z = np.exp(1j * pulses.order[number] * engine[rows] * law.sample_time)
-            wanted = _of_vehicles(own, values, place, at_cut, pulses.order[number] * engine[rows])
-            for bed, (rig, torque) in enumerate(zip(_rigs(own, values), wanted, strict=True)):
+            f, cuts = pulses.order[number] * engine[rows] / (2 * np.pi), [machines[at_cut].follows]
+            spaces = state_spaces(pulsed(own.vehicle, cuts, [place]), [of_system(one, own.vehicle) for one in values])
+            for bed, (rig, space) in enumerate(zip(_rigs(own, values), spaces, strict=True)):
+                torque = vehicle_responses(space, own.residual_vehicle, cuts, [place], f)[:, 0, 0]
                 m, held = pulses.count, np.sqrt(z)  # the law holds the pulse of the middle of a sample
                 found = cut_responses(law, float(law.speeds[at]), rig, z)
 
@@ -222,25 +224,6 @@ def _up_to(f: np.ndarray, kept: np.ndarray) -> float | None:
     """The last frequency (f,) up to which all are kept; None without any."""
     count = len(kept) if kept.all() else int(np.argmin(kept))
     return float(f[count - 1]) if count else None
-
-
-def _of_vehicles(
-    own: Case, values: Sequence[Mapping[str, float]], place: str, at_cut: int, omega: np.ndarray
-) -> np.ndarray:
-    """Torque in the shaft at a cut (b, f) that a pulse at an inertia makes of vehicles with the specimens of beds."""
-    shaft = own.loop.dynamometers[at_cut].follows
-    vehicle = replace(
-        own.vehicle, inputs=(*own.vehicle.inputs, Input("pulse_of_engine", place)),
-        sensors=(*own.vehicle.sensors, Sensor("torque_at_cut", "torque", shaft)),
-    )  # fmt: skip
-    into = own.residual_vehicle.cut_at(shaft).factor
-    found = np.zeros((len(values), len(omega)), complex)
-    for number, space in enumerate(state_spaces(vehicle, [of_system(one, own.vehicle) for one in values])):
-        states = np.linalg.solve(
-            1j * omega[:, None, None] * np.eye(len(space.A)) - space.A, space.input("pulse_of_engine")[:, None] + 0j
-        )
-        found[number] = into * (space.output("torque_at_cut") @ states)[:, 0]
-    return found
 
 
 def _rigs(own: Case, values: Sequence[Mapping[str, float]]) -> list[SampledRig]:

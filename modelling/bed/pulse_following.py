@@ -11,7 +11,7 @@ from modelling.bed.bed import BedModel, DelayedBed, Loop, bed_model, delayed_bed
 from modelling.bed.firing import FIRING, FiringSettings, PulseFollowing, no_following
 from modelling.bed.stepped import SteppedLaw
 from modelling.bed.vehicle import ResidualVehicle
-from modelling.linear.state_space import state_space
+from modelling.linear.state_space import StateSpace, state_space
 from modelling.linear.steady_motion import speeds_of
 from modelling.system import Input, Sensor, System
 
@@ -97,21 +97,23 @@ def cut_responses(law: SteppedLaw, speed: float, rig: SampledRig, z: np.ndarray)
     return CutResponses(rig.cuts @ held @ commands, rotors - wheels, commands)
 
 
+def pulsed(vehicle: System, cuts: Sequence[str], places: Sequence[str]) -> System:
+    """The vehicle with a torque on each inertia of ``places`` and the torque of each shaft of ``cuts`` read."""
+    return replace(
+        vehicle,
+        inputs=(*vehicle.inputs, *(Input(f"pulse_on_{name}", name) for name in places)),
+        sensors=(*vehicle.sensors, *(Sensor(f"torque_at_cut_{name}", "torque", name) for name in cuts)),
+    )
+
+
 def vehicle_responses(
-    vehicle: System, residual: ResidualVehicle, cuts: Sequence[str], places: Sequence[str], f: np.ndarray
+    space: StateSpace, residual: ResidualVehicle, cuts: Sequence[str], places: Sequence[str], f: np.ndarray
 ) -> np.ndarray:
     """Torques into the residual vehicle at the cuts (f, k, m) that pulses at inertias make of the vehicle in one piece.
 
-    Frequencies f (f,) in Hz; it is linear about its operating point.
+    ``space`` is of :func:`pulsed`, linear about its operating point; frequencies f (f,) in Hz.
     """
-    named = [f"pulse_on_{name}" for name in places]
-    read = [f"torque_at_cut_{name}" for name in cuts]
-    driven = replace(
-        vehicle,
-        inputs=(*vehicle.inputs, *(Input(name, at) for name, at in zip(named, places, strict=True))),
-        sensors=(*vehicle.sensors, *(Sensor(name, "torque", at) for name, at in zip(read, cuts, strict=True))),
-    )
-    space = state_space(driven)
+    named, read = [f"pulse_on_{name}" for name in places], [f"torque_at_cut_{name}" for name in cuts]
     B = np.stack([space.input(name) for name in named], axis=1)
     C = np.stack([space.output(name) for name in read])
     D = space.D[[space.outputs.index(name) for name in read]][:, [space.inputs.index(name) for name in named]]
@@ -153,7 +155,8 @@ def pulse_following(
             f = order * known[rows] / (2 * np.pi)
             z = np.exp(2j * np.pi * f * h)
             rig = rig_of(law, rigs[at], residuals[at], loop)
-            wanted = vehicle_responses(residuals[at].vehicle, residuals[at], cuts, [place], f)[..., 0]
+            space = state_space(pulsed(residuals[at].vehicle, cuts, [place]))
+            wanted = vehicle_responses(space, residuals[at], cuts, [place], f)[..., 0]
             found, m = cut_responses(law, float(law.speeds[at]), rig, z), pulses.count
             # the law holds the pulse of the middle of a sample
             made = found.torques[..., number] * np.sqrt(z)[:, None]
