@@ -79,6 +79,7 @@ class FmuVehicle:
         self.count, self.settings, self._run_in, self._step = count, settings, run_in, step
         self._torques, self._speeds, self._own = dict(torques), [speeds[cut] for cut in self.cuts], dict(own)
         self.seconds = 0.0  # since it began
+        self.held = np.zeros((len(self.cuts), count))  # N·m (k, b), with which it stayed at the speeds of its begin
         if not self.path.is_file():
             raise InputError(str(self.path), "is no file", "name the FMU of the vehicle")
         self._start()
@@ -110,7 +111,8 @@ class FmuVehicle:
         for each in self._processes:
             each.send(b"b", speed[:, begun : begun + each.count].T)
             begun += each.count
-        found = np.hstack([each.answer(self.settings.start_within) for each in self._processes])
+        answers = [each.answer(self.settings.start_within, 2) for each in self._processes]
+        found, self.held = (np.hstack([one[which] for one in answers]) for which in (0, 1))
         if not np.isfinite(found).all():
             cut = int(np.argmin(np.isfinite(found).all(axis=1)))
             raise InputError(
@@ -126,7 +128,7 @@ class FmuVehicle:
         for each in self._processes:
             each.send(b"s", np.r_[span, every[:, begun : begun + each.count].T.ravel()])
             begun += each.count
-        speeds = np.hstack([each.answer() for each in self._processes])
+        speeds = np.hstack([each.answer()[0] for each in self._processes])
         self.seconds += span
         if not np.isfinite(speeds).all():
             cut = self.cuts[int(np.argmin(np.isfinite(speeds).all(axis=1)))]
@@ -188,13 +190,13 @@ class _Process:
         """One message."""
         self._write(kind + np.ascontiguousarray(numbers, dtype=float).tobytes())
 
-    def answer(self, within: float | None = None) -> np.ndarray:
-        """Speeds (k, b)."""
-        size, got = 8 * self.cuts * self.count, b""
+    def answer(self, within: float | None = None, parts: int = 1) -> list[np.ndarray]:
+        """Speeds (k, b), after a begin torques (k, b) too."""
+        size, got = 8 * self.cuts * self.count * parts, b""
         seconds = self.settings.answer_within if within is None else within
         while len(got) < size:
             got += self._read(size - len(got), time.monotonic() + seconds, f"does not answer within {seconds:g} s")
-        return np.frombuffer(got).reshape(self.count, self.cuts).T
+        return [part.T for part in np.frombuffer(got).reshape(parts, self.count, self.cuts)]
 
     def _write(self, content: bytes) -> None:
         assert self._child.stdin is not None

@@ -3,6 +3,7 @@
 The first line on standard input is a request in JSON. One line of JSON answers: what is wrong, or that all stand ready.
 From then on each message is a byte (``s`` step, ``b`` begin anew) and numbers as doubles, and each answer is the wheel
 speeds. A begin brings the vehicles to the speeds of its message; where they do not come there, the answer holds NaN.
+The torques that hold them there follow.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def _serve(vehicles: Vehicles, asked: BinaryIO, answers: BinaryIO) -> None:
         if kind == b"b":
             wanted = np.frombuffer(asked.read(8 * vehicles.count * vehicles.cuts)).reshape(vehicles.count, -1)
             vehicles.begin()
-            speeds = vehicles.run_in(wanted)
+            speeds = np.stack(vehicles.run_in(wanted))
         else:
             numbers = np.frombuffer(asked.read(size))
             vehicles.step(float(numbers[0]), numbers[1:].reshape(vehicles.count, vehicles.width))
@@ -162,21 +163,21 @@ class Vehicles:
                     raise RuntimeError(f"fmi2DoStep answers {wrong}")
         self._time += span
 
-    def run_in(self, wanted: np.ndarray) -> np.ndarray:
-        """Bring all to speeds (b, cuts), rad/s, by torques at their cuts; where that fails, speeds with NaN."""
+    def run_in(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bring all to speeds (b, cuts), rad/s, by torques at their cuts: speeds, NaN where that fails, and torques."""
         asked, now = self._run_in, self.speeds()
         proportional, integral, largest = (np.array(asked[name]) for name in ("proportional", "integral", "largest"))
         numbers, kept, near, step = np.zeros((self.count, self.width)), np.zeros_like(wanted), 0.0, asked["step"]
         while near < asked["settled"]:
             if self._time > asked["longest"] or not np.isfinite(now).all():
-                return np.where(np.abs(wanted - now) < asked["within"], now, np.nan)
+                return np.where(np.abs(wanted - now) < asked["within"], now, np.nan), kept
             torque = proportional * (wanted - now) + kept
             numbers[:, : self.cuts] = np.clip(torque, -largest, largest)
             kept = kept + (np.abs(torque) <= largest) * integral * step * (wanted - now)
             self.step(step, numbers)
             now = self.speeds()
             near = near + step if np.abs(wanted - now).max() < asked["within"] else 0.0
-        return now
+        return now, kept
 
     def speeds(self) -> np.ndarray:
         """Outputs (b, outputs)."""

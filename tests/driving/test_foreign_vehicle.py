@@ -12,10 +12,7 @@ from driving.test_stepped import EMULATION, HOLD, driven
 from fmu.slave import slave
 from needs import compiles
 
-from matching.bed.commission import _case_at
-from matching.bed.proof import plan_proof
-from matching.bed.verify import judge
-from matching.match.case_file import case_files, case_from_tables, case_text, load_case
+from matching.match.case_file import case_from_tables, case_text, load_case
 from matching.match.exported import exported_controller
 from matching.match.imperfections import Imperfection, vehicle_rows
 from matching.match.operating_range import at_speed
@@ -386,13 +383,3 @@ def test_a_wheel_without_inertia_is_refused(tmp_path):
     own_fmu(tmp_path, "car")
     with pytest.raises(InputError, match="does not turn its wheel"):
         check_vehicle(_case(tmp_path, torques={"left": "drive_r", "right": "drive_l"}))
-
-
-def test_what_knows_the_design_vehicle_alone_refuses(tmp_path):
-    """A proof, its verdict, commissioning and learning would take the design vehicle for the one that is emulated."""
-    case = _case(tmp_path)
-    for name, text in case_files(case).items():
-        (tmp_path / name).write_text(text)
-    for what in (lambda: plan_proof(case, 10.0), lambda: judge(case, None), lambda: _case_at(tmp_path / "case.toml")):
-        with pytest.raises(InputError, match="knows the design vehicle alone"):
-            what()
