@@ -256,10 +256,10 @@ class _Process:
                 return content
 
     def _exactly(self, size: int) -> bytes:
-        got, seconds = b"", self.settings.answer_within
+        got, seconds = bytearray(), self.settings.answer_within
         while len(got) < size:
             got += self._read(size - len(got), time.monotonic() + seconds, f"does not answer within {seconds:g} s")
-        return got
+        return bytes(got)
 
     def _write(self, content: bytes | memoryview) -> int:
         assert self._child.stdin is not None

@@ -236,6 +236,14 @@ class Vehicles:
         """Bring all to speeds (b, cuts), rad/s, by torques at their cuts: speeds, NaN where that fails, and torques."""
         asked, now = self._run_in, self.speeds()
         proportional, integral, largest = (np.array(asked[name]) for name in ("proportional", "integral", "largest"))
+        if self.in_c is not None:
+            gains = proportional, integral, largest
+            now, kept = self.in_c.run_in(
+                asked["step"], wanted, now, gains, asked["within"], asked["settled"], asked["longest"]
+            )  # fmt: skip
+            self._time, self._latest = float(self.in_c.time[0]), now
+            near = np.abs(wanted - now) < asked["within"]
+            return (now if near.all() else np.where(near, now, np.nan)), kept
         numbers, kept, near, step = np.zeros((self.count, self.width)), np.zeros_like(wanted), 0.0, asked["step"]
         while near < asked["settled"]:
             if self._time > asked["longest"] or not np.isfinite(now).all():

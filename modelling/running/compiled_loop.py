@@ -19,7 +19,7 @@ OPTIMISATION = "-O2 -ffp-contract=off"  # as NumPy rounds
 def compiled_loop() -> ctypes.CDLL | None:
     """The library of ``rows.c``; None without a compiler."""
     source = Path(__file__).with_name("rows.c").read_text(encoding="utf-8")
-    return library_of(source, OPTIMISATION, ["run_rows", "step_vehicles"])
+    return library_of(source, OPTIMISATION, ["run_rows", "step_vehicles", "run_in_vehicles"])
 
 
 @runtime_checkable

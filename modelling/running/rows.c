@@ -162,6 +162,42 @@ int step_vehicles(const vehicles *v, double span, const double *given, double *s
     return 0;
 }
 
+/* Bring all FMUs to speeds `wanted` (b, k) by PI torques at their cuts; `now` and `kept` (b, k) are speeds and integrals.
+ * Ends where all have been near for a time, or after the longest time, or where one is not finite (1: an FMU failed). */
+int run_in_vehicles(const vehicles *v, double step, const double *wanted, const double *proportional,
+                    const double *integral, const double *largest, double within, double settled, double longest,
+                    double *now, double *kept)
+{
+    const long long k = v->cuts;
+    double near = 0.0, time = 0.0;
+    while (near < settled && time <= longest) {
+        double farthest = 0.0;
+        for (long long b = 0; b < v->rows; b++) {
+            for (long long j = 0; j < k; j++) {
+                const double slower = wanted[b * k + j] - now[b * k + j];
+                const double torque = proportional[j] * slower + kept[b * k + j];
+                const double most = largest[j];
+                v->given[j] = (torque > most) ? most : (torque < -most) ? -most : torque;
+                if (fabs(torque) <= most) {
+                    kept[b * k + j] += integral[j] * step * slower;
+                }
+            }
+            memset(v->given + k, 0, (size_t)v->own * sizeof(double));
+            if (step_vehicle(v, b, step, now + b * k)) {
+                return v->wrong[1] == 1;
+            }
+            for (long long j = 0; j < k; j++) {
+                const double off = fabs(wanted[b * k + j] - now[b * k + j]);
+                farthest = (off > farthest) ? off : farthest;
+            }
+        }
+        time += step;
+        near = (farthest < within) ? near + step : 0.0;
+        v->progress[0]++;
+    }
+    return 0;
+}
+
 /* Speeds that a controller reads in this sample, into `in`. */
 static void read_vehicle(const vehicles *v, long long b, double *in)
 {

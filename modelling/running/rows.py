@@ -128,6 +128,38 @@ class SteppedFmus:
             self.fail()
         return speeds
 
+    def run_in(
+        self, step: float, wanted: np.ndarray, now: np.ndarray, gains: tuple[np.ndarray, np.ndarray, np.ndarray],
+        within: float, settled: float, longest: float,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Speeds (b, k), rad/s, after torques at the cuts brought all from ``now`` to ``wanted``, and these torques.
+
+        Parameters
+        ----------
+        step : float
+            s.
+        gains : (ndarray (k,), ndarray (k,), ndarray (k,))
+            Proportional, N·m·s/rad, integral, N·m/rad, and the largest torque, N·m.
+        within : float
+            rad/s.
+        settled, longest : float
+            s for which all stay near, and after which it ends.
+
+        Raises
+        ------
+        FmuFailed
+        """
+        speeds, kept = np.array(now, dtype=float, order="C"), np.zeros(now.shape)
+        arrays = [np.ascontiguousarray(each, dtype=float) for each in (wanted, *gains)]
+        failed = self.loop.run_in_vehicles(
+            ctypes.byref(self.structure), c_double(step), *(c_void_p(each.ctypes.data) for each in arrays),
+            c_double(within), c_double(settled), c_double(longest), c_void_p(speeds.ctypes.data),
+            c_void_p(kept.ctypes.data),
+        )  # fmt: skip
+        if failed:
+            self.fail()
+        return speeds, kept
+
     def fail(self) -> None:
         """Say what went wrong."""
         row, why = self._wrong.tolist()

@@ -75,7 +75,7 @@ class ModelVehicle:
     def step(self, torque: np.ndarray, own: np.ndarray, span: float) -> np.ndarray:
         """See :class:`modelling.running.plant.Vehicle`; ``span`` is a whole number of samples."""
         for _ in range(max(round(span / self._vehicle.sample_time), 1)):
-            self._x = self._vehicle.step(self._x, torque[:, 0], own[:, 0], self._vehicle.as_planned)
+            self._x = self._vehicle.drive(self._x, torque.T[:1], own.T[:1], self._vehicle.as_planned)[-1]
         return (self._vehicle.wheel @ self._x)[:, None]
 
 
