@@ -852,7 +852,8 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
     drifts = [quantity.advice for quantity in tracked if quantity.drifted]
     return BedVerification(
         case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(mode_checks), fidelity, curves,
-        (*drifts, *recorded.notes, *left_out, *_hidden(shown.functions)), tuple(questions), duration, tracked,
+        (*drifts, *recorded.notes, *left_out, *_hidden(shown.functions), *_not_shown(case, mode_checks)),
+        tuple(questions), duration, tracked,
     )  # fmt: skip
 
 
@@ -1084,6 +1085,19 @@ def _hidden(functions: Sequence[_Function]) -> list[str]:
         "band only, the rest lies below the noise"
         for function in functions
         if not function.figures.known
+    ]
+
+
+def _not_shown(case: Case, modes: Sequence[ModeJudgement]) -> list[str]:
+    """Sentences on target modes that a vehicle of others does not show: they are those of the design vehicle."""
+    if case.vehicle_in_the_loop is None:
+        return []
+    judged_ones = {mode.number for mode in modes}
+    return [
+        f"vehicle mode {target.mode} ({mode.frequency:.3g} Hz, of the design vehicle) does not show in the responses "
+        "with the FMU: it is not judged"
+        for target, (_, mode) in zip(case.targets, target_modes(case), strict=True)
+        if case.band[0] <= mode.frequency <= case.band[1] and target.mode not in judged_ones
     ]
 
 

@@ -564,6 +564,9 @@ def run_to_tolerance(
         if finer.count(time) > most and np.isfinite(error).all():
             break
         fine = problem.run(finer, compiled, errors=True)
+        while (fine.failed[:, 0] >= 0).any() and CALMER * finer.count(time) <= most:
+            finer = finer.finer(CALMER)  # only some samples were divided, and one of the others is too coarse now
+            fine = problem.run(finer, compiled, errors=True)
         raise_if_failed(fine.failed, time, model.states)
         left = local_errors(fine, model.n, rough)
         before, after = float(local.sum()), float(left.sum())
