@@ -23,7 +23,7 @@ from modelling.bed.stepped import Law, own_vehicle, shown_of
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import ExportedController
 from modelling.effects.effect import SECOND_STATE
-from modelling.effects.torques import SETTLING
+from modelling.effects.torques import ENGAGED, SETTLING
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import CREEP, FOLLOW_TIME, RECORDING, SIMULATION_DEFAULTS, STICK_SPEED
 from modelling.equations.shaft_law import CONTACT_TIME
@@ -127,6 +127,8 @@ def state_variables(model: Model) -> list[Variable]:
 def _further(system: System, name: str) -> tuple[str, str]:
     """Unit and meaning of a state that an effect or a clutch brings along."""
     clutch = next((box.name for box in system.gearboxes if name.startswith(f"gearboxes.{box.name}.")), None)
+    if clutch is not None and name.endswith(ENGAGED):
+        return "1", f"engagement of {name.removesuffix(ENGAGED).rpartition('.')[2]} of {clutch}, 1: its teeth are in"
     if clutch is not None:
         return "rad", f"deflection of the clutch {name.rpartition('.')[2]} of {clutch}"
     place, kind = next(
@@ -388,6 +390,8 @@ def _paces(model: Model, x: ca.SX, rates: ca.SX, seconds: ca.SX) -> list[ca.SX]:
             change = ca.mtimes(ca.DM(row).T, rates[n : 2 * n])
             follows = ca.fabs(ca.jacobian(rates[at], x[at])) + ca.fabs(change) * seconds / deflection
             stiffness = ca.fabs(ca.jacobian(change, x[at]))
+            if box.engages_below is not None:  # teeth that may find their gaps within the next seconds
+                stiffness = ca.substitute(stiffness, x[model.states.index(f"{place}.{capacity}{ENGAGED}")], 1.0)
             fastest = ca.fmax(follows, settling * stiffness) / STABLE_STEP
             found.append(ca.fmax(fastest, ca.sqrt(stiffness) / ACCURATE_STEP))
     return found

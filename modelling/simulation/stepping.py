@@ -295,7 +295,8 @@ class Stepping:
 
 def is_rough(model: Model) -> bool:
     """Whether a torque of the model, or its derivative, may jump."""
-    return any(effect.law.abrupt or effect.law.sticks for effect in model.system.effects)
+    dogs = any(box.engages_below is not None for box in model.system.gearboxes)
+    return dogs or any(effect.law.abrupt or effect.law.sticks for effect in model.system.effects)
 
 
 def difference(coarse: Trajectories, fine: Trajectories, rough: bool) -> np.ndarray:
