@@ -38,7 +38,7 @@ def engagements(model: Model, simulation: Simulation) -> list[str]:
                     continue
                 impulse = before / float(row @ np.linalg.solve(mass, row))
                 said.append(
-                    f"{capacity} of gearboxes.{box.name} engages at {simulation.time[at]:.4g} s with {before:.2g} rad/s "
-                    f"of slip, an impulse of {impulse:.2g} N*m*s at {box.between[0]}"
+                    f"{capacity} of gearboxes.{box.name} engages at {simulation.time[at]:.4g} s with {before:.2g} "
+                    f"rad/s of slip, an impulse of {impulse:.2g} N*m*s at {box.between[0]}"
                 )
     return said
