@@ -740,6 +740,7 @@ def simulate(
     from dataclasses import replace
 
     from modelling.equations.casadi_code import compiled
+    from modelling.simulation.engagements import engagements
     from modelling.simulation.simulate import check_speed_units, recorded_start, undetermined_note, with_stick_speed
     from modelling.simulation.simulate import simulate as run
 
@@ -758,7 +759,8 @@ def simulate(
     if isinstance(start, str) and start == "recorded":
         start = recorded_start(built, measured, with_stick_speed(built, measured.time, inputs, built.p0))
         notes += [undetermined_note(start.undetermined)] if start.undetermined else []
-    return replace(run(built, measured.time, inputs, start=start, tolerance=tolerance), notes=notes)
+    done = run(built, measured.time, inputs, start=start, tolerance=tolerance)
+    return replace(done, notes=[*notes, *engagements(built, done)])
 
 
 # --- What measurements say: causes that a model lacks, measurement uncertainty, XiL fidelity.

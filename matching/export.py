@@ -54,8 +54,10 @@ def read_export_source(path: str | Path) -> ExportSource:
     data = read_toml(path)
     if "inertias" in data or not {"vehicle", "rig"} & set(data):
         system = from_dict(data, str(path))
-        notes = [f"gearboxes.{box.name}: in gear 1, its clutch locked" for box in system.gearboxes]
-        system = system.in_gear(1)
+        notes = [
+            f"gearboxes.{box.name}: its clutches carry what their inputs say, {', '.join(box.capacities)} (N*m)"
+            for box in system.gearboxes
+        ]
         block = _block([system], system.title or path.stem, path.stem, path)
         return ExportSource(block, "model", STEP, (), tuple(notes))
     return _residual_vehicle(path)

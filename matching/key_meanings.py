@@ -39,6 +39,7 @@ MODEL_TABLES = {
         "capacities": "by gear: the input that is the torque its clutch can carry, N·m at the first inertia",
         "deflection": "by which a clutch gives way before it slips under its whole torque, angle of the first inertia",
         "settling": "time with which it does so; 2 ms unless stated",
+        "engages_below": "makes dog clutches of the clutches: slip below which they engage, speed of the first inertia",
     },
     "differentials": {"cage": "the driven inertia", "left": "first output", "right": "second output"},
     "planetary_gears": {

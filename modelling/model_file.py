@@ -38,7 +38,7 @@ KEYS = {
     "inertias": {"J", "drag"},
     "shafts": {"between", "ratio", "stiffness", "damping"},
     "gears": {"between", "ratio"},
-    "gearboxes": {"between", "ratios", "capacities", "deflection", "settling"},
+    "gearboxes": {"between", "ratios", "capacities", "deflection", "settling", "engages_below"},
     "differentials": {"cage", "left", "right"},
     "planetary_gears": {"sun", "carrier", "ring", "ratio"},
     "inputs": {"on", "measures", "reference"},
@@ -166,8 +166,8 @@ def _gearbox(name: str, table: dict, place: str) -> Gearbox:
             raise InputError(f"{place}.capacities", f"{each!r} is no name", "write the names of inputs in quotes")
     ratios = tuple(quantity(each, "1", f"{place}.ratios") for each in table["ratios"])
     deflection = _needed(table, "deflection", place)
-    return Gearbox(name, _between(table, place), ratios, tuple(table["capacities"]), deflection,
-                   _optional(table, "settling", place))  # fmt: skip
+    further = (_optional(table, key, place) for key in ("settling", "engages_below"))
+    return Gearbox(name, _between(table, place), ratios, tuple(table["capacities"]), deflection, *further)
 
 
 def _differential(name: str, table: dict, place: str) -> Differential:

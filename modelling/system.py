@@ -220,7 +220,8 @@ class Gearbox:
     """Gears with a clutch each, in parallel: speed(first) = ratio · speed(second) in the gear whose clutch sticks.
 
     Each clutch is dry friction whose torque is an input, see :func:`modelling.effects.torques.dry_friction`: the slip
-    is speed(first) − ratio · speed(second), and the torque acts on the first inertia.
+    is speed(first) − ratio · speed(second), and the torque acts on the first inertia. With ``engages_below`` the
+    clutches are dog clutches, see :func:`modelling.effects.torques.dog`: their teeth hold whatever the torque is.
 
     Attributes
     ----------
@@ -232,6 +233,8 @@ class Gearbox:
         By which a clutch gives way before it slips under its whole torque, rad of the first inertia.
     settling : Quantity or None
         Time with which it does so, s.
+    engages_below : Quantity or None
+        Of dog clutches: the slip, rad/s at the first inertia, below which teeth that are asked for find their gaps.
     """
 
     name: str
@@ -240,19 +243,24 @@ class Gearbox:
     capacities: tuple[str, ...]
     deflection: Quantity
     settling: Quantity | None = None
+    engages_below: Quantity | None = None
 
     @property
     def quantities(self) -> dict[str, Quantity]:
         """Every quantity by its key: ``ratio_1`` is that of the first gear."""
         ratios = {f"ratio_{gear}": ratio for gear, ratio in enumerate(self.ratios, 1)}
-        settling = {} if self.settling is None else {"settling": self.settling}
-        return {**ratios, "deflection": self.deflection, **settling}
+        given = {"settling": self.settling, "engages_below": self.engages_below}
+        further = {key: quantity for key, quantity in given.items() if quantity is not None}
+        return {**ratios, "deflection": self.deflection, **further}
 
     def with_quantities(self, changed: Mapping[str, Quantity]) -> Gearbox:
         """The same gearbox with other quantities by their keys."""
         every = {**self.quantities, **changed}
         ratios = tuple(every[f"ratio_{gear}"] for gear in range(1, len(self.ratios) + 1))
-        return dataclasses.replace(self, ratios=ratios, deflection=every["deflection"], settling=every.get("settling"))
+        return dataclasses.replace(
+            self, ratios=ratios, deflection=every["deflection"], settling=every.get("settling"),
+            engages_below=every.get("engages_below"),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -505,6 +513,8 @@ def clock_error(places: Iterable[str], largest: float) -> Effect:
 # --- Checks that components make a system: names, ends, signs, and that all are connected.
 
 WIDEST_PLAY = 0.5  # rad: all play of a geared chain together is seldom 10 degrees at the wheel, 29 nowhere
+FASTEST_DOG = 30.0  # rad/s of slip, 290 1/min: dog clutches without a synchroniser engage below 50 to 150 1/min
+RPM = math.pi / 30  # rad/s
 MOST_COMPONENTS = 10_000  # a chain of 3000 inertias has 6000; a model of them takes some ten seconds
 _NAME = re.compile(r"\w[\w-]{0,199}")
 
@@ -630,6 +640,8 @@ def _gearbox(box: Gearbox, system: Components, inertias: Collection[str]) -> Non
     if least < LEAST_DEFLECTION:
         raise InputError(f"{where}.deflection", f"{least:g} is not possible", f"{LEAST_DEFLECTION:g} rad or more")
     _sign(f"{where}.settling", box.settling or Quantity(0.0))
+    if box.engages_below is not None:
+        _sign(f"{where}.engages_below", box.engages_below, positive=True)
     if len(box.capacities) != len(box.ratios):
         wrong = f"names {len(box.capacities)} inputs for {len(box.ratios)} ratios"
         raise InputError(f"{where}.capacities", wrong, "name the input of each gear's clutch")
@@ -836,9 +848,15 @@ class System(Components):
 
     @property
     def doubts(self) -> list[str]:
-        """A note on every free play that is wider than any drivetrain's: in degrees, perhaps."""
+        """A note on every free play that is wider than any drivetrain's: in degrees, perhaps; and on every dog clutch
+        that engages at more slip than teeth find their gaps at: in 1/min, perhaps."""
         values = self.parameters
-        return [
+        fast = [
+            f"gearboxes.{box.name}.engages_below is {box.engages_below.value:g} rad/s, "
+            f"{box.engages_below.value / RPM:.0f} 1/min: is it meant in 1/min?"
+            for box in self.gearboxes if box.engages_below is not None and box.engages_below.value > FASTEST_DOG
+        ]  # fmt: skip
+        return fast + [
             f"{name} is {values[name].value:g} rad, {math.degrees(values[name].value):.0f} deg: is it meant in degrees?"
             for name in self.free_plays.values() if values[name].value > WIDEST_PLAY
         ]  # fmt: skip

@@ -380,7 +380,7 @@ QUANTITY_UNITS = {
     "damping": "N*m*s/rad",
     "ratio": "1",
 }
-GEARBOX_UNITS = {"deflection": "rad", "settling": "s"}  # of a gearbox, next to its ratios
+GEARBOX_UNITS = {"deflection": "rad", "settling": "s", "engages_below": "rad/s"}  # of a gearbox, next to its ratios
 SENSOR_UNITS = {"angle": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N*m"}
 INPUT_UNITS = {quantity: SENSOR_UNITS[quantity] for quantity in ("torque", "speed", "angle")}
 

@@ -46,11 +46,11 @@ from matching.bed.simulated_bed import (
     so_far,
 )
 from matching.bed.stated import Deviation
+from matching.bed.vehicle_beside import reached_by_torques, vehicle_beside
 from matching.bed.verify import COVERAGE_FACTOR, NEGLIGIBLE, BedVerification, judge, read_recordings
 from matching.export import tuned_case
 from matching.match.case import Case
 from matching.match.case_file import case_files, load_case
-from matching.match.coupled import refuse_vehicle_of_others
 from matching.match.exported import exported_controller
 from matching.match.match import match
 from matching.studies import append, rows
@@ -408,7 +408,9 @@ class Circle:
         Commissioning
             What each round found, and why it ended or what it waits for.
         """
-        plan_speed(_case_at(path), self._order)  # an error now, not after a match
+        case = _case_at(path)  # an error now, not after a match
+        plan_speed(case, self._order)
+        reached_by_torques(case)
         self._rounds = []
         self._again = shlex.join([
             "rigmatch", "commission", str(path), "--bed", str(self._bed), *self._order.options(), "--out",
@@ -686,9 +688,14 @@ class Circle:
                 )  # fmt: skip
             else:
                 made = exported_controller(case)
-                with self._fmu(case) as bed, FmuController(exported, made.law) as controller:
+                with (
+                    self._fmu(case) as bed,
+                    FmuController(exported, made.law) as controller,
+                    vehicle_beside(case, made.law, speed) as vehicle,
+                ):
                     try:
-                        text = proof_recording(bed, case, made.law, controller, wanted, speed, made.running())
+                        running = made.running()
+                        text = proof_recording(bed, case, made.law, controller, wanted, speed, running, vehicle)
                     except Tripped as fault:
                         keep_recording(self._folder / name, HandedRecording(BY_FMU, fault.recording))
                         return {BY_FMU: fault.recording}, self._not_judged(fault) | {"tripped": fault.wrong}
@@ -800,13 +807,14 @@ def plan_speed(case: Case, order: CommissionOrder) -> float:
 
 def _case_at(path: Path) -> Case:
     """The case of a case file, or of a match's directory as tuned."""
-    case = tuned_case(path).tuned if path.is_dir() else load_case(path)
-    refuse_vehicle_of_others(case, "commissioning")
-    return case
+    return tuned_case(path).tuned if path.is_dir() else load_case(path)
 
 
 def _of_case(case: Case) -> str:
-    return checksum(str(case_files(case)))
+    """Checksum of a case, and of the FMU of its vehicle."""
+    vehicle = case.vehicle_in_the_loop
+    fmu = Path(vehicle.fmu).read_bytes() if vehicle is not None and Path(vehicle.fmu).is_file() else b""
+    return checksum(str(case_files(case)) + (checksum(fmu) if fmu else ""))
 
 
 # --- Why short

@@ -12,10 +12,11 @@ import numpy as np
 
 from matching.bed.excite import bed_inputs
 from matching.bed.simulated_bed import FmuBed, emulated_recording
+from matching.bed.vehicle_beside import vehicle_beside
 from matching.bed.verify import BedRecordings, read_recordings
 from matching.dry_run import computing
 from matching.match.case import Case
-from matching.match.coupled import refuse_vehicle_of_others
+from matching.match.coupled import run_in_of
 from matching.match.driving import vehicles_in
 from matching.match.exported import exported_controller
 from matching.match.imperfections import Imperfection
@@ -216,7 +217,6 @@ def learn(
     recorded = read_recordings(recordings, own, channels, any_length=True)
     before = read_played(played, own.loop.dynamometers) if played is not None else None
     computing(lambda: dict.fromkeys(map(str, recordings), "a recording of a manoeuvre on the controlled bed"))
-    refuse_vehicle_of_others(case, "learning")
     exported = exported_controller(case)
     law = exported.law.frozen(speed) if isinstance(exported.law, SteppedLaw) else exported.law
     step, ends = law.sample_time, cut_readings(own)
@@ -234,7 +234,7 @@ def learn(
         found, names = readings, sensors
     else:
         found, into = _at_cuts(readings, sensors, ends, step)
-        vehicle = np.stack([_residual_speeds(own, each, driven, step) for each in into])
+        vehicle = _residual_speeds(own, into, driven, step)
         names = tuple(one.speed_sensor for one in ends.values())
     ranges = np.ptp(vehicle.mean(axis=0), axis=0)
     if not (ranges > 0).all():
@@ -300,27 +300,63 @@ def _at_cuts(
 
 
 def _residual_speeds(case: Case, torques: np.ndarray, driven: Mapping[str, np.ndarray], step: float) -> np.ndarray:
-    """Speeds (n, k) at the cuts, less the begin, of the residual vehicle under torques (n, k) there, less the begin."""
+    """Speeds (r, n, k) at the cuts, less the begin, of the residual vehicle under torques (r, n, k) there, less the
+    begin; of a case with a vehicle of others that is its FMU."""
+    if case.vehicle_in_the_loop is not None:
+        return _speeds_of_others(case, torques, driven, step)
     residual, loop = case.residual_vehicle, case.loop
     vehicle = stepped_vehicle([residual], loop, (), 1.0)
     acting = {name: value for part in residual.parts for name, value in torques_of(part).items()}
     cuts = [next(cut for cut in residual.interfaces if cut.shaft == one.follows) for one in loop.dynamometers]
     held = np.array([acting.get(cut.torque, 0.0) for cut in cuts])
     own = np.array([acting.get(name, 0.0) for name in vehicle.inputs])
-    rest = np.zeros(len(torques))
-    moved = (
-        np.stack([driven.get(name, rest) for name in vehicle.inputs], axis=1)
-        if vehicle.inputs
-        else rest[:, None][:, :0]
-    )
-    middle, own_middle = held + (torques[:-1] + torques[1:]) / 2, own + (moved[:-1] + moved[1:]) / 2
-    found = vehicle.drive(vehicle.steady[0], middle, own_middle, vehicle.as_planned) @ vehicle.wheel.T
+    moved = _middles(_by_input(driven, vehicle.inputs, torques.shape[1]))
+    found = np.stack([
+        vehicle.drive(vehicle.steady[0], held + _middles(each), own + moved, vehicle.as_planned) @ vehicle.wheel.T
+        for each in torques
+    ])  # fmt: skip
     if not np.isfinite(found).all():
         raise InputError(
             "recordings", "drive the residual vehicle out of bounds", "check signs and units of the torques"
         )
-    difference: np.ndarray = found - found[0]
-    return difference
+    return found - found[:, :1]
+
+
+def _by_input(driven: Mapping[str, np.ndarray], inputs: Sequence[str], samples: int) -> np.ndarray:
+    """Torques (n, r) of these inputs; 0 of those that are not driven."""
+    rest = np.zeros(samples)
+    return np.stack([driven.get(name, rest) for name in inputs], axis=1) if inputs else np.zeros((samples, 0))
+
+
+def _middles(values: np.ndarray) -> np.ndarray:
+    """Means (n − 1, …) over each sample of values (n, …) that are straight in between."""
+    return (values[:-1] + values[1:]) / 2
+
+
+def _speeds_of_others(case: Case, torques: np.ndarray, driven: Mapping[str, np.ndarray], step: float) -> np.ndarray:
+    """As :func:`_residual_speeds`, of the FMU of a case: one instance a row, all from the speeds of the case."""
+    loop, others = case.loop, case.vehicle_in_the_loop
+    assert others is not None
+    rows, samples, k = torques.shape
+    every, turning = others.timing(step).steps, speeds_of(case.vehicle)
+    cuts = [case.residual_vehicle.cut_at(one.follows) for one in loop.dynamometers]
+    begin = np.array([[turning[cut.vehicle_end]] * rows for cut in cuts])
+    own = _middles(_by_input(driven, [name for name, _ in others.inputs], samples))
+    middles = _middles(np.swapaxes(torques, 0, 1))
+    at, speeds = [0], [begin]
+    with others.started(run_in_of(case), rows) as fmu:
+        speeds[0] = fmu.begin(begin, np.zeros_like(begin))
+        for first in range(0, samples - 1, every):
+            part = slice(first, min(first + every, samples - 1))
+            mean = middles[part].mean(axis=0).T
+            given = np.repeat(own[part].mean(axis=0)[:, None], rows, axis=1)
+            speeds.append(fmu.step(fmu.held + mean, given, every * step))
+            at.append(first + every)
+    stacked, found = np.array(speeds), np.empty((rows, samples, k))
+    for row in range(rows):
+        for j in range(k):
+            found[row, :, j] = np.interp(np.arange(samples), at, stacked[:, j, row])
+    return found - found[:, :1]
 
 
 def _without_zeros(
@@ -332,12 +368,10 @@ def _without_zeros(
     the answer of a car by a per cent in three seconds, and no torque can be learned from it.
     """
     shape, k = errors.shape[1:], errors.shape[2]
-    before, columns = _residual_speeds(case, torques, driven, step), []
-    for j in range(k):
-        columns.append(np.tile(np.eye(k)[j], (shape[0], 1)))
-        more = torques.copy()
-        more[:, j] += 1.0
-        columns.append(_residual_speeds(case, more, driven, step) - before)
+    more = np.repeat(torques[None], 1 + k, axis=0)
+    more[1 + np.arange(k), :, np.arange(k)] += 1.0
+    before, *after = _residual_speeds(case, more, driven, step)
+    columns = [np.tile(one, (shape[0], 1)) for one in np.eye(k)] + [each - before for each in after]
     basis = np.stack([column.ravel() for column in columns], axis=1)
     flat = errors.reshape(len(errors), -1).T
     left: np.ndarray = flat - basis @ np.linalg.lstsq(basis, flat, rcond=None)[0]
@@ -437,7 +471,6 @@ def learn_on_bed(
     tell: Callable[[str], None] = lambda _: None,
 ) -> list[Learned]:  # fmt: skip
     """Repeat the case's manoeuvre on the FMU of a bed, and learn after every repetition; a folder each."""
-    refuse_vehicle_of_others(case, "learning")
     own, _ = case_of_manoeuvre(case, vehicle_speed)
     sensors = [sensor.name for sensor in case.rig.sensors]
     step = case.loop["sample_time"]
@@ -453,8 +486,12 @@ def learn_on_bed(
         folder = out / f"repetition_{number}"
         paths = []
         for recording in range(1, RECORDINGS + 1):
-            with FmuBed(bed, bed_inputs(case), sensors) as slave:
-                text = emulated_recording(slave, own, controller.law, controller.running(), driven, speed)
+            with (
+                FmuBed(bed, bed_inputs(case), sensors) as slave,
+                vehicle_beside(case, controller.law, speed) as vehicle,
+            ):
+                running = controller.running()
+                text = emulated_recording(slave, own, controller.law, running, driven, speed, vehicle=vehicle)
             write_all(folder, {f"recording_{recording}.csv": text})
             paths.append(folder / f"recording_{recording}.csv")
         learned = learn(case, paths, played=played, vehicle_speed=vehicle_speed)

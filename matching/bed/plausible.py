@@ -8,7 +8,7 @@ wrong unit breaks them. What one factor on one channel explains is named. Nothin
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -23,6 +23,7 @@ from modelling.recordings.channel_faults import CONVERSIONS, KINDS, fault
 from modelling.recordings.recording import Recording
 
 THIS_BED = "this bed"
+THIS_CONTROLLER = "this controller: was emulation on, with the controller of this match"
 
 
 class NotThisBed(InputError):
@@ -96,7 +97,8 @@ def check_recording(
     fit = _Fit(model, inputs, sensors, lines, causes, settings)
     told = fit.check(recording.source, THIS_BED if complete else None)
     read = list(case.loop.controller_sensors)
-    if complete and set(read) <= set(sensors):
+    # of a law beside a vehicle of others no linear model says its commands: see check_commands
+    if complete and set(read) <= set(sensors) and case.vehicle_in_the_loop is None:
         acting = frequency_response(controller_of(case), lines.frequencies)
         known = [name for name in acting.known if name in lines.values]
         picked = [list(acting.known).index(name) for name in known]
@@ -104,9 +106,35 @@ def check_recording(
         sent = [dynamometer.torque_input for dynamometer in case.loop.dynamometers]
         right = {name for name, distance in zip(sensors, told, strict=True) if np.isfinite(distance)} | set(inputs)
         causes = {name: () if name in right else found for name, found in causes.items()}
-        _Fit(law, [*read, *known], sent, lines, causes, settings).check(
-            recording.source, "this controller: was emulation on, with the controller of this match"
-        )
+        _Fit(law, [*read, *known], sent, lines, causes, settings).check(recording.source, THIS_CONTROLLER)
+
+
+def check_commands(
+    case: Case, recording: Recording, torques: Sequence[str], predicted: Mapping[str, np.ndarray],
+    settings: PlausibleSettings = PLAUSIBLE,
+) -> None:  # fmt: skip
+    """Whether the commands of a recording are about those that the controller gives on the bed as planned.
+
+    Parameters
+    ----------
+    torques : sequence of str
+        Compared torques that excite the bed in it.
+    predicted : mapping of str to ndarray (t,)
+        Commands on the bed as planned under these torques, N·m by input; at the recording's samples.
+
+    Raises
+    ------
+    InputError
+        If they are far off over most of the band.
+    """
+    if any(name not in recording.channels for name in predicted):
+        return
+    as_predicted = {f"{name} as predicted": each for name, each in predicted.items()}
+    whole = replace(recording, channels={**recording.channels, **as_predicted})
+    lines = _lines(whole, case.band, torques, [*torques, *predicted, *as_predicted], settings)
+    for name, other in zip(predicted, as_predicted, strict=True):
+        one = np.ones((len(lines.frequencies), 1, 1), complex)
+        _Fit(one, [other], [name], lines, {name: (), other: ()}, settings).check(recording.source, THIS_CONTROLLER)
 
 
 def check_excitation(

@@ -29,6 +29,7 @@ from matching.bed.excite import (
     torques_csv,
 )
 from matching.bed.measured import MeasuredFunction, MeasuredMode, measured_mode
+from matching.bed.vehicle_beside import reached_by_torques, turning_at
 from matching.bed.verify import (
     LARGEST_UNKNOWN,
     SUFFICIENT,
@@ -39,13 +40,13 @@ from matching.bed.verify import (
     together_variance,
 )
 from matching.match.case import Case
-from matching.match.coupled import refuse_vehicle_of_others
 from matching.match.exported import exported_controller
 from matching.match.responses import ComparedBed
 from matching.match.targets import target_modes
 from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, Settings, has_gone
 from modelling.display import Displayed
 from modelling.errors import InputError, listed
+from modelling.linear.steady_motion import torques_of
 
 
 @dataclass(frozen=True)
@@ -188,7 +189,7 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     InputError
         Where the case lacks a limit that the size of the torques is planned by.
     """
-    refuse_vehicle_of_others(case, "the proof")
+    case, left_out = reached_by_torques(case)
     bed, exported = recorded_bed(case), exported_controller(case)
     names = tuple(dict.fromkeys(pair.input for pair in case.compared))
     demanded = demanded_limits(bed, {})
@@ -199,8 +200,11 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     values = [box.at(place) for place in np.vstack([np.zeros(len(box.uncertain)), box.draw(settings.beds, seed)])]
     beds = controlled_beds(bed, values, exported.law.linear, names, lines / times.period)
     still = ExcitedBeds(bed, values, SpeedHold.of(exported.settings))
-    mean, steady = _loaded(case, bed, still, speed, names, settings.demanded_share * demanded)
-    room = settings.demanded_share * demanded - np.abs(mean)
+    most = settings.demanded_share * demanded
+    mean, steady = _loaded(case, bed, still, speed, names, most)
+    if case.vehicle_in_the_loop is not None and not mean.any():
+        mean, steady = _holding(case, bed, still, speed, names, most)
+    room = most - np.abs(mean)
     limits = ExcitationLimits(bed, speed, room / (1 - settings.free))
     limits.check_steady(steady, 1 - settings.free)
     shaping = _Shaping(
@@ -218,7 +222,7 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     torques = wave[rows] * fade(total + times.edge, times.step)[:, None]
     means = dict(zip(bed.inputs[len(case.loop.dynamometers) :], mean.tolist(), strict=True))
     torques = torques + np.array([means.get(name, 0.0) for name in names])
-    notes = (*notes, *_of_free_play(case, means))
+    notes = (*notes, *left_out, *_of_free_play(case, means), *_of_holding(case, means))
     return Proof(
         names, torques, times.step, times.period, periods, limits.used(steady, motion, demands), told.visible(periods),
         told.expected(periods), told.modes(periods), notes,
@@ -261,6 +265,43 @@ def _loaded(
     alone, loaded = max(loads, key=lambda pair: np.abs(pair[1][1][:, rows]).min())
     other = beds.steady(speed, -alone)
     return (alone, loaded) if np.abs(loaded[1][:, rows]).min() >= np.abs(other[1][:, rows]).min() else (-alone, other)
+
+
+def _holding(
+    case: Case, bed: RecordedBed, beds: ExcitedBeds, speed: float, names: tuple[str, ...], most: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Mean torques (d,), N·m, with which the design vehicle keeps a speed, and the bed's steady motion under them.
+
+    A vehicle of others is not held by a linear model: without a drive it would coast down during the proof.
+
+    Raises
+    ------
+    InputError
+        If a torque is larger than the proof may demand.
+    """
+    needs, mean = torques_of(turning_at(case, speed).rig), np.zeros(len(most))
+    for d, name in enumerate(bed.inputs[len(case.loop.dynamometers) :]):
+        if name not in names:
+            continue
+        mean[d] = needs.get(name, 0.0)
+        if abs(mean[d]) >= most[d]:
+            raise InputError(
+                f"manoeuvre.{name}", f"its largest torque leaves the proof {most[d]:.3g} N*m, and the vehicle needs "
+                f"{abs(mean[d]):.3g} N*m to keep its speed at {speed:.3g} rad/s of the rotors",
+                "give a lower --speed, or a larger torque",
+            )  # fmt: skip
+    return mean, beds.steady(speed, mean)
+
+
+def _of_holding(case: Case, means: Mapping[str, float]) -> list[str]:
+    """What is said of a proof beside a vehicle of others."""
+    loads = [f"{name} {mean:.3g} N·m" for name, mean in means.items() if mean]
+    if case.vehicle_in_the_loop is None or case.rig.free_plays or not loads:
+        return []
+    return [
+        f"the torques hold a mean of {listed(loads)}, with which the vehicle about keeps its speed: bring the bed to "
+        "it in speed hold, then ask for emulation"
+    ]
 
 
 def _of_free_play(case: Case, means: Mapping[str, float]) -> list[str]:

@@ -18,6 +18,7 @@ from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared
 from matching.match.box import Uncertain
 from matching.match.case import Case
 from modelling.bed.bed import Dynamometer
+from modelling.bed.foreign_vehicle import ForeignVehicleLaw
 from modelling.bed.stepped import Law
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, SupervisedController
 from modelling.effects.effect import shared_place
@@ -38,6 +39,7 @@ from modelling.recordings.read import csv_text
 from modelling.recordings.readers import READERS
 from modelling.recordings.text import LARGEST_FILE, WINDOWS
 from modelling.running.run import run
+from modelling.running.vehicles import TimedVehicle
 from modelling.system import Effect, Quantity, System
 from modelling.writing import write_all
 
@@ -467,22 +469,32 @@ class FmuController(Slave):
         self._commands = [f"{name}.command" for name in law.dynamometers]
         self._hold = [f"{name}.hold_speed" for name in law.dynamometers]
         self._added = [f"{name}.added_torque" for name in law.dynamometers]
-        super().__init__(path, [*law.sensors, *law.known, *self._commands, *self._hold, *self._added])
+        foreign = isinstance(law, ForeignVehicleLaw)
+        self._wheel, self._cut = (
+            [f"cut.{name}.{what}" for name in law.dynamometers if foreign] for what in ("speed", "torque")
+        )
+        needed = [*law.sensors, *law.known, *self._commands, *self._hold, *self._added, *self._wheel, *self._cut]
+        super().__init__(path, needed)
         self._law = law
+        self.cut_torque = np.zeros(len(law.dynamometers))  # N·m, into a vehicle that is stepped outside
         self.initialise({})
 
     def step(
         self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int,
-        added: np.ndarray | None = None, trigger: bool = False,
+        added: np.ndarray | None = None, trigger: bool = False, wheel: np.ndarray | None = None,
     ) -> Answer:  # fmt: skip
         """One sample: readings (y,), known torques (w,), N·m, mode asked for, speeds to hold (k,), rad/s, torques that
-        are added (k,), N·m, and the trigger of what was learned, which an FMU without that has not."""
+        are added (k,), N·m, the trigger of what was learned, which an FMU without that has not, and speeds (k,), rad/s,
+        of a vehicle that is stepped outside."""
         more = np.zeros(len(hold)) if added is None else added
         names = (*self._law.sensors, *self._law.known, *self._hold, *self._added)
         values = dict(zip(names, (*readings, *known, *hold, *more), strict=True))
         played = {"trigger": float(trigger)} if "trigger" in self._references else {}
-        self.set(values | {"mode": float(mode), "life": float(life)} | played)
+        turning = {} if wheel is None else dict(zip(self._wheel, wheel, strict=True))
+        self.set(values | {"mode": float(mode), "life": float(life)} | played | turning)
         self.advance(self._law.sample_time)
+        if self._cut:
+            self.cut_torque = self.get(self._cut)
         *commands, active, fault = self.get([*self._commands, "active_mode", "fault"])
         return Answer(np.array(commands), int(active), int(fault))
 
@@ -596,14 +608,16 @@ def proof_recording(
     wanted: Proof,
     speed: float,
     replayed: SupervisedController | None = None,
+    vehicle: TimedVehicle | None = None,
 ) -> str:
     """Text of the CSV recording of the controlled bed under a proof's torques; see :func:`emulated_recording`."""
-    return emulated_recording(bed, case, law, controller, (wanted.inputs, wanted.torques), speed, replayed)
+    return emulated_recording(bed, case, law, controller, (wanted.inputs, wanted.torques), speed, replayed, vehicle)
 
 
 def emulated_recording(
     bed: FmuBed, case: Case, law: Law, controller: FmuController | SupervisedController,
     driven: tuple[Sequence[str], np.ndarray], speed: float, replayed: SupervisedController | None = None,
+    vehicle: TimedVehicle | None = None,
 ) -> str:  # fmt: skip
     """Text of the CSV recording of the controlled bed under torques, emulation on; the trigger rises with its begin.
 
@@ -616,6 +630,8 @@ def emulated_recording(
     replayed : SupervisedController, optional
         The same controller in Python, at its beginning. After a fault it gets what ``controller`` got, and says which
         reading led to it.
+    vehicle : TimedVehicle, optional
+        A vehicle of others beside the controller, begun at the rotors' speed.
 
     Raises
     ------
@@ -633,14 +649,14 @@ def emulated_recording(
     as_linear = np.where([name in plant.inputs for name in inputs], held_as_linear(torques), torques)
     acting = {name: torques[:, i] for i, name in enumerate(inputs) if name in plant.inputs}
     told = {name: as_linear[:, i] for i, name in enumerate(inputs) if name in law.known}
-    asks = _Emulation(controller, tuple(law.sensors), tuple(law.known), np.full(len(commanded), speed), before)
+    asks = _Emulation(controller, tuple(law.sensors), tuple(law.known), np.full(len(commanded), speed), before, vehicle)
     found = run(plant, asks, acting, told, samples=len(torques), sample_time=step)
     sent, readings = found.commands[:, :, 0], found.readings[:, :, 0]
     if asks.fault:
         i = len(sent)
         if replayed is not None:
-            for n, one in enumerate(asks.given):
-                replayed.step(*one, trigger=n >= before)
+            for n, (one, wheel) in enumerate(zip(asks.given, asks.wheels, strict=True)):
+                replayed.step(*one, trigger=n >= before, wheel=wheel)
         sent, readings = np.vstack([sent, np.zeros(len(commanded))]), np.vstack([readings, plant.last])
         held = np.hstack([as_linear[: i + 1], held_as_linear(sent)])
         text = run_csv(case, bed, step, held, readings, (*inputs, *commanded))
@@ -658,14 +674,26 @@ class _Emulation:
     known: tuple[str, ...]
     hold: np.ndarray
     before: int
+    vehicle: TimedVehicle | None = None
     fault: int = 0
+    wheels: list[np.ndarray | None] = field(default_factory=list)
     given: list[tuple[np.ndarray, np.ndarray, int, np.ndarray, int]] = field(default_factory=list)
 
     def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray | None:
         """See :class:`modelling.running.plant.Controller`."""
         mode = SPEED_HOLD if sample < self.before // 2 else EMULATION
         self.given.append((readings[:, 0], known[:, 0], mode, self.hold, sample))
-        answer = self.controller.step(*self.given[-1], trigger=sample >= self.before)
+        trigger = sample >= self.before
+        if self.vehicle is None:
+            self.wheels.append(None)
+            answer = self.controller.step(*self.given[-1], trigger=trigger)
+        else:
+            wheel = self.vehicle.read()[:, 0]
+            self.wheels.append(wheel)
+            answer = self.controller.step(*self.given[-1], trigger=trigger, wheel=wheel)
+            if mode == EMULATION:  # while the speeds are held the vehicle waits at them
+                own = np.array([known[self.known.index(name)] for name in self.vehicle.vehicle.own]).reshape(-1, 1)
+                self.vehicle.go_on(self.controller.cut_torque[:, None], own)
         self.fault = answer.fault
         return None if answer.fault else answer.commands[:, None]
 

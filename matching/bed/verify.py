@@ -28,11 +28,11 @@ from matching.bed.measured import (
     repetition,
     spectra,
 )
-from matching.bed.plausible import check_recording
+from matching.bed.plausible import check_commands, check_recording
 from matching.bed.tracked import TrackedQuantity, outputs_of, tracked_quantities
+from matching.bed.vehicle_beside import InTime, motions_in_time, reached_by_torques
 from matching.match.box import Box, of_system
 from matching.match.case import Case, once_per_case
-from matching.match.coupled import refuse_vehicle_of_others
 from matching.match.loop import bed_set, controller_of, frequency_response, responses, vehicle_response
 from matching.match.responses import ComparedBed, Responses
 from matching.match.targets import target_modes
@@ -520,10 +520,11 @@ def drawn_squares(case: Case) -> np.ndarray:
 def drawn_vehicles(case: Case, frequencies: np.ndarray) -> np.ndarray:
     """Compared functions (b, f, h) of vehicles drawn from what the case does not know of them; ``frequencies`` in Hz.
 
-    There are none where it knows all that the rig lacks.
+    There are none where it knows all that the rig lacks, and none of a vehicle of others: its FMU is as it is.
     """
     box = case.uncertainty.of_kind("vehicle.")
-    vehicles = [vehicle_response(case, values, frequencies) for values in box_values(box, PREDICTION_VEHICLES)]
+    values = box_values(box, PREDICTION_VEHICLES) if case.vehicle_in_the_loop is None else []
+    vehicles = [vehicle_response(case, each, frequencies) for each in values]
     return np.array(vehicles).reshape(-1, len(frequencies), len(case.compared))
 
 
@@ -651,18 +652,24 @@ LONGEST_DELAY = 0.25  # s: a delay beyond it counts as none of the fidelity
 SAMPLES_A_PERIOD = 8.0  # of the highest frequency that are enough
 
 
-def recorded_fidelity(case: Case, recorded: BedRecordings, recording: Recording) -> RecordedFidelity:
+def recorded_fidelity(
+    case: Case, recorded: BedRecordings, recording: Recording, simulated: np.ndarray | None = None
+) -> RecordedFidelity:
     """R_SD of the compared sensors, R_MU and R_XiL with its standard uncertainty (Eqs. 14 to 23) of one recording.
 
     The vehicle starts at rest with the recording's first sample; both lose their mean, for only deviations are
     compared. The weights are those of the domains there are. What is not known of the vehicle enters the uncertainty.
+    ``simulated`` (t, y) is what a vehicle of others answers.
     """
-    fidelity = _against(case, case.vehicle, recorded, recording)
+    answer = _answer(case.vehicle, recorded, recording) if simulated is None else simulated
+    fidelity, others = _against(case, answer, recorded, recording), list[float]()
     drawn = fidelity_distribution(fidelity, DRAWS).summary()["total"]
-    others = [
-        _against(case, case.vehicle.with_values(of_system(values, case.vehicle)), recorded, recording).total
-        for values in box_values(case.uncertainty.of_kind("vehicle."), FIDELITY_VEHICLES)
-    ]
+    if simulated is None:
+        vehicles = box_values(case.uncertainty.of_kind("vehicle."), FIDELITY_VEHICLES)
+        answers = (
+            _answer(case.vehicle.with_values(of_system(each, case.vehicle)), recorded, recording) for each in vehicles
+        )
+        others = [_against(case, each, recorded, recording).total for each in answers]
     of_vehicle = float(np.sqrt(np.mean((np.array(others) - fidelity.total) ** 2))) if others else 0.0
     below, above = (np.hypot(fidelity.total - end, COVERAGE_FACTOR * of_vehicle) for end in drawn.interval)
     lower, upper = (fidelity.total - below, fidelity.total + above) if others else drawn.interval
@@ -677,21 +684,28 @@ def recorded_fidelity(case: Case, recorded: BedRecordings, recording: Recording)
     )
 
 
-def _against(case: Case, system: System, recorded: BedRecordings, recording: Recording) -> Fidelity:
-    """Fidelity of a recording against a vehicle."""
-    torques, readings = recorded.signals(recording)
+def _answer(system: System, recorded: BedRecordings, recording: Recording) -> np.ndarray:
+    """What a vehicle's compared sensors (t, y) read under the torques of a recording, linear."""
+    torques, _ = recorded.signals(recording)
     step = float(np.mean(np.diff(recording.time)))
     vehicle = state_space(system)
     drive = np.zeros((len(torques), len(vehicle.inputs)))
     for j, name in enumerate(recorded.inputs):
         drive[:, vehicle.inputs.index(name)] = torques[:, j] - torques[0, j]
     A, B, C, D, _ = scipy.signal.cont2discrete((vehicle.A, vehicle.B, vehicle.C, vehicle.D), step, "foh")
-    answer = scipy.signal.dlsim((A, B, C, D, step), drive)[1]
+    answer: np.ndarray = scipy.signal.dlsim((A, B, C, D, step), drive)[1]
+    return answer[:, [vehicle.outputs.index(name) for name in recorded.sensors]]
+
+
+def _against(case: Case, answer: np.ndarray, recorded: BedRecordings, recording: Recording) -> Fidelity:
+    """Fidelity of a recording against what a vehicle's sensors (t, y) read."""
+    _, readings = recorded.signals(recording)
+    step = float(np.mean(np.diff(recording.time)))
     every = max(int(1 / (SAMPLES_A_PERIOD * case.band[1] * step)), 1)
     units = {sensor.name: sensor.uncertainty for sensor in case.rig.sensors}
     pairs = {}
     for i, name in enumerate(recorded.sensors):
-        reference, test = (trace - trace.mean() for trace in (answer[:, vehicle.outputs.index(name)], readings[:, i]))
+        reference, test = (trace - trace.mean() for trace in (answer[:, i], readings[:, i]))
         if at_rest(reference[:, None])[0]:
             continue
         u = units.get(name)
@@ -792,14 +806,17 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
     InputError
         Where a recording cannot be right, see :func:`matching.bed.plausible.check_recording`.
     """
-    refuse_vehicle_of_others(case, "the proof")
+    case, left_out = reached_by_torques(case)
     if of_this_controller:
         for recording in recorded.recordings:
             check_recording(case, recording, recorded.active(recording))
     shown = _shown(case, recorded)
+    if of_this_controller:
+        for recording, motion in zip(recorded.recordings, shown.motions, strict=False):
+            check_commands(case, recording, recorded.active(recording), motion.commands)
     units = {part.name: part.unit for part in case.rig.sensors}
     allowed = {"measured": case.tolerance, "unmeasured": case.unmeasured_tolerance}
-    drawn = drawn_squares(case)
+    drawn = drawn_squares(case) + shown.beyond_linear(case)
     errors, questions = [], list[OpenQuestion]()
     for kind in dict.fromkeys(function.kind for function in shown.functions):
         alike = [function for function in shown.functions if function.kind == kind]
@@ -825,14 +842,18 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
     mode_checks, of_modes = _modes(case, shown)
     questions = sorted([*questions, *of_modes], key=lambda question: question.because)
     duration = sum(float(np.ptp(recording.time)) for recording in recorded.recordings)
-    fidelity = tuple(recorded_fidelity(case, recorded, recording) for recording in recorded.recordings)
+    fidelity = tuple(
+        recorded_fidelity(case, recorded, recording, shown.motions[number].vehicle if shown.motions else None)
+        for number, recording in enumerate(recorded.recordings)
+    )
     states = [*(checked.status for checked in errors), *(checked.status for checked in mode_checks)]
     curves = tuple(function.curves(units[function.sensor]) for function in shown.functions)
     tracked = tracked_quantities(case, recorded.recordings)
     drifts = [quantity.advice for quantity in tracked if quantity.drifted]
     return BedVerification(
         case.title, _together(states), case.band, tuple(errors), tuple(each), tuple(mode_checks), fidelity, curves,
-        (*drifts, *recorded.notes, *_hidden(shown.functions)), tuple(questions), duration, tracked,
+        (*drifts, *recorded.notes, *left_out, *_hidden(shown.functions), *_not_shown(case, mode_checks)),
+        tuple(questions), duration, tracked,
     )  # fmt: skip
 
 
@@ -921,7 +942,25 @@ class _Shown:
     """What recordings show of a bed: compared functions and the bed that answers for vehicle and prediction."""
 
     functions: tuple[_Function, ...]
-    bed: ComparedBed
+    bed: ComparedBed | _InTime
+
+    @property
+    def motions(self) -> Sequence[InTime]:
+        """What answers in time to each recording's torques; none where the vehicle is a linear model."""
+        return self.bed.motions if isinstance(self.bed, _InTime) else ()
+
+    def beyond_linear(self, case: Case) -> np.ndarray:
+        """Mean squares (h,) that a vehicle of others adds to the error that linear models of all parts predict."""
+        more = np.zeros(len(case.compared))
+        if isinstance(self.bed, _InTime):
+            linear = ComparedBed(case)
+            for one in self.functions:
+                at = linear.at(one.measured.frequencies)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    squares = np.abs(np.log(at.matched[:, one.number] / at.vehicle[:, one.number])) ** 2
+                known = float(log_weights(one.measured.frequencies, one.band) @ squares)
+                more[one.number] = max(one.figures.predicted - known, 0.0)
+        return more
 
     def at(self, grids: Sequence[np.ndarray]) -> list[Responses]:
         """Answers of vehicle and prediction at frequencies (f,), Hz, of several functions; like grids are one."""
@@ -932,15 +971,65 @@ class _Shown:
         return [answers[grid.tobytes()] for grid in grids]
 
 
+class _InTime:
+    """A vehicle of others and the bed that is predicted with it, by simulated answers to the torques of recordings.
+
+    Both are read as the recordings are, so what these cannot resolve is missing in all alike.
+
+    Attributes
+    ----------
+    motions : list of InTime
+        By recording.
+    """
+
+    def __init__(self, case: Case, recorded: BedRecordings):
+        linear = ComparedBed(case)
+        self.pairs, self.measured, self._band = linear.pairs, linear.measured, case.band
+        self.motions = [motions_in_time(case, one, recorded.sensors) for one in recorded.recordings]
+        self._vehicle, self._predicted = (
+            replace(
+                recorded,
+                recordings=tuple(
+                    replace(one, channels={**one.channels, **dict(zip(recorded.sensors, read.T, strict=True))})
+                    for one, read in zip(recorded.recordings, answers, strict=True)
+                ),
+            )
+            for answers in ([one.vehicle for one in self.motions], [one.predicted for one in self.motions])
+        )
+
+    def at(self, frequencies: np.ndarray) -> Responses:
+        """Responses at frequencies (f,), Hz: of a periodic excitation at its lines, straight in between."""
+        vehicle, matched = (self._of(each, frequencies) for each in (self._vehicle, self._predicted))
+        return Responses(frequencies, self.pairs, vehicle, np.full(vehicle.shape, np.nan), matched, matched)
+
+    def _of(self, recorded: BedRecordings, frequencies: np.ndarray) -> np.ndarray:
+        found = np.full((len(frequencies), len(self.pairs)), np.nan, complex)
+        periodic = _periodic(recorded, self._band)
+        estimated = None if periodic else estimated_response(_spectra(recorded, self._band), frequencies)
+        for h, (source, sensor) in enumerate(self.pairs):
+            if source not in recorded.inputs or sensor not in recorded.sensors:
+                continue
+            y, u = recorded.sensors.index(sensor), recorded.inputs.index(source)
+            if estimated is not None:
+                found[:, h] = estimated.function(y, u).values
+            elif periodic is not None:
+                one = periodic[y][u]
+                real, imaginary = (
+                    np.interp(frequencies, one.frequencies, part) for part in (one.values.real, one.values.imag)
+                )
+                found[:, h] = real + 1j * imaginary
+        return found
+
+
 def _shown(case: Case, recorded: BedRecordings) -> _Shown:
-    bed = ComparedBed(case)
+    bed = ComparedBed(case) if case.vehicle_in_the_loop is None else _InTime(case, recorded)
     known = {pair: (h, bool(bed.measured[h])) for h, pair in enumerate(bed.pairs)}
     periodic = _periodic(recorded, case.band)
-    found, grid = [], np.empty(0)
+    found, grid, again = [], np.empty(0), None
     if periodic is None:
         every, recordings = _frequencies(recorded, case.band), _spectra(recorded, case.band)
         measured = estimated_response(recordings, every)
-        again = _predicted_again(recordings, bed, recorded, every)
+        again = _predicted_again(recordings, bed, recorded, every) if isinstance(bed, ComparedBed) else None
     for (source, sensor), (h, is_measured) in known.items():
         if source not in recorded.inputs or sensor not in recorded.sensors:
             continue
@@ -953,7 +1042,7 @@ def _shown(case: Case, recorded: BedRecordings) -> _Shown:
             grid = function.frequencies
             answers, vehicles = bed.at(grid), drawn_vehicles(case, grid)
         vehicle, matched, resolution = answers.vehicle[:, h], answers.matched[:, h], 0.0
-        if periodic is None:
+        if again is not None:
             repeated = Figures.of(
                 replace(again.function(y, u), noise=np.zeros((len(every), 1))), vehicle, matched, case.band
             )
@@ -996,6 +1085,19 @@ def _hidden(functions: Sequence[_Function]) -> list[str]:
         "band only, the rest lies below the noise"
         for function in functions
         if not function.figures.known
+    ]
+
+
+def _not_shown(case: Case, modes: Sequence[ModeJudgement]) -> list[str]:
+    """Sentences on target modes that a vehicle of others does not show: they are those of the design vehicle."""
+    if case.vehicle_in_the_loop is None:
+        return []
+    judged_ones = {mode.number for mode in modes}
+    return [
+        f"vehicle mode {target.mode} ({mode.frequency:.3g} Hz, of the design vehicle) does not show in the responses "
+        "with the FMU: it is not judged"
+        for target, (_, mode) in zip(case.targets, target_modes(case), strict=True)
+        if case.band[0] <= mode.frequency <= case.band[1] and target.mode not in judged_ones
     ]
 
 

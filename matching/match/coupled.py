@@ -7,24 +7,8 @@ import numpy as np
 from matching.match.case import Case
 from modelling.bed.foreign_vehicle import ForeignVehicleLaw, RunIn, VehicleTiming, run_in_gains
 from modelling.controller.law import ExportedController
-from modelling.errors import InputError
 from modelling.running.controllers import ControllerRows, Schedule
 from modelling.running.vehicles import TimedVehicle
-
-
-def refuse_vehicle_of_others(case: Case, what: str) -> None:
-    """For what is computed from the design vehicle alone.
-
-    Raises
-    ------
-    InputError
-        If the case has a vehicle of others.
-    """
-    if case.vehicle_in_the_loop is not None:
-        raise InputError(
-            f"{case.path}: vehicle_in_the_loop", f"{what} knows the design vehicle alone",
-            "take the table out to use the design vehicle, or judge the bed by drives with the FMU (rigmatch match)",
-        )  # fmt: skip
 
 
 def run_in_of(case: Case, timing: VehicleTiming | None = None) -> RunIn:

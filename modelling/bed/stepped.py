@@ -175,7 +175,7 @@ class SteppedVehicle:
         """States (n + 1, v) sample after sample as by :meth:`step`, under torques (n, k) and own inputs (n, r)."""
         if not len(torques):
             return np.asarray(x)[None]
-        driven = self._one.mapaccum("driven", len(torques))
+        driven = self._one.mapaccum("driven", len(torques)) if len(torques) > 1 else self._one
         after = driven(x, torques.T, own.T, ca.repmat(ca.DM(road), 1, len(torques))).full().T
         return np.vstack([x, after])
 

@@ -122,6 +122,7 @@ class ControllerBatch:
             library = library_of(
                 _source(controller), OPTIMISATION, ["batch_size", "batch_begin", "row_step", "row_shown"]
             )
+        self.library = library
         self._python = [controller.running() for _ in range(count)] if library is None else []
         self.row_step: Any = None if library is None else library.row_step
         self.row_shown: Any = None if library is None else library.row_shown

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 import scipy
-from sympy import Abs, Expr, Float, Max, pi, sin
+from sympy import Abs, And, Expr, Float, Integer, Max, Or, Piecewise, Rational, pi, sin
 
 from modelling.effects.effect import (
     Drivetrain,
@@ -113,6 +113,39 @@ def dry_friction(speed: Expr, deflection: Expr, settling: Expr | None, assembly:
 
     d = assembly.add_state(state, rate)
     return (d + (Float(SETTLING) if settling is None else settling) * rate(d)) / deflection
+
+
+ENGAGING = 1e-3  # s: time constant with which a dog clutch is in or out, far below the 20 to 50 ms of its actuator
+
+
+def dog(
+    slip: Expr, asked: Expr, below: Expr, deflection: Expr, settling: Expr | None, assembly: EquationBuilder, state: str
+) -> Expr:  # fmt: skip
+    """Torque of a dog clutch as a share of what it is asked to carry: a spring and a damper once its teeth are in.
+
+        share = e·(d + settling·slip)/deflection,  ḋ = e·slip − (1 − e)·d/T,  ė = (1 or 0 − e)/T
+
+    e goes to 1 where it is asked for and the slip is below a bound, or it is in already; else to 0. It holds any
+    torque.
+
+    Parameters
+    ----------
+    slip, asked, below, deflection, settling : Expr
+        rad/s, N·m, rad/s, rad, s; without ``settling`` it is :data:`SETTLING`.
+    state : str
+        Name of the deflection d, the first state that it adds; the second one is :data:`ENGAGED` behind it.
+    """
+
+    def rate(e: Expr) -> Expr:
+        goes_in = And(asked > 0, Or(Abs(slip) < below, e > Rational(1, 2)))
+        return (Piecewise((Integer(1), goes_in), (Integer(0), True)) - e) / Float(ENGAGING)
+
+    e = assembly.add_state(f"{state}{ENGAGED}", rate)
+    d = assembly.add_state(state, lambda d: e * slip - (1 - e) * d / Float(ENGAGING))
+    return e * (d + (Float(SETTLING) if settling is None else settling) * slip) / deflection
+
+
+ENGAGED = ".engaged"
 
 
 # --- Torque that varies with the angle (cogging, torque ripple, universal joint).

@@ -25,7 +25,7 @@ from modelling.effects.effect import (
     Spring,
     members,
 )
-from modelling.effects.torques import dry_friction
+from modelling.effects.torques import dog, dry_friction
 from modelling.equations import shaft_law
 from modelling.equations.shaft_law import CONTACT_TIME, differentiate
 from modelling.errors import ExcludedEffects, InputError
@@ -480,17 +480,22 @@ class Assembly:
                 kind.sensor(sensor, p, self)
 
     def _close_gearboxes(self) -> None:
-        """The clutches of gearboxes: dry friction between both ends, whose torque is an input."""
+        """The clutches of gearboxes: dry friction or teeth between both ends, whose torque is an input."""
         for box in self.system.gearboxes:
             place = f"gearboxes.{box.name}"
             first, second = (self.motions[name] for name in box.between)
             deflection = self.symbol(f"{place}.deflection")
             settling = None if box.settling is None else self.symbol(f"{place}.settling")
+            below = None if box.engages_below is None else self.symbol(f"{place}.engages_below")
             for gear, capacity in enumerate(box.capacities, 1):
                 ratio = self.symbol(f"{place}.ratio_{gear}")
                 slip = first.speed - ratio * second.speed
-                share = dry_friction(slip, deflection, settling, self, f"{place}.{capacity}")
-                torque = self.inputs[capacity].value * share
+                carried, state = self.inputs[capacity].value, f"{place}.{capacity}"
+                if below is None:
+                    share = dry_friction(slip, deflection, settling, self, state)
+                else:
+                    share = dog(slip, carried, below, deflection, settling, self, state)
+                torque = carried * share
                 self.add_torque(f"inertias.{box.between[0]}", -torque, first)
                 self.add_torque(f"inertias.{box.between[1]}", ratio * torque, second)
 
@@ -600,7 +605,10 @@ class _Structure:
             tuple(part.name for part in system.inertias),
             tuple((part.name, part.between, part.ratio is None) for part in system.shafts),
             tuple((part.name, part.between) for part in system.gears),
-            tuple((part.name, part.between, part.capacities, part.settling is None) for part in system.gearboxes),
+            tuple(
+                (part.name, part.between, part.capacities, part.settling is None, part.engages_below is None)
+                for part in system.gearboxes
+            ),
             system.differentials,
             tuple((part.name, part.ends) for part in system.planetary_gears),
             system.inputs,

@@ -23,13 +23,15 @@ from modelling.bed.stepped import Law, own_vehicle, shown_of
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import ExportedController
 from modelling.effects.effect import SECOND_STATE
+from modelling.effects.torques import ENGAGED, SETTLING
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import CREEP, FOLLOW_TIME, RECORDING, SIMULATION_DEFAULTS, STICK_SPEED
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.errors import InputError
 from modelling.escape import c_comment, c_identifier, c_string, xml
+from modelling.linear.elements import elements
 from modelling.simulation.compiled import CompilerFault, check, compile_library, compiler
-from modelling.simulation.stepping import steps_per_second
+from modelling.simulation.stepping import ACCURATE_STEP, STABLE_STEP, steps_per_second
 from modelling.simulation.task import functions
 from modelling.system import System
 from modelling.units import registry
@@ -54,10 +56,11 @@ class Variable:
 def input_variables(model: Model) -> list[Variable]:
     """Torques, and motions that are imposed."""
     quantities, units = model.system.input_quantities, model.system.input_units
-    return [
-        Variable(part.name, "input", units[part.name], 0.0, f"{quantities[part.name]} on {part.on}")
-        for part in model.system.inputs
-    ]
+    meaning = {name: f"{quantities[name]} on {part.on}" for part in model.system.inputs for name in (part.name,)}
+    for box in model.system.gearboxes:
+        for gear, name in enumerate(box.capacities, 1):
+            meaning[name] = f"torque that the clutch of gear {gear} of {box.name} can carry; below 0 counts as 0"
+    return [Variable(part.name, "input", units[part.name], 0.0, meaning[part.name]) for part in model.system.inputs]
 
 
 def output_variables(model: Model) -> list[Variable]:
@@ -122,7 +125,12 @@ def state_variables(model: Model) -> list[Variable]:
 
 
 def _further(system: System, name: str) -> tuple[str, str]:
-    """Unit and meaning of a state that an effect brings along."""
+    """Unit and meaning of a state that an effect or a clutch brings along."""
+    clutch = next((box.name for box in system.gearboxes if name.startswith(f"gearboxes.{box.name}.")), None)
+    if clutch is not None and name.endswith(ENGAGED):
+        return "1", f"engagement of {name.removesuffix(ENGAGED).rpartition('.')[2]} of {clutch}, 1: its teeth are in"
+    if clutch is not None:
+        return "rad", f"deflection of the clutch {name.rpartition('.')[2]} of {clutch}"
     place, kind = next(
         (place, effect.law)
         for effect in system.effects
@@ -141,6 +149,11 @@ ABOUT = (
     "All values in SI. Stepped by classical Runge-Kutta of order four, internal steps no longer than "
     "1/simulation.steps_per_second; a communication step may have any length."
 )
+PACED = (
+    " Clutches that slip or stick may need more steps: these follow by themselves, and the time of a step with them."
+)
+SECTION = 1e-3  # s, for which the steps of clutches are chosen at once: a shift takes a hundred times as long
+PACED_STEPS = 2e4  # a second, that delays look back over where clutches need more than usual. Chosen by trial
 
 
 class Contents(Protocol):
@@ -190,6 +203,8 @@ class Block:
     constants, field, reading : Function
         (p, contact time) → c, delays of inputs and outputs (s); (x, u, c) → ẋ; (x, u, c, t) → y: those of
         :mod:`modelling.simulation.task`.
+    pace : Function or None
+        (x, u, c, seconds) → steps a second that clutches need over the next seconds; None without any.
     contact : float
         s, contact time at the start; NaN where no lash closes.
     delay : float
@@ -207,6 +222,7 @@ class Block:
     constants: ca.Function
     field: ca.Function
     reading: ca.Function
+    pace: ca.Function | None
     contact: float
     delay: float
     speeds: tuple[int, ...]
@@ -218,8 +234,8 @@ class Block:
 
     @property
     def about(self) -> str:
-        """How it steps, in one sentence."""
-        return ABOUT
+        """How it steps."""
+        return ABOUT if self.pace is None else ABOUT + PACED
 
     @property
     def steps_per_second(self) -> float:
@@ -318,7 +334,9 @@ def _contact(models: list[Model]) -> float:
     return SIMULATION_DEFAULTS[CONTACT_TIME] if any(CONTACT_TIME in model.parameters for model in models) else math.nan
 
 
-def _functions(models: list[Model], names: list[str]) -> tuple[ca.Function, ca.Function, ca.Function]:
+def _functions(
+    models: list[Model], names: list[str]
+) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function | None]:
     """The functions of all models, stacked."""
     made = [functions(model) for model in models]
     p, contact, t = ca.SX.sym("p", len(names)), ca.SX.sym("contact"), ca.SX.sym("t")
@@ -329,14 +347,54 @@ def _functions(models: list[Model], names: list[str]) -> tuple[ca.Function, ca.F
         delays.append(model.delays(mine))
     delay = ca.vertcat(*(delay[0] for delay in delays), *(delay[1] for delay in delays))
     x, u, c = (_stacked(what, [functions.field.size1_in(i) for functions in made]) for i, what in enumerate("xuc"))
-    rates = [functions.field(*z) for functions, z in zip(made, zip(x, u, c, strict=True), strict=True)]
-    values = [functions.reading(*z, t) for functions, z in zip(made, zip(x, u, c, strict=True), strict=True)]
+    acting = [_carried(model, part) for model, part in zip(models, u, strict=True)]
+    rates = [functions.field(*z) for functions, z in zip(made, zip(x, acting, c, strict=True), strict=True)]
+    values = [functions.reading(*z, t) for functions, z in zip(made, zip(x, acting, c, strict=True), strict=True)]
     xs, us, cs = (ca.vertcat(*part) for part in (x, u, c))
+    seconds = ca.SX.sym("seconds")
+    paces = [
+        each for model, of_model, rate in zip(models, x, rates, strict=True)
+        for each in _paces(model, of_model, rate, seconds)
+    ]  # fmt: skip
+    pace = ca.Function("pace", [xs, us, cs, seconds], [ca.cse(ca.mmax(ca.vertcat(*paces)))]) if paces else None
     return (
         ca.Function("constants", [p, contact], [ca.densify(ca.vertcat(*constants)), ca.densify(delay)]),
         ca.Function("field", [xs, us, cs], [ca.densify(ca.vertcat(*rates))]),
-        ca.Function("reading", [xs, us, cs, t], [ca.densify(ca.vertcat(*values))]),
-    )
+        ca.Function("reading", [xs, us, cs, t], [ca.densify(ca.vertcat(*values))]), pace,
+    )  # fmt: skip
+
+
+def _carried(model: Model, u: ca.SX) -> ca.SX:
+    """Inputs (u,) where noise below 0 of what a clutch can carry is 0: a negative torque would drive."""
+    capacities = model.system.capacities
+    return ca.vertcat(*(ca.fmax(u[i], 0.0) if name in capacities else u[i] for i, name in enumerate(model.inputs)))
+
+
+def _paces(model: Model, x: ca.SX, rates: ca.SX, seconds: ca.SX) -> list[ca.SX]:
+    """Steps a second that each clutch needs over the next seconds; see :data:`STABLE_STEP`.
+
+    The deflection of a clutch that slips follows within slip over deflection; one that sticks is a spring and a damper
+    between its ends. Both depend on the motion and on what the clutch carries now.
+    """
+    found: list[ca.SX] = []
+    if not model.system.gearboxes:
+        return found
+    parts, n = elements(model, model.p0[None]), model.n
+    rows = dict(zip(parts.masses, parts.mass_transformation.reshape(-1, n), strict=True))
+    value = dict(zip(model.parameters, model.p0.tolist(), strict=True))
+    for box in model.system.gearboxes:
+        place, (first, second) = f"gearboxes.{box.name}", (rows[f"inertias.{name}"] for name in box.between)
+        deflection, settling = value[f"{place}.deflection"], value.get(f"{place}.settling", SETTLING)
+        for gear, capacity in enumerate(box.capacities, 1):
+            at, row = model.states.index(f"{place}.{capacity}"), first - value[f"{place}.ratio_{gear}"] * second
+            change = ca.mtimes(ca.DM(row).T, rates[n : 2 * n])
+            follows = ca.fabs(ca.jacobian(rates[at], x[at])) + ca.fabs(change) * seconds / deflection
+            stiffness = ca.fabs(ca.jacobian(change, x[at]))
+            if box.engages_below is not None:  # teeth that may find their gaps within the next seconds
+                stiffness = ca.substitute(stiffness, x[model.states.index(f"{place}.{capacity}{ENGAGED}")], 1.0)
+            fastest = ca.fmax(follows, settling * stiffness) / STABLE_STEP
+            found.append(ca.fmax(fastest, ca.sqrt(stiffness) / ACCURATE_STEP))
+    return found
 
 
 def _stacked(name: str, sizes: list[int]) -> list[ca.SX]:
@@ -522,9 +580,14 @@ def interface(fmi: str, motion: str) -> dict[str, str]:
 
 def _generated(block: Block) -> str:
     generator = ca.CodeGenerator("model", {"with_header": False})
-    for function in (block.constants, block.field, block.reading):
+    for function in _of(block):
         generator.add(function)
     return generator.dump()
+
+
+def _of(block: Block) -> list[ca.Function]:
+    """The functions of an FMU."""
+    return [block.constants, block.field, block.reading, *([] if block.pace is None else [block.pace])]
 
 
 def variable_table(
@@ -541,7 +604,8 @@ def variable_table(
 
 
 def _header(block: Block, identifier: str, token: str) -> str:
-    functions = (block.constants, block.field, block.reading)
+    functions = _of(block)
+    steps = block.steps_per_second if block.pace is None else max(block.steps_per_second, PACED_STEPS)
     sizes = {
         "N_INPUTS": len(block.inputs),
         "N_OUTPUTS": len(block.outputs),
@@ -552,11 +616,13 @@ def _header(block: Block, identifier: str, token: str) -> str:
         "N_RES": max(function.sz_res() for function in functions),
         "N_W": max(function.sz_w() for function in functions) + 1,  # C knows no empty array
         "N_IW": max(function.sz_iw() for function in functions) + 1,
-        "N_TAKEN": math.ceil(LOOK_BACK * block.delay * block.steps_per_second) + 8 if block.delay else 0,
+        "N_TAKEN": math.ceil(LOOK_BACK * block.delay * steps) + 8 if block.delay else 0,
         "HAS_CONTACT": int(not math.isnan(block.contact)),
+        "HAS_PACE": int(block.pace is not None),
     }
     defines = {"IDENTIFIER": c_string(identifier), "TOKEN": c_string(token)}
     defines |= {name: str(value) for name, value in sizes.items()}
+    defines["SECTION"] = repr(SECTION)
     defines["CONTACT"] = repr(0.0 if math.isnan(block.contact) else block.contact)
     lines = variable_table(block.title, defines, block.variables, block.parameters)
     lines += _array("int SPEED", (str(speed) for speed in block.speeds))

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
+import pickle
 import select
 import signal
+import struct
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from modelling.bed.foreign_vehicle import RunIn
 from modelling.errors import InputError
+from modelling.running.compiled_loop import compiled_loop
+from modelling.simulation.compiled import compiler
 
 CHILD = "modelling.fmu.vehicle_process"
 
@@ -78,7 +84,9 @@ class FmuVehicle:
         self.path, self.cuts, self.own = Path(path), tuple(torques), tuple(own)
         self.count, self.settings, self._run_in, self._step = count, settings, run_in, step
         self._torques, self._speeds, self._own = dict(torques), [speeds[cut] for cut in self.cuts], dict(own)
+        self._loop = compiled_loop() if compiler() else None
         self.seconds = 0.0  # since it began
+        self.held = np.zeros((len(self.cuts), count))  # N·m (k, b), with which it stayed at the speeds of its begin
         if not self.path.is_file():
             raise InputError(str(self.path), "is no file", "name the FMU of the vehicle")
         self._start()
@@ -95,6 +103,7 @@ class FmuVehicle:
             "inputs": [*self._torques.values(), *self._own.values()], "outputs": self._speeds,
             "run_in": {name: getattr(self._run_in, name).tolist() for name in ("proportional", "integral", "largest")}
             | {name: getattr(self.settings, name) for name in ("within", "settled", "longest")} | {"step": self._step},
+            "loop": None if self._loop is None else self._loop._name,
         }  # fmt: skip
         return _Process(self.path, request, count, len(self.cuts), self.settings)
 
@@ -110,7 +119,8 @@ class FmuVehicle:
         for each in self._processes:
             each.send(b"b", speed[:, begun : begun + each.count].T)
             begun += each.count
-        found = np.hstack([each.answer(self.settings.start_within) for each in self._processes])
+        answers = [each.answer(self.settings.start_within, 2) for each in self._processes]
+        found, self.held = (np.hstack([one[which] for one in answers]) for which in (0, 1))
         if not np.isfinite(found).all():
             cut = int(np.argmin(np.isfinite(found).all(axis=1)))
             raise InputError(
@@ -126,15 +136,49 @@ class FmuVehicle:
         for each in self._processes:
             each.send(b"s", np.r_[span, every[:, begun : begun + each.count].T.ravel()])
             begun += each.count
-        speeds = np.hstack([each.answer() for each in self._processes])
+        speeds = np.hstack([each.answer()[0] for each in self._processes])
         self.seconds += span
         if not np.isfinite(speeds).all():
-            cut = self.cuts[int(np.argmin(np.isfinite(speeds).all(axis=1)))]
-            raise InputError(
-                str(self.path), f"{self._speeds[self.cuts.index(cut)]} is not finite after {self.seconds:.4g} s",
-                "check its start values, its step and the torques that it gets",
-            )  # fmt: skip
+            raise self._not_finite(self.seconds, self._speeds[int(np.argmin(np.isfinite(speeds).all(axis=1)))])
         return speeds
+
+    def _not_finite(self, seconds: float, what: str) -> InputError:
+        return InputError(
+            str(self.path), f"{what} is not finite after {seconds:.4g} s",
+            "check its start values, its step and the torques that it gets",
+        )  # fmt: skip
+
+    @property
+    def in_c(self) -> bool:
+        """See :class:`modelling.running.compiled_loop.CompiledVehicle`."""
+        return len(self._processes) == 1 and self._processes[0].in_c
+
+    def run_rows(
+        self, functions: Mapping[str, tuple[ctypes.CDLL, str]], numbers: Mapping[str, Any],
+        arrays: Mapping[str, np.ndarray], shares: Mapping[str, np.ndarray], given: Mapping[str, Any],
+        chunks: Iterable[tuple[int, int, np.ndarray | None]], total: int,
+    ) -> dict[str, np.ndarray]:  # fmt: skip
+        """See :class:`modelling.running.compiled_loop.CompiledVehicle`."""
+        named = {name: (library._name, function) for name, (library, function) in functions.items()}
+        needs = {"numbers": dict(numbers), "arrays": dict(arrays), "shares": dict(shares), "given": dict(given)}
+        whole = pickle.dumps({"functions": named, **needs}, protocol=5)
+        (process,) = self._processes
+        process.put(b"r" + struct.pack("q", len(whole)) + whole)
+        for first, end, noise in chunks:
+            content = b"" if noise is None else np.ascontiguousarray(noise, dtype=float).tobytes()
+            process.put(b"n" + struct.pack("qqqq", first, end, total, len(content)) + content)
+            failed = process.result()
+            if failed is not None:
+                _, not_finite, seconds = failed
+                self.close()
+                if not not_finite:
+                    raise InputError(
+                        str(self.path), "answers a step with an error", "run it alone in its own tool first"
+                    )
+                raise self._not_finite(seconds, self._speeds[0])
+        process.put(b"f")
+        made: dict[str, np.ndarray] = process.result()
+        return made
 
     def close(self) -> None:
         """End its processes."""
@@ -183,23 +227,44 @@ class _Process:
             if answer["wrong"] == ["only once"]:
                 raise _OnlyOnce
             raise InputError(str(path), *answer["wrong"])
+        self.in_c = bool(answer["in_c"])
 
     def send(self, kind: bytes, numbers: np.ndarray) -> None:
         """One message."""
         self._write(kind + np.ascontiguousarray(numbers, dtype=float).tobytes())
 
-    def answer(self, within: float | None = None) -> np.ndarray:
-        """Speeds (k, b)."""
-        size, got = 8 * self.cuts * self.count, b""
+    def answer(self, within: float | None = None, parts: int = 1) -> list[np.ndarray]:
+        """Speeds (k, b), after a begin torques (k, b) too."""
+        size, got = 8 * self.cuts * self.count * parts, b""
         seconds = self.settings.answer_within if within is None else within
         while len(got) < size:
             got += self._read(size - len(got), time.monotonic() + seconds, f"does not answer within {seconds:g} s")
-        return np.frombuffer(got).reshape(self.count, self.cuts).T
+        return [part.T for part in np.frombuffer(got).reshape(parts, self.count, self.cuts)]
 
-    def _write(self, content: bytes) -> None:
+    def put(self, content: bytes) -> None:
+        """A large message."""
+        whole = memoryview(content)
+        while whole:
+            whole = whole[self._write(whole) :]
+
+    def result(self) -> Any:
+        """What a run answers; while its samples are stepped it may take its time."""
+        while True:
+            head = self._exactly(9)
+            content = pickle.loads(self._exactly(struct.unpack("q", head[1:])[0]))
+            if head[:1] != b".":
+                return content
+
+    def _exactly(self, size: int) -> bytes:
+        got, seconds = bytearray(), self.settings.answer_within
+        while len(got) < size:
+            got += self._read(size - len(got), time.monotonic() + seconds, f"does not answer within {seconds:g} s")
+        return bytes(got)
+
+    def _write(self, content: bytes | memoryview) -> int:
         assert self._child.stdin is not None
         try:
-            self._child.stdin.write(content)
+            return self._child.stdin.write(content) or 0
         except BrokenPipeError:
             raise self._crashed() from None
 

@@ -91,6 +91,11 @@ class ControllerRows:
             rotors = np.broadcast_to(self.schedule.hold[held[0] if len(held) else -1], (len(law.over), self.count))
             self.vehicle.begin(rotors / law.over[:, None])
 
+    @property
+    def batch(self) -> ControllerBatch | None:
+        """The controllers of a run beside vehicles of others."""
+        return self._batch
+
     def show(self) -> np.ndarray:
         """What the emulated vehicles do (e, b), as the last sample left it; NaN of a row that emulates nothing."""
         return np.stack([one.shown() for one in self._each], axis=1) if self._each else np.zeros((0, self.count))

@@ -2,8 +2,12 @@
  *
  * The bed's functions are CasADi's C of the equations, the controller is the step of the exported C sources: both are
  * called through pointers, so this file is compiled once. A row is stepped through a whole span of samples before the
- * next one. Arrays of the caller have strides in elements, so that what all rows share is stored once. */
+ * next one. Arrays of the caller have strides in elements, so that what all rows share is stored once.
+ *
+ * A vehicle of others, an FMU of FMI 2.0, stands beside the controller of each row, or behind the specimen of each row
+ * (modelling/running/vehicles.py). Its functions are called through pointers, too, so all of this runs in its process. */
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 typedef int (*function)(const double **, double **, long long *, double *, int);
@@ -14,6 +18,32 @@ typedef struct {
     const double *at;
     long long sample, place, row; /* strides */
 } shared;
+
+typedef int (*setting)(void *, const unsigned *, size_t, const double *);
+typedef int (*going_on)(void *, double, double, int);
+typedef int (*getting)(void *, const unsigned *, size_t, double *);
+
+typedef struct {
+    setting set;
+    going_on go_on;
+    getting get;
+    void *const *instance;          /* (b) */
+    const unsigned *input, *output; /* (k + own), (k): references of the FMU */
+    long long rows, cuts, own, steps, late, waits, behind; /* behind a specimen: 1, beside a controller: 0 */
+    double inertia;                 /* kg*m^2 that a specimen's end has as it is turned */
+    double *time;                   /* (b): s of the FMU */
+    double *given;                  /* (k + own) */
+    double *speed, *before, *momentum; /* (b, k): rad/s now and a step before, N*m*s since the last step */
+    double *waiting;                /* (b, waits, k): speeds that are not read yet */
+    long long *due;                 /* (b, waits): sample in which each is read, -1 of none */
+    long long *stepped;             /* (b): samples */
+    const long long *own_from;      /* (own): known torque beside a controller, drive behind a specimen */
+    const long long *driven, *speed_state, *angle_state, *pushed; /* (k): drives, states; drive, -1 of none */
+    const double *driven_trim;      /* (b, k) */
+    double *asked;                  /* (b, k): N*m with which the ends are turned */
+    long long *progress;            /* (1): samples of all rows, for those who wait */
+    long long *wrong;               /* (2): row whose FMU failed, -1 without, and 1: its answer, 2: not finite */
+} vehicles;
 
 typedef struct {
     function sample, reading;
@@ -47,6 +77,7 @@ typedef struct {
     double *work;                         /* of the functions, then buffers */
     long long *integers;
     long long work_size;
+    const vehicles *vehicle; /* 0: none */
 } rows;
 
 #define EMULATION 2
@@ -91,15 +122,162 @@ static void sense(const rows *r, long long b, long long n, long long first, cons
     }
 }
 
+/* One step of the FMU of a row; 0 where it goes well. */
+static int step_vehicle(const vehicles *v, long long b, double span, double *speed)
+{
+    void *c = v->instance[b];
+    int answer = v->set(c, v->input, (size_t)(v->cuts + v->own), v->given);
+    if (answer <= 1) {
+        answer = v->go_on(c, v->time[b], span, 1);
+    }
+    if (answer <= 1) {
+        answer = v->get(c, v->output, (size_t)v->cuts, speed);
+    }
+    v->time[b] += span;
+    if (answer > 1) {
+        v->wrong[0] = b;
+        v->wrong[1] = 1;
+        return 1;
+    }
+    for (long long j = 0; j < v->cuts; j++) {
+        if (!isfinite(speed[j])) {
+            v->wrong[0] = b;
+            v->wrong[1] = 2;
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* One step of all FMUs with inputs (b, k + own); speeds (b, k). */
+int step_vehicles(const vehicles *v, double span, const double *given, double *speed)
+{
+    for (long long b = 0; b < v->rows; b++) {
+        memcpy(v->given, given + b * (v->cuts + v->own), (size_t)(v->cuts + v->own) * sizeof(double));
+        if (step_vehicle(v, b, span, speed + b * v->cuts) && v->wrong[1] == 1) {
+            return 1;
+        }
+        v->progress[0]++;
+    }
+    return 0;
+}
+
+/* Bring all FMUs to speeds `wanted` (b, k) by PI torques at their cuts; `now` and `kept` (b, k) are speeds and integrals.
+ * Ends where all have been near for a time, or after the longest time, or where one is not finite (1: an FMU failed). */
+int run_in_vehicles(const vehicles *v, double step, const double *wanted, const double *proportional,
+                    const double *integral, const double *largest, double within, double settled, double longest,
+                    double *now, double *kept)
+{
+    const long long k = v->cuts;
+    double near = 0.0, time = 0.0;
+    while (near < settled && time <= longest) {
+        double farthest = 0.0;
+        for (long long b = 0; b < v->rows; b++) {
+            for (long long j = 0; j < k; j++) {
+                const double slower = wanted[b * k + j] - now[b * k + j];
+                const double torque = proportional[j] * slower + kept[b * k + j];
+                const double most = largest[j];
+                v->given[j] = (torque > most) ? most : (torque < -most) ? -most : torque;
+                if (fabs(torque) <= most) {
+                    kept[b * k + j] += integral[j] * step * slower;
+                }
+            }
+            memset(v->given + k, 0, (size_t)v->own * sizeof(double));
+            if (step_vehicle(v, b, step, now + b * k)) {
+                return v->wrong[1] == 1;
+            }
+            for (long long j = 0; j < k; j++) {
+                const double off = fabs(wanted[b * k + j] - now[b * k + j]);
+                farthest = (off > farthest) ? off : farthest;
+            }
+        }
+        time += step;
+        near = (farthest < within) ? near + step : 0.0;
+        v->progress[0]++;
+    }
+    return 0;
+}
+
+/* Speeds that a controller reads in this sample, into `in`. */
+static void read_vehicle(const vehicles *v, long long b, double *in)
+{
+    const long long k = v->cuts;
+    for (long long i = 0; i < v->waits; i++) {
+        const long long at = b * v->waits + i;
+        if (v->due[at] >= 0 && v->due[at] <= v->stepped[b]) {
+            memcpy(v->speed + b * k, v->waiting + at * k, (size_t)k * sizeof(double));
+            v->due[at] = -1;
+        }
+    }
+    memcpy(in, v->speed + b * k, (size_t)k * sizeof(double));
+}
+
+/* The vehicle beside a controller goes on by a sample under the torques at its cuts and what is known. */
+static int beside(const vehicles *v, long long b, double span, const double *cut_torque, const double *known)
+{
+    if (v->stepped[b] % v->steps == 0) {
+        long long at = b * v->waits;
+        while (v->due[at] >= 0) {
+            at++; /* there is always a free one: as many as steps can be late */
+        }
+        memcpy(v->given, cut_torque, (size_t)v->cuts * sizeof(double));
+        for (long long i = 0; i < v->own; i++) {
+            v->given[v->cuts + i] = known[v->own_from[i]];
+        }
+        if (step_vehicle(v, b, (double)v->steps * span, v->waiting + at * v->cuts)) {
+            return 1;
+        }
+        v->due[at] = v->stepped[b] + 1 + v->late;
+    }
+    v->stepped[b]++;
+    return 0;
+}
+
+/* The vehicle behind a specimen after a sample; x is that of the specimen, later its torques at the next sample. */
+static int behind(const vehicles *v, long long b, double span, double *x, const double *begun, const double *later)
+{
+    const long long k = v->cuts;
+    const double all = (double)v->steps * span;
+    double *now = v->speed + b * k, *before = v->before + b * k, *momentum = v->momentum + b * k;
+    for (long long j = 0; j < k; j++) {
+        momentum[j] += v->inertia * (x[v->speed_state[j]] - begun[j]) - v->asked[b * k + j] * span;
+    }
+    v->stepped[b]++;
+    if (v->stepped[b] % v->steps) {
+        return 0;
+    }
+    for (long long j = 0; j < k; j++) {
+        v->given[j] = momentum[j] / all + ((v->pushed[j] < 0) ? 0.0 : later[v->pushed[j]]);
+        momentum[j] = 0.0;
+    }
+    for (long long i = 0; i < v->own; i++) {
+        v->given[k + i] = later[v->own_from[i]];
+    }
+    double *after = v->waiting + b * v->waits * k;
+    if (step_vehicle(v, b, all, after)) {
+        return 1;
+    }
+    for (long long j = 0; j < k; j++) {
+        const double expected = now[j] + (now[j] - before[j]);
+        x[v->angle_state[j]] += all / 2 * (after[j] - expected);
+        x[v->speed_state[j]] = after[j];
+        before[j] = now[j];
+        now[j] = after[j];
+    }
+    return 0;
+}
+
 /* samples first to end of every row; begin: the first of all; total: the last sample has no torques after it */
 int run_rows(const rows *r, long long first, long long end, long long total)
 {
     const long long k = r->dynamometers, d = r->drives, width = r->physical + k * r->longest;
-    const long long in_size = r->law_sensors + r->known + 2 * k;
+    const vehicles *v = r->vehicle;
+    const long long cuts = v ? v->cuts : 0, others = v && v->behind ? v->own + cuts : 0;
+    const long long in_size = r->law_sensors + r->known + 2 * k + cuts;
     double *buffer = r->work + r->work_size;
     double *torque = buffer, *exact = torque + d, *at_sensor = exact + r->read, *read = at_sensor + r->sensors;
-    double *in = read + r->sensors, *command = in + in_size, *acting = command + k;
-    double *next = acting + (k + d) * r->pieces;
+    double *in = read + r->sensors, *command = in + in_size, *acting = command + k + cuts;
+    double *next = acting + (k + d) * r->pieces, *begun = next + r->physical, *behind_at = begun + cuts;
     for (long long b = 0; b < r->rows; b++) {
         double *x = r->state + b * width;
         const double *p = r->parameter + b * r->parameters;
@@ -107,6 +285,9 @@ int run_rows(const rows *r, long long first, long long end, long long total)
             const long long after = (n + 1 < total) ? n + 1 : n;
             for (long long i = 0; i < d; i++) {
                 torque[i] = r->drive.at[n * r->drive.sample + i * r->drive.place + b * r->drive.row];
+            }
+            for (long long j = 0; v && v->behind && j < cuts; j++) {
+                torque[v->driven[j]] = (n > 0) ? v->asked[b * cuts + j] - v->driven_trim[b * cuts + j] : 0.0;
             }
             const double *of_reading[ARGUMENTS] = {x, torque, p};
             double *to_reading[ARGUMENTS] = {exact};
@@ -141,6 +322,9 @@ int run_rows(const rows *r, long long first, long long end, long long total)
                     in[r->law_sensors + r->known + k + j] =
                         r->added.at[n * r->added.sample + j * r->added.place + b * r->added.row];
                 }
+                if (v) {
+                    read_vehicle(v, b, in + in_size - cuts);
+                }
                 if (kept_now && r->shown && r->state_of[2 * b] == EMULATION) {
                     r->shown(r->controllers + b * r->controller_bytes, r->emulated + (slot * r->rows + b) * r->emulated_size);
                 }
@@ -149,6 +333,10 @@ int run_rows(const rows *r, long long first, long long end, long long total)
                 if (r->mode[n] == EMULATION && r->fault_at[b] < 0 && r->state_of[2 * b + 1] != 0) {
                     r->fault_at[b] = n;
                     r->fault[b] = r->state_of[2 * b + 1];
+                }
+                /* while the speeds are held the vehicle waits at them */
+                if (v && r->mode[n] == EMULATION && beside(v, b, r->span, command + k, in + r->law_sensors)) {
+                    return 1;
                 }
             }
             if (kept_now) {
@@ -162,6 +350,12 @@ int run_rows(const rows *r, long long first, long long end, long long total)
             }
             for (long long j = 0; j < k && r->longest > 0; j++) {
                 ring[j] = command[j] - r->trim[b * k + j];
+            }
+            for (long long j = 0; v && v->behind && j < cuts; j++) {
+                const long long at = b * cuts + j;
+                v->asked[at] = v->inertia * (v->speed[at] - v->before[at]) / ((double)v->steps * r->span);
+                torque[v->driven[j]] = v->asked[at] - v->driven_trim[at];
+                begun[j] = x[v->speed_state[j]];
             }
             for (long long m = 0; m < r->pieces; m++) {
                 double *now = acting + m * (k + d);
@@ -177,6 +371,9 @@ int run_rows(const rows *r, long long first, long long end, long long total)
                     const double later = r->drive.at[after * r->drive.sample + i * r->drive.place + b * r->drive.row];
                     now[k + i] = torque[i] + (later - torque[i]) * r->middle[m];
                 }
+                for (long long j = 0; v && v->behind && j < cuts; j++) {
+                    now[k + v->driven[j]] = torque[v->driven[j]];
+                }
             }
             const double *of_sample[ARGUMENTS] = {x, acting, p};
             double *to_sample[ARGUMENTS] = {next};
@@ -189,6 +386,15 @@ int run_rows(const rows *r, long long first, long long end, long long total)
             }
             if (size > 0.0) {
                 r->lost_at[b] = n + 1;
+            }
+            if (v) {
+                for (long long i = 0; i < others; i++) {
+                    behind_at[d + i] = r->drive.at[after * r->drive.sample + (d + i) * r->drive.place + b * r->drive.row];
+                }
+                if (v->behind && r->lost_at[b] < 0 && behind(v, b, r->span, x, begun, behind_at)) {
+                    return 1;
+                }
+                v->progress[0]++;
             }
         }
     }

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from ctypes import c_double, c_longlong, c_void_p
+from ctypes import c_void_p
 from dataclasses import dataclass, field
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,14 +13,16 @@ import numpy as np
 from modelling.controller.batch import ControllerBatch
 from modelling.errors import InputError, unknown
 from modelling.running.beds import BedRows
+from modelling.running.compiled_loop import CompiledVehicle, compiled_loop
 from modelling.running.controllers import ControllerRows
 from modelling.running.plant import Controller, Plant
+from modelling.running.rows import RowsRun, numbers_of, shared, vehicles_given
+from modelling.running.vehicles import SpecimenAndVehicle
 from modelling.simulation.compiled import GENERATED, compiler, generated, library_of
 from modelling.simulation.stepping import SimulationError
 
 TOO_LARGE = 1e9  # a state beyond this has left every bed
 SAMPLES_AT_ONCE = 4000  # of noise that is drawn before they are run (memory only)
-OPTIMISATION = "-O2 -ffp-contract=off"  # as NumPy rounds
 
 
 @dataclass(frozen=True)
@@ -135,19 +135,32 @@ def run(
     told_names = () if controller is None else controller.known
     told = _stacked({name: each for name, each in (known or {}).items() if name in told_names}, told_names, count,
                     plant.count, "known")  # fmt: skip
-    if (
-        isinstance(plant, BedRows)
-        and not plant.held
-        and (controller is None or (type(controller) is ControllerRows and controller.vehicle is None))
-    ):
+    behind = plant if isinstance(plant, SpecimenAndVehicle) and controller is None else None
+    if behind is not None and isinstance(behind.vehicle, CompiledVehicle) and behind.vehicle.in_c and not states:
+        loop = compiled_loop()
+        assert loop is not None
+        names = behind.sensors if keep is None else tuple(keep)
+        done = _Compiled(behind.specimen, None, drive, told, count, names, every, states, loop, behind).motion()
+        if done is not None:
+            return done
+    if isinstance(plant, BedRows) and not plant.held and (controller is None or _in_c(controller)):
         names = tuple(plant.beds.model.sensors) if keep is None else tuple(keep)
-        if compiler() and (loop := _compiled_loop()) is not None:
+        if compiler() and (loop := compiled_loop()) is not None:
+            assert controller is None or isinstance(controller, ControllerRows)
             done = _Compiled(plant, controller, drive, told, count, names, every, states, loop).motion()
             if done is not None:
                 return done
         return _interpreted(plant, controller, drive, told, count, span, names, every, states)
     return _interpreted(plant, controller, drive, told, count, span, plant.sensors if keep is None else tuple(keep),
                         every, states)  # fmt: skip
+
+
+def _in_c(controller: Controller) -> bool:
+    """Whether a controller runs in C: one of the product, alone or beside vehicles that C steps, too."""
+    if type(controller) is not ControllerRows:
+        return False
+    beside = controller.vehicle
+    return beside is None or (isinstance(beside.vehicle, CompiledVehicle) and beside.vehicle.in_c)
 
 
 def grown(seconds: float) -> SimulationError:
@@ -246,74 +259,38 @@ def _interpreted(
 # --- In C: the bed's functions, the controller's step and the loop, each compiled once.
 
 
-@cache
-def _compiled_loop() -> ctypes.CDLL | None:
-    source = Path(__file__).with_name("rows.c").read_text(encoding="utf-8")
-    return library_of(source, OPTIMISATION, ["run_rows"])
-
-
-def _functions_of(plant: BedRows) -> Any:
-    """Pointers of the bed's two functions; None where they cannot be compiled."""
-    beds = plant.beds
-    found = []
-    for function in beds.functions:
+def _functions_of(plant: BedRows) -> dict[str, tuple[ctypes.CDLL, str]] | None:
+    """Libraries of the bed's two functions, and their names there; None where they cannot be compiled."""
+    found = {}
+    for name, function in zip(("sample", "reading"), plant.beds.functions, strict=True):
         library = library_of(generated(function), GENERATED, [function.name()])
         if library is None:
             return None
-        found.append(ctypes.cast(getattr(library, function.name()), c_void_p))
+        found[name] = library, function.name()
     return found
 
 
-class _Shared(ctypes.Structure):
-    _fields_ = [("at", c_void_p), *((name, c_longlong) for name in ("sample", "place", "row"))]
-
-
-_SIZES = (
-    "rows", "physical", "read", "drives", "dynamometers", "pieces", "longest", "parameters", "sensors", "kept",
-    "law_sensors", "known", "every", "controller_bytes", "emulated_size",
-)  # fmt: skip
-
-
-class _Rows(ctypes.Structure):
-    """``rows`` of ``rows.c``, field by field."""
-
-    _fields_ = [
-        *((name, c_void_p) for name in ("sample", "reading", "step", "shown")),
-        *((name, c_longlong) for name in _SIZES),
-        ("span", c_double), ("largest", c_double),
-        *((name, c_void_p) for name in ("state", "parameter", "arriving")),
-        *((name, _Shared) for name in ("drive", "known_torque", "hold", "added")),
-        *((name, c_void_p) for name in (
-            "mode", "trigger", "middle", "sensor", "lagged", "keep", "law", "trim", "gain", "zero", "drift", "count",
-            "out_from", "out_until", "angle", "last", "rest", "noise",
-        )),
-        ("drift_from", c_longlong), ("drift_samples", c_longlong), ("noise_from", c_longlong),
-        *((name, c_void_p) for name in (
-            "controllers", "state_of", "fault", "fault_at", "lost_at", "readings", "commands", "states", "emulated",
-            "work",
-            "integers",
-        )),
-        ("work_size", c_longlong),
-    ]  # fmt: skip
-
-
 class _Compiled:
-    """A run in C: the structure of ``rows.c``, and the arrays that it points to."""
+    """A run in C: what ``rows.c`` needs of a plant and its controller."""
 
     def __init__(
         self, plant: BedRows, controller: ControllerRows | None, drive: np.ndarray, told: np.ndarray, count: int,
-        keep: Sequence[str], every: int, states: bool, loop: ctypes.CDLL,
+        keep: Sequence[str], every: int, states: bool, loop: ctypes.CDLL, behind: SpecimenAndVehicle | None = None,
     ):  # fmt: skip
         self.plant, self.controller, self.count, self.loop = plant, controller, count, loop
-        self.keep, self.every = tuple(keep), every
-        self._kept: list[np.ndarray] = []
+        self.keep, self.every, self.behind = tuple(keep), every, behind
         self.drive, self.told, self.with_states = drive, told, states
 
     def motion(self) -> Motion | None:
         """Run it; None where something could not be compiled."""
-        plant, beds, controller = self.plant, self.plant.beds, self.controller
+        plant, beds, controller, behind = self.plant, self.plant.beds, self.controller, self.behind
         functions = _functions_of(plant)
-        batch = None if controller is None else ControllerBatch(controller.controller, plant.count)
+        if controller is not None:
+            controller.begin()
+        beside = None if controller is None else controller.vehicle
+        batch = None
+        if controller is not None:
+            batch = controller.batch or ControllerBatch(controller.controller, plant.count)
         if functions is None or (batch is not None and batch.row_step is None):
             return None
         b, k, count, sensors = plant.count, beds.dynamometers, self.count, list(beds.model.sensors)
@@ -325,86 +302,95 @@ class _Compiled:
         errors, sensing = plant.errors, plant.sensing
         shown = () if controller is None else controller.shown
         law = np.array([] if controller is None else [plant.sensors.index(name) for name in controller.sensors])
-        r = _Rows()
-        r.sample, r.reading = functions
-        r.step = None if batch is None else ctypes.cast(batch.row_step, c_void_p)
-        r.shown = ctypes.cast(batch.row_shown, c_void_p) if batch is not None and shown else None
+        if batch is not None:
+            assert batch.library is not None
+            functions |= {"step": (batch.library, "row_step")}
+            functions |= {"shown": (batch.library, "row_shown")} if shown else {}
         sizes = (
             b, beds.physical, len(sensors), len(beds.drives), k, beds.pieces, beds.longest, beds.parameters.shape[1],
             len(plant.sensors), len(self.keep), len(law), self.told.shape[1], self.every,
             0 if batch is None else batch.bytes_each, len(shown),
         )  # fmt: skip
-        for name, size in zip(_SIZES, sizes, strict=True):
-            setattr(r, name, size)
-        r.span, r.largest = plant.sample_time, TOO_LARGE
-        r.drift_from, r.drift_samples, r.noise_from = errors.drift_from, errors.drift_samples, errors.noise_from
         state = np.array(beds.start.T, order="C", copy=True)  # C writes to it
-        readings, commands = np.full((kept, b, len(self.keep)), np.nan), np.full((kept, b, k), np.nan)
-        emulated = np.full((kept, b, len(shown)), np.nan)
-        motion = np.full((kept, b, beds.physical), np.nan) if self.with_states else None
-        fault, fault_at, lost_at = np.zeros(b, np.int32), np.full(b, -1, np.int64), np.full(b, -1, np.int64)
         sizes_of_work = [(f.sz_w(), f.sz_iw(), max(f.sz_arg(), f.sz_res())) for f in beds.functions]
         work_size = max(each[0] for each in sizes_of_work) + 1
         if max(each[2] for each in sizes_of_work) > 64:  # ARGUMENTS of rows.c
             return None
         buffers = len(beds.drives) + len(sensors) + 2 * len(plant.sensors) + len(law) + self.told.shape[1] + 3 * k
         buffers += (k + len(beds.drives)) * beds.pieces + beds.physical + 8
-        r.work_size = work_size
+        foreign = None if beside is None else beside.vehicle
+        given: dict[str, Any] | None = None
+        if behind is not None:
+            behind.begin(np.broadcast_to(self.drive[0], (self.drive.shape[1], b)))
+            foreign, given = behind.vehicle, behind.given()
+            state[:] = behind.specimen.x.T
+        elif beside is not None and controller is not None:
+            timing = beside.timing
+            own = [controller.known.index(name) for name in beside.vehicle.own]
+            given = vehicles_given(beside.speeds.T, timing.steps, timing.late, own)
+        if foreign is not None:
+            buffers += 4 * len(foreign.cuts) + self.drive.shape[1]
+        numbers = numbers_of(sizes) | {
+            "span": plant.sample_time, "largest": TOO_LARGE, "drift_from": errors.drift_from,
+            "drift_samples": errors.drift_samples, "noise_from": errors.noise_from, "work_size": work_size,
+        }  # fmt: skip
+        made = {
+            "readings": np.full((kept, b, len(self.keep)), np.nan), "commands": np.full((kept, b, k), np.nan),
+            "emulated": np.full((kept, b, len(shown)), np.nan), "fault": np.zeros(b, np.int32),
+            "fault_at": np.full(b, -1, np.int64), "lost_at": np.full(b, -1, np.int64),
+        }  # fmt: skip
+        if self.with_states:
+            made["states"] = np.full((kept, b, beds.physical), np.nan)
         reals = {
             "state": state, "parameter": beds.parameters, "arriving": beds.arriving, "middle": beds.middles,
             "trim": beds.trim.T, "gain": errors.gain, "zero": errors.zero, "drift": errors.drift,
             "count": errors.count, "angle": sensing.angle, "last": sensing.last, "rest": sensing.rest,
-            "readings": readings, "commands": commands, "emulated": emulated, "work": np.zeros(work_size + buffers),
+            "work": np.zeros(work_size + buffers),
         }  # fmt: skip
-        for name, array in reals.items():
-            self._point(r, name, array, float)
-        if motion is not None:
-            self._point(r, "states", motion, float)
         whole = {
             "sensor": np.array(plant.at), "lagged": plant.lagged, "law": law,
             "keep": np.array([sensors.index(name) for name in self.keep]), "out_from": errors.out[0],
-            "out_until": errors.out[1], "fault_at": fault_at, "lost_at": lost_at,
-            "integers": np.zeros(max(each[1] for each in sizes_of_work) + 1),
+            "out_until": errors.out[1], "integers": np.zeros(max(each[1] for each in sizes_of_work) + 1),
         }  # fmt: skip
-        for name, array in whole.items():
-            self._point(r, name, array, np.int64)
-        self._point(r, "fault", fault, np.int32)
-        self._share(r, "drive", self.drive)
+        arrays = made | {name: np.ascontiguousarray(array, dtype=float) for name, array in reals.items()}
+        arrays |= {name: np.ascontiguousarray(array, dtype=np.int64) for name, array in whole.items()}
+        shares = {"drive": self._drive()}
         if batch is not None and controller is not None:
             asked = controller.schedule.lasting(count)
-            self._point(r, "mode", asked.mode, np.int32)
-            self._point(r, "trigger", asked.trigger, np.int32)
-            self._share(r, "known_torque", self.told)
-            self._share(r, "hold", asked.hold)
-            self._share(r, "added", asked.added)
-            self._point(r, "controllers", batch.memory, np.uint8)
-            self._point(r, "state_of", np.zeros((b, 2)), np.int32)
+            arrays |= {name: np.ascontiguousarray(getattr(asked, name), np.int32) for name in ("mode", "trigger")}
+            arrays |= {"controllers": batch.memory, "state_of": np.zeros((b, 2), np.int32)}
+            shares |= {"known_torque": self.told, "hold": asked.hold, "added": asked.added}
+        shares = {name: shared(array) for name, array in shares.items()}
         noisy = controller is not None and errors.noisy
-        for first in range(0, count, SAMPLES_AT_ONCE if noisy else count):
-            end = min(first + SAMPLES_AT_ONCE, count) if noisy else count
-            noise = sensing.drawn(end - first) if noisy else None
-            r.noise = None if noise is None else noise.ctypes.data
-            self.loop.run_rows(ctypes.byref(r), c_longlong(first), c_longlong(end), c_longlong(count))
-            del noise
+        ends = range(0, count, SAMPLES_AT_ONCE if noisy else count)
+        chunks = (
+            (first, min(first + SAMPLES_AT_ONCE, count) if noisy else count,
+             sensing.drawn(min(first + SAMPLES_AT_ONCE, count) - first) if noisy else None)
+            for first in ends
+        )  # fmt: skip
+        if isinstance(foreign, CompiledVehicle):
+            assert given is not None
+            made = foreign.run_rows(functions, numbers, arrays, shares, given, chunks, count)
+        else:
+            addresses = {
+                name: ctypes.cast(getattr(library, function), c_void_p).value or 0
+                for name, (library, function) in functions.items()
+            }
+            here = RowsRun(self.loop, addresses, numbers, arrays, shares)
+            for first, end, noise in chunks:
+                here.go_on(first, end, count, noise)
         if controller is not None:
-            controller.fault, controller.fault_at = fault, fault_at
+            controller.fault[:], controller.fault_at[:] = made["fault"], made["fault_at"]
+        motion = made.get("states")
         return Motion(
             np.arange(kept) * (self.every * plant.sample_time), self.keep, plant.commands,
-            readings.transpose(0, 2, 1), commands.transpose(0, 2, 1), lost_at >= 0, fault, fault_at,
-            None if motion is None else motion.transpose(0, 2, 1),
-            emulated={name: emulated[:, :, i] for i, name in enumerate(shown)},
+            made["readings"].transpose(0, 2, 1), made["commands"].transpose(0, 2, 1), made["lost_at"] >= 0,
+            made["fault"], made["fault_at"], None if motion is None else motion.transpose(0, 2, 1),
+            emulated={name: made["emulated"][:, :, i] for i, name in enumerate(shown)},
         )  # fmt: skip
 
-    def _point(self, r: _Rows, name: str, array: np.ndarray, kind: type) -> None:
-        """Point to an array, which is kept; one that C writes to is contiguous and of its kind, so no copy."""
-        given: np.ndarray = np.ascontiguousarray(array, dtype=kind)
-        self._kept.append(given)
-        setattr(r, name, given.ctypes.data)
-
-    def _share(self, r: _Rows, name: str, array: np.ndarray) -> None:
-        """Point to an array (t, n, b), or (t, n, 1) for all rows, without copying what is broadcast."""
-        given = np.asarray(array, dtype=float)
-        steps = [0 if size == 1 and axis else stride // 8 for axis, (size, stride) in
-                 enumerate(zip(given.shape, given.strides, strict=True))]  # fmt: skip
-        self._kept.append(given)
-        setattr(r, name, _Shared(given.ctypes.data, *steps))
+    def _drive(self) -> np.ndarray:
+        """Torques (t, d, b) of the specimen's drives, then those of the vehicle behind it; as they are of a bed."""
+        if self.behind is None:
+            return self.drive
+        return self.behind.drives(self.drive)

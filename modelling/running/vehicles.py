@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from modelling.bed.stepped import SteppedVehicle
 from modelling.bed.vehicle import TURNING_INERTIA, turning_input
 from modelling.running.beds import BedRows
 from modelling.running.plant import Vehicle
+from modelling.running.rows import vehicles_given
 
 
 class TimedVehicle:
@@ -73,7 +75,7 @@ class ModelVehicle:
     def step(self, torque: np.ndarray, own: np.ndarray, span: float) -> np.ndarray:
         """See :class:`modelling.running.plant.Vehicle`; ``span`` is a whole number of samples."""
         for _ in range(max(round(span / self._vehicle.sample_time), 1)):
-            self._x = self._vehicle.step(self._x, torque[:, 0], own[:, 0], self._vehicle.as_planned)
+            self._x = self._vehicle.drive(self._x, torque.T[:1], own.T[:1], self._vehicle.as_planned)[-1]
         return (self._vehicle.wheel @ self._x)[:, None]
 
 
@@ -123,6 +125,26 @@ class SpecimenAndVehicle:
         self._before = self._now = speeds
         self._momentum, self._at = np.zeros_like(speeds), 0
         self.specimen.x[self._speed] = speeds
+
+    def given(self) -> dict[str, Any]:
+        """What C needs to step it, as it has begun."""
+        others, r = len(self._other), len(self.vehicle.own)
+        drives, pushes = len(self.specimen.inputs), len(self.inputs) - others - r
+        pushed = [drives + r + j if pushes else -1 for j in range(len(self._driven))]
+        return vehicles_given(
+            self._now.T, self._steps, 0, [drives + i for i in range(r)],
+            {
+                "driven": np.array(self._driven), "speed_state": np.array(self._speed),
+                "angle_state": np.array(self._angle), "pushed": np.array(pushed), "driven_trim": self._trim.T,
+            }, TURNING_INERTIA,
+        )  # fmt: skip
+
+    def drives(self, torques: np.ndarray) -> np.ndarray:
+        """Torques (t, n, b) of its inputs as C has them: those of the specimen's inputs, then the vehicle's."""
+        others, drives = len(self._other), len(self.specimen.inputs)
+        made = np.zeros((len(torques), drives + torques.shape[1] - others, torques.shape[2]))
+        made[:, self._other], made[:, drives:] = torques[:, :others], torques[:, others:]
+        return made
 
     def readings(self) -> np.ndarray:
         """See :class:`modelling.running.plant.Plant`."""

@@ -295,7 +295,8 @@ class Stepping:
 
 def is_rough(model: Model) -> bool:
     """Whether a torque of the model, or its derivative, may jump."""
-    return any(effect.law.abrupt or effect.law.sticks for effect in model.system.effects)
+    dogs = any(box.engages_below is not None for box in model.system.gearboxes)
+    return dogs or any(effect.law.abrupt or effect.law.sticks for effect in model.system.effects)
 
 
 def difference(coarse: Trajectories, fine: Trajectories, rough: bool) -> np.ndarray:
@@ -564,6 +565,9 @@ def run_to_tolerance(
         if finer.count(time) > most and np.isfinite(error).all():
             break
         fine = problem.run(finer, compiled, errors=True)
+        while (fine.failed[:, 0] >= 0).any() and CALMER * finer.count(time) <= most:
+            finer = finer.finer(CALMER)  # only some samples were divided, and one of the others is too coarse now
+            fine = problem.run(finer, compiled, errors=True)
         raise_if_failed(fine.failed, time, model.states)
         left = local_errors(fine, model.n, rough)
         before, after = float(local.sum()), float(left.sum())

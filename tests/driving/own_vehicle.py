@@ -11,7 +11,8 @@ INPUTS, OUTPUTS = ("drive_l", "drive_r", "brake_l", "brake_r", "wrong"), ("spin_
 
 
 def own_fmu(folder: Path, name: str = "car", only_once: bool = False, without_binary: bool = False, **defines) -> Path:
-    """Write ``NAME.fmu``; ``defines`` change the car: ``BODY`` and ``SLIP`` of each side, ``MASSLESS`` wheels."""
+    """Write ``NAME.fmu``; ``defines`` change the car: ``BODY`` and ``SLIP`` of each side, ``MASSLESS`` wheels,
+    ``CRASHES`` after so many seconds."""
     folder.mkdir(parents=True, exist_ok=True)
     library = folder / f"{name}.so"
     command = [compiler(), "-O2", "-shared", "-fPIC", *(f"-D{key}={value}" for key, value in defines.items())]

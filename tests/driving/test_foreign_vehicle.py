@@ -12,12 +12,9 @@ from driving.test_stepped import EMULATION, HOLD, driven
 from fmu.slave import slave
 from needs import compiles
 
-from matching.bed.commission import _case_at
-from matching.bed.proof import plan_proof
-from matching.bed.verify import judge
-from matching.match.case_file import case_files, case_from_tables, case_text, load_case
+from matching.match.case_file import case_from_tables, case_text, load_case
 from matching.match.exported import exported_controller
-from matching.match.imperfections import Imperfection, vehicle_rows
+from matching.match.imperfections import BedRun, Imperfection, bed_motions, vehicle_motions, vehicle_rows
 from matching.match.operating_range import at_speed
 from matching.match.vehicle_check import check_vehicle
 from modelling.bed.foreign_vehicle import RunIn, VehicleTiming, foreign_vehicle_law, run_in_gains
@@ -388,11 +385,64 @@ def test_a_wheel_without_inertia_is_refused(tmp_path):
         check_vehicle(_case(tmp_path, torques={"left": "drive_r", "right": "drive_l"}))
 
 
-def test_what_knows_the_design_vehicle_alone_refuses(tmp_path):
-    """A proof, its verdict, commissioning and learning would take the design vehicle for the one that is emulated."""
-    case = _case(tmp_path)
-    for name, text in case_files(case).items():
-        (tmp_path / name).write_text(text)
-    for what in (lambda: plan_proof(case, 10.0), lambda: judge(case, None), lambda: _case_at(tmp_path / "case.toml")):
-        with pytest.raises(InputError, match="knows the design vehicle alone"):
-            what()
+# --- Whole beds in the FMU's process, in C: the same as sample by sample from here.
+
+
+def _runs(case, count=2, samples=1500, **torques):
+    time = np.arange(samples) * 1e-3
+    acting = {"motor_torque": 100 * np.clip((time - 0.2) / 0.05, 0, 1), **torques}
+    return [BedRun(Imperfection("", poor_sensors=number == 0), acting, case.loop.measured) for number in range(count)]
+
+
+@compiles
+@by_fmpy
+@pytest.mark.long
+@pytest.mark.parametrize("timing", [{"step": "5 ms", "late": 3}, {}, {"late": 2}])
+def test_in_c_and_from_here_are_the_same(tmp_path, monkeypatch, timing):
+    own_fmu(tmp_path)
+    case = _case(tmp_path, **timing)
+    at, controller = at_speed(case, 30 / 3.6), exported_controller(case)
+    runs = _runs(case, brake_left=200.0 * (np.arange(1500) > 900))
+    sensors = ["motor_speed", "side_left_torque", "side_right_torque"]
+    found = []
+    for in_c in (True, False):
+        monkeypatch.setattr(FmuVehicle, "in_c", in_c)
+        called, step = [], FmuVehicle.step
+        monkeypatch.setattr(
+            FmuVehicle, "step", lambda *given, step=step, called=called: called.append(1) or step(*given)
+        )
+        beds = bed_motions(at, controller, runs, sensors)
+        every = [*vehicle_motions(at, runs, sensors), *(one.readings for one in beds), *(one.commands for one in beds)]
+        assert bool(called) != in_c
+        monkeypatch.undo()
+        found.append(every)
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-7 * np.ptp(other))
+
+
+@compiles
+@by_fmpy
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (1, "crashed (SIGABRT)"),
+        (3, "not finite after"),
+        pytest.param(4, "answers a step with an error", marks=pytest.mark.long),
+        pytest.param(2, "does not answer within 3 s", marks=pytest.mark.long),
+    ],
+)
+def test_an_fmu_that_fails_in_a_run_is_one_line(tmp_path, wrong, said):
+    """From 0.5 s on; a run that takes longer than an answer may, and goes on, is none that hangs."""
+    own_fmu(tmp_path)
+    case = _case(tmp_path, inputs={"brake_left": "wrong"})
+    count = 40000 if wrong == 2 else 800
+    time = np.arange(count) * 1e-3
+    rows = vehicle_rows(case, [Imperfection("")] * (10 if wrong == 2 else 1))
+    assert rows.vehicle.in_c
+    rows.vehicle._processes[0].settings = FmuSettings(answer_within=3.0)
+    if wrong == 2:
+        assert np.isfinite(run(rows, None, {}, samples=count, keep=["motor_speed"]).readings).all()
+    with pytest.raises(InputError, match=r"car\.fmu") as fault:
+        run(rows, None, {"brake_left": wrong * (time >= 0.5)}, samples=count, keep=["motor_speed"])
+    assert said in str(fault.value)
+    assert "\n" not in str(fault.value)

@@ -65,6 +65,20 @@ def test_what_differs_from_rigid_friction_is_the_give_of_the_clutches():
     assert max(rms.values()) > 0.5
 
 
+def test_clutches_that_slip_fast_and_close_are_simulated():
+    """400 rad/s of slip over a deflection of 0.0005 rad: the first finer steps are too coarse, finer ones are taken."""
+    shift = drawn(np.random.default_rng(885002), 5e-4)
+    time = np.arange(0, 1.5, 1e-3)
+    torques = np.stack([40.0 * (time < 1.2), 300 * np.clip((time - 1.2) / 0.1, 0, 1), 0 * time], axis=1)
+    ours = simulate(
+        from_dict(tomllib.loads(shift.toml)), time, dict(zip(INPUTS, torques.T, strict=True)), start="rest"
+    )  # fmt: skip
+    own = shift.own.simulate(time, torques)
+    assert own["slip_1"].max() > 400
+    for name in READ:
+        assert np.abs(ours[name] - own[name]).max() < 2e-3 * np.ptp(own[name]), name
+
+
 def test_in_a_gear_it_is_a_rigid_gear():
     """Modes of each gear are those of the file with that gear written in place of the gearbox."""
     shift = drawn(np.random.default_rng(7), 0.01)

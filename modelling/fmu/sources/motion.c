@@ -190,10 +190,11 @@ static int keep(Motion *m, double t, double h, const double *x) {
                 m->longest, N_TAKEN);
 }
 
-static int runge_kutta(Motion *m, int steps, double h, double *x) {
+/* steps of h from the time t on */
+static int runge_kutta(Motion *m, double begin, int steps, double h, double *x) {
     double y[N_STATES], k1[N_STATES], k2[N_STATES], k3[N_STATES], k4[N_STATES];
     for (int j = 0; j < steps; j++) {
-        double t = m->value[TIME] + j * h;
+        double t = begin + j * h;
         if (!keep(m, t, h, x)) return 0;
         rates(m, t, 1, x, k1);
         for (int i = 0; i < N_STATES; i++) y[i] = x[i] + h / 2 * k1[i];
@@ -211,8 +212,23 @@ static int runge_kutta(Motion *m, int steps, double h, double *x) {
     for (int i = 0; i < N_STATES; i++)
         if (!isfinite(x[i]))
             return fail(m, "%s: is not finite after %g s; raise simulation.steps_per_second or check the parameters",
-                        NAME[STATES + i], m->value[TIME] + steps * h);
+                        NAME[STATES + i], begin + steps * h);
     return 1;
+}
+
+/* steps that clutches need over the next seconds, at least those wanted */
+static double paced(const Motion *m, double t, double seconds, double wanted, const double *x) {
+#if HAS_PACE
+    double u[N_INPUTS + 1], most = 0, *res[N_RES] = {&most}, w[N_W];
+    casadi_int iw[N_IW];
+    look(m, t, 1, u);
+    const double *arg[N_ARG] = {x, u, m->constant, &seconds};
+    pace(arg, res, iw, w, 0);
+    return fmax(wanted, ceil(seconds * most));
+#else
+    (void)m, (void)t, (void)seconds, (void)x;
+    return wanted;
+#endif
 }
 
 /* forget the internal steps of this communication step: the ring is as it was before */
@@ -235,7 +251,14 @@ static int advance(Motion *m, double span) {
     if (HAS_CONTACT && m->contact != span / steps) m->contact = span / steps, m->constants_due = 1;
     renew_constants(m);
     memcpy(x, m->value + STATES, sizeof x);
-    if (!runge_kutta(m, steps, span / steps, x)) return step_back(m), 0;
+    int sections = HAS_PACE ? (int)ceil(span / SECTION - 1e-9) : 1;
+    if (sections < 1) sections = 1;
+    for (int i = 0; i < sections; i++) {
+        double t = m->value[TIME] + i * (span / sections), own = paced(m, t, span / sections, ceil((double)steps / sections), x);
+        if (!(own <= MOST_STEPS))
+            return step_back(m), fail(m, "the clutches would take %.3g internal steps in %g s", own, span / sections);
+        if (!runge_kutta(m, t, (int)own, span / sections / own, x)) return step_back(m), 0;
+    }
     memcpy(m->value + STATES, x, sizeof x);
     for (int i = 0; i < N_INPUTS; i++) m->value[INPUTS + i] += m->slope[i] * span, m->slope[i] = 0;
     m->value[TIME] += span;
