@@ -57,7 +57,9 @@ def run_in_gears(arguments: Arguments) -> dict[str, Any]:
 
 
 def _gear_words(gear: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} in gear {number}" for name, number in gear.items())
+    return ", ".join(
+        f"{name} in gear {number}" if number else f"{name} on its converter" for name, number in gear.items()
+    )
 
 
 def _gear_folder(gear: Mapping[str, int]) -> str:
