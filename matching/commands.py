@@ -305,9 +305,10 @@ def _modes_in_gear(
 
 def _apart(system: System) -> str:
     """A note on a model that falls into parts which no joint connects; empty if it does not."""
-    from modelling.topology import connected_parts, joints
+    from modelling.topology import Joint, connected_parts, joints
 
-    parts = connected_parts([part.name for part in system.inertias], joints(system))
+    converters = [Joint(f"gearboxes.{box.name}", box.between) for box in system.gearboxes]
+    parts = connected_parts([part.name for part in system.inertias], [*joints(system), *converters])
     if len(parts) == 1:
         return ""
     smallest: list[str] = min(parts, key=len)
