@@ -169,13 +169,13 @@ class FmuVehicle:
             process.put(b"n" + struct.pack("qqqq", first, end, total, len(content)) + content)
             failed = process.result()
             if failed is not None:
-                _, not_finite, seconds = failed
+                cut, seconds = failed
                 self.close()
-                if not not_finite:
+                if cut < 0:
                     raise InputError(
                         str(self.path), "answers a step with an error", "run it alone in its own tool first"
                     )
-                raise self._not_finite(seconds, self._speeds[0])
+                raise self._not_finite(seconds, self._speeds[cut])
         process.put(b"f")
         made: dict[str, np.ndarray] = process.result()
         return made
