@@ -253,7 +253,7 @@ def system_of(model: System | File) -> System:
 
 def in_one_gear(system: System) -> System:
     """A drivetrain with its gearboxes in the first gear, and a warning that says so; others as they are."""
-    if not system.gearboxes:
+    if not system.capacities:
         return system
     import warnings
 

@@ -57,7 +57,9 @@ def run_in_gears(arguments: Arguments) -> dict[str, Any]:
 
 
 def _gear_words(gear: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} in gear {number}" for name, number in gear.items())
+    return ", ".join(
+        f"{name} in gear {number}" if number else f"{name} on its converter" for name, number in gear.items()
+    )
 
 
 def _gear_folder(gear: Mapping[str, int]) -> str:
@@ -303,9 +305,10 @@ def _modes_in_gear(
 
 def _apart(system: System) -> str:
     """A note on a model that falls into parts which no joint connects; empty if it does not."""
-    from modelling.topology import connected_parts, joints
+    from modelling.topology import Joint, connected_parts, joints
 
-    parts = connected_parts([part.name for part in system.inertias], joints(system))
+    converters = [Joint(f"gearboxes.{box.name}", box.between) for box in system.gearboxes]
+    parts = connected_parts([part.name for part in system.inertias], [*joints(system), *converters])
     if len(parts) == 1:
         return ""
     smallest: list[str] = min(parts, key=len)

@@ -39,6 +39,8 @@ MODEL_TABLES = {
         "capacities": "by gear: the input that is the torque its clutch can carry, N·m at the first inertia",
         "deflection": "by which a clutch gives way before it slips under its whole torque, angle of the first inertia",
         "settling": "time with which it does so; 2 ms unless stated",
+        "converter": "torque converter beside the only gear, whose clutch is then its lock-up clutch; tables over "
+        "turbine speed over pump speed: pump torque over its speed squared, N·m·s²/rad², and turbine over pump torque",
         "engages_below": "makes dog clutches of the clutches: slip below which they engage, speed of the first inertia",
     },
     "differentials": {"cage": "the driven inertia", "left": "first output", "right": "second output"},

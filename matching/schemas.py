@@ -93,6 +93,13 @@ def _component(name: str) -> Schema:
         "counts": VALUE,
         "capacities": NAMES,
         "ratios": {"type": "array", "minItems": 1, "items": quantity("1")},
+        "converter": table(
+            {
+                key: {"type": "array", "minItems": 2, "items": value(unit)}
+                for key, unit in model_file.CONVERTER_UNITS.items()
+            },
+            model_file.CONVERTER_UNITS,
+        ),
     }
     units = QUANTITY_UNITS | GEARBOX_UNITS
     keys = {

@@ -15,6 +15,7 @@ from modelling.effects.effect import Kind, place_in_file, shared_place
 from modelling.errors import InputError, unknown
 from modelling.system import (
     TABLES,
+    Converter,
     Differential,
     Effect,
     Gear,
@@ -38,7 +39,7 @@ KEYS = {
     "inertias": {"J", "drag"},
     "shafts": {"between", "ratio", "stiffness", "damping"},
     "gears": {"between", "ratio"},
-    "gearboxes": {"between", "ratios", "capacities", "deflection", "settling", "engages_below"},
+    "gearboxes": {"between", "ratios", "capacities", "deflection", "settling", "engages_below", "converter"},
     "differentials": {"cage", "left", "right"},
     "planetary_gears": {"sun", "carrier", "ring", "ratio"},
     "inputs": {"on", "measures", "reference"},
@@ -166,8 +167,32 @@ def _gearbox(name: str, table: dict, place: str) -> Gearbox:
             raise InputError(f"{place}.capacities", f"{each!r} is no name", "write the names of inputs in quotes")
     ratios = tuple(quantity(each, "1", f"{place}.ratios") for each in table["ratios"])
     deflection = _needed(table, "deflection", place)
-    further = (_optional(table, key, place) for key in ("settling", "engages_below"))
-    return Gearbox(name, _between(table, place), ratios, tuple(table["capacities"]), deflection, *further)
+    settling, below = (_optional(table, key, place) for key in ("settling", "engages_below"))
+    converter = _converter(table.get("converter"), f"{place}.converter")
+    capacities = tuple(table["capacities"])
+    return Gearbox(name, _between(table, place), ratios, capacities, deflection, settling, below, converter)
+
+
+CONVERTER_UNITS = {"speed_ratios": "1", "capacity_factors": "N*m*s^2/rad^2", "torque_ratios": "1"}
+
+
+def _converter(table: Any, place: str) -> Converter | None:
+    if table is None:
+        return None
+    if not isinstance(table, dict):
+        right = "write { speed_ratios = [0, 0.8, 1], capacity_factors = [2e-3, 1.6e-3, 0], torque_ratios = [2, 1, 1] }"
+        raise InputError(place, "is no table", right)
+    for key in table:
+        if key not in CONVERTER_UNITS:
+            raise unknown(str(key), list(CONVERTER_UNITS), place)
+    lists = {}
+    for key, unit in CONVERTER_UNITS.items():
+        if not isinstance(table.get(key), list):
+            raise InputError(
+                f"{place}.{key}", "is no list" if key in table else "is missing", "write a list of numbers"
+            )
+        lists[key] = tuple(to_si(each, unit, f"{place}.{key}") for each in table[key])
+    return Converter(**lists)
 
 
 def _differential(name: str, table: dict, place: str) -> Differential:
@@ -378,7 +403,8 @@ def dumps(system: System) -> str:
 
 def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
     members = ("between", "ratios", "capacities", "cage", "left", "right", "sun", "carrier", "ring")
-    order = (*members, "on", "measures", "reference", "of", "uncertainty", "counts", *QUANTITY_UNITS, *GEARBOX_UNITS)
+    order = (*members, "on", "measures", "reference", "of", "uncertainty", "counts", *QUANTITY_UNITS, *GEARBOX_UNITS,
+             "converter")  # fmt: skip
     fields = {key: getattr(part, key) for key in order if key in keys and getattr(part, key) is not None}
     return {
         key: _written(value)
@@ -390,4 +416,4 @@ def _fields(part: Any, keys: set[str]) -> dict[str, Any]:
 def _written(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_written(each) for each in value]
-    return value.written() if isinstance(value, Quantity) else value
+    return value.written() if isinstance(value, Quantity | Converter) else value

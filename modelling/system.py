@@ -216,6 +216,28 @@ class Gear:
 
 
 @dataclass(frozen=True)
+class Converter:
+    """A hydrodynamic torque converter: pump torque = capacity factor · (pump speed)², turbine torque = ratio · that.
+
+    Both are tables over turbine speed over pump speed, straight between the points and constant beyond them. A capacity
+    factor below 0 is a turbine that drives the pump.
+
+    Attributes
+    ----------
+    speed_ratios, capacity_factors, torque_ratios : tuple of float
+        1, N·m/(rad/s)², 1; one of each a point.
+    """
+
+    speed_ratios: tuple[float, ...]
+    capacity_factors: tuple[float, ...]
+    torque_ratios: tuple[float, ...]
+
+    def written(self) -> dict[str, list[float]]:
+        """As a model file has it."""
+        return {key: list(getattr(self, key)) for key in ("speed_ratios", "capacity_factors", "torque_ratios")}
+
+
+@dataclass(frozen=True)
 class Gearbox:
     """Gears with a clutch each, in parallel: speed(first) = ratio · speed(second) in the gear whose clutch sticks.
 
@@ -235,6 +257,9 @@ class Gearbox:
         Time with which it does so, s.
     engages_below : Quantity or None
         Of dog clutches: the slip, rad/s at the first inertia, below which teeth that are asked for find their gaps.
+    converter : Converter or None
+        From the first inertia, its pump, to the second; the clutch of its only gear is the lock-up clutch beside it.
+        Where the lock-up clutch is open for good, there are no ``capacities``: see :meth:`System.in_gear`.
     """
 
     name: str
@@ -244,6 +269,7 @@ class Gearbox:
     deflection: Quantity
     settling: Quantity | None = None
     engages_below: Quantity | None = None
+    converter: Converter | None = None
 
     @property
     def quantities(self) -> dict[str, Quantity]:
@@ -619,6 +645,31 @@ def _ends(where: str, ends: tuple[str, ...], inertias: Collection[str]) -> None:
         raise InputError(where, f"joins {ends[0]!r} to itself", "name different inertias")
 
 
+def _converter(box: Gearbox, where: str) -> None:
+    """Check the tables of a converter, and that its only gear has a clutch of friction.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is wrong.
+    """
+    converter = box.converter
+    assert converter is not None
+    if len(box.ratios) != 1 or box.engages_below is not None:
+        wrong = "stands beside dog clutches" if box.engages_below is not None else f"has {len(box.ratios)} gears"
+        raise InputError(where, wrong, "give it a gearbox of its own: one ratio, and its lock-up clutch")
+    points, tables = converter.speed_ratios, converter.written()
+    for key, values in tables.items():
+        if len(values) != len(points) or len(values) < 2:
+            raise InputError(f"{where}.{key}", f"has {len(values)} values", f"{max(len(points), 2)}, one a point")
+        if not all(math.isfinite(value) for value in values):
+            raise InputError(f"{where}.{key}", "holds no finite number", "give finite numbers")
+    if any(after <= before for before, after in itertools.pairwise(points)):
+        raise InputError(f"{where}.speed_ratios", "do not rise", "sort the points by turbine speed over pump speed")
+    if min(converter.torque_ratios) < 0:
+        raise InputError(f"{where}.torque_ratios", f"{min(converter.torque_ratios):g} is not possible", "0 or more")
+
+
 LEAST_DEFLECTION = 5e-4  # rad: slip over it is an eigenvalue, 1e5 1/s at 50 rad/s; faster ones were not integrated
 
 
@@ -642,7 +693,9 @@ def _gearbox(box: Gearbox, system: Components, inertias: Collection[str]) -> Non
     _sign(f"{where}.settling", box.settling or Quantity(0.0))
     if box.engages_below is not None:
         _sign(f"{where}.engages_below", box.engages_below, positive=True)
-    if len(box.capacities) != len(box.ratios):
+    if box.converter is not None:
+        _converter(box, f"{where}.converter")
+    if len(box.capacities) != len(box.ratios) and not (box.converter is not None and not box.capacities):
         wrong = f"names {len(box.capacities)} inputs for {len(box.ratios)} ratios"
         raise InputError(f"{where}.capacities", wrong, "name the input of each gear's clutch")
     inputs, measures = {part.name: part for part in system.inputs}, system.input_quantities
@@ -974,22 +1027,26 @@ class System(Components):
         Parameters
         ----------
         gear : int or mapping of str to int
-            Number of the gear, 1 the first; by gearbox where there are several.
+            Number of the gear, 1 the first; by gearbox where there are several. 0 is a converter whose lock-up clutch
+            is open: it stays, and a linear model holds it about an operating point.
 
         Raises
         ------
         InputError
             If there is no such gearbox or gear.
         """
-        if not self.gearboxes:
+        if not self.capacities:
             return self
         chosen = dict.fromkeys((box.name for box in self.gearboxes), gear) if isinstance(gear, int) else gear
         for name in chosen:
             if all(name != box.name for box in self.gearboxes):
                 raise unknown(name, [box.name for box in self.gearboxes], "gear")
-        held = []
+        held, open_ones = [], []
         for box in self.gearboxes:
-            number, most = chosen.get(box.name, 1), len(box.ratios)
+            number, most = chosen.get(box.name, 1 if box.capacities else 0), len(box.ratios)
+            if number == 0 and box.converter is not None:
+                open_ones.append(dataclasses.replace(box, capacities=()))
+                continue
             if not 1 <= number <= most:
                 raise InputError(f"gearboxes.{box.name}", f"has no gear {number}", f"1 to {most}")
             held.append(Gear(box.name, box.between, box.ratios[number - 1]))
@@ -998,7 +1055,7 @@ class System(Components):
             kept = tuple((name, torque) for name, torque in point.torques if name not in gone)
             point = dataclasses.replace(point, torques=kept)
         return dataclasses.replace(
-            self, gears=(*self.gears, *held), gearboxes=(), operating_point=point,
+            self, gears=(*self.gears, *held), gearboxes=tuple(open_ones), operating_point=point,
             inputs=tuple(part for part in self.inputs if part.name not in gone),
             effects=tuple(_without_places(effect, {f"inputs.{name}" for name in gone}) for effect in self.effects
                           if not {place.removeprefix("inputs.") for place in effect.places} <= gone),
@@ -1006,8 +1063,10 @@ class System(Components):
 
     @property
     def gears_of_gearboxes(self) -> list[dict[str, int]]:
-        """Every choice of a gear by gearbox, the first gears first; none without a gearbox."""
-        every = itertools.product(*(range(1, len(box.ratios) + 1) for box in self.gearboxes))
+        """Every choice of a gear by gearbox, the first gears first, an open converter (0) last; none without a
+        gearbox."""
+        choices = ([*range(1, len(box.ratios) + 1), *([0] if box.converter else [])] for box in self.gearboxes)
+        every = itertools.product(*choices)
         return [dict(zip((box.name for box in self.gearboxes), one, strict=True)) for one in every if one]
 
     def __repr__(self) -> str:

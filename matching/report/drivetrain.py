@@ -548,7 +548,8 @@ def _gearbox(axes: Axes, drawn: Drawing, name: str, x: float, y: float) -> None:
     gear_pair(axes, x + 0.14, y)
     _text(axes, x, y + 0.32, spaced(name), va="bottom")
     ratios = "i = " + ", ".join(number(ratio.value) for ratio in part.ratios)
-    _text(axes, x, y - 0.32, "\n".join([ratios, *drawn.notes.get(f"gearboxes.{name}", [])]), va="top")
+    kind = ["converter"] if part.converter else [] if part.engages_below is None else ["dog clutches"]
+    _text(axes, x, y - 0.32, "\n".join([ratios, *kind, *drawn.notes.get(f"gearboxes.{name}", [])]), va="top")
 
 
 def _text(axes: Axes, x: float, y: float, text: str, va: str, weight: str = "normal") -> None:

@@ -852,7 +852,7 @@ class TorqueTable(Kind):
 
     def inertia(self, motion: Motion, p: Symbols, assembly: EquationBuilder, name: str) -> None:
         axis, points, torques = _points(p)
-        assembly.add_torque(name, _between(motion.speed if axis == "speed" else motion.angle, points, torques), motion)
+        assembly.add_torque(name, between(motion.speed if axis == "speed" else motion.angle, points, torques), motion)
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
         _, points, torques = _points(p)
@@ -894,7 +894,7 @@ def _points(p: Symbols) -> tuple[str, list[Symbol], list[Symbol]]:
     return axis, points, torques
 
 
-def _between(x: Expr, points: list[Symbol], torques: list[Symbol]) -> Expr:
+def between(x: Expr, points: Sequence[Expr], torques: Sequence[Expr]) -> Expr:
     """The torque at x: linear between points, constant beyond them."""
     total: Expr = torques[0]
     for (low, high), (first, last) in zip(pairwise(points), pairwise(torques), strict=True):

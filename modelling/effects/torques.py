@@ -23,6 +23,7 @@ from modelling.effects.effect import (
     RecordedRange,
     State,
     Symbols,
+    between,
     members,
     shared_place,
 )
@@ -146,6 +147,36 @@ def dog(
 
 
 ENGAGED = ".engaged"
+
+
+class ConverterTables(Protocol):
+    """The tables of a torque converter, see :class:`modelling.system.Converter`."""
+
+    @property
+    def speed_ratios(self) -> tuple[float, ...]:
+        """Turbine speed over pump speed."""
+
+    @property
+    def capacity_factors(self) -> tuple[float, ...]:
+        """N·m/(rad/s)²."""
+
+    @property
+    def torque_ratios(self) -> tuple[float, ...]:
+        """Turbine torque over pump torque."""
+
+
+SLOWEST_PUMP = 1e-3  # rad/s: below it the speed ratio is not formed, and the torque is none
+
+
+def converted(pump: Expr, turbine: Expr, tables: ConverterTables) -> tuple[Expr, Expr]:
+    """Torques of a torque converter at its pump, against it, and at its turbine, with it, for their speeds (rad/s)."""
+    ratio = turbine * pump / Max(pump**2, Float(SLOWEST_PUMP**2))
+    points, factors, gains = (
+        [Float(value) for value in values]
+        for values in (tables.speed_ratios, tables.capacity_factors, tables.torque_ratios)
+    )
+    torque = between(ratio, points, factors) * pump * Abs(pump)
+    return torque, between(ratio, points, gains) * torque
 
 
 # --- Torque that varies with the angle (cogging, torque ripple, universal joint).

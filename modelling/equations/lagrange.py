@@ -25,11 +25,11 @@ from modelling.effects.effect import (
     Spring,
     members,
 )
-from modelling.effects.torques import dog, dry_friction
+from modelling.effects.torques import converted, dog, dry_friction
 from modelling.equations import shaft_law
 from modelling.equations.shaft_law import CONTACT_TIME, differentiate
 from modelling.errors import ExcludedEffects, InputError
-from modelling.system import Gear, System
+from modelling.system import Gear, Gearbox, System
 from modelling.topology import DIVIDING, joints, side
 
 # --- Rigid gears and differentials, eliminated: every inertia's angle in terms of independent coordinates.
@@ -487,6 +487,11 @@ class Assembly:
             deflection = self.symbol(f"{place}.deflection")
             settling = None if box.settling is None else self.symbol(f"{place}.settling")
             below = None if box.engages_below is None else self.symbol(f"{place}.engages_below")
+            if box.converter is not None:
+                ratio = self.symbol(f"{place}.ratio_1")
+                pump, turbine = converted(first.speed, ratio * second.speed, box.converter)
+                self.add_torque(f"inertias.{box.between[0]}", -pump, first)
+                self.add_torque(f"inertias.{box.between[1]}", ratio * turbine, second)
             for gear, capacity in enumerate(box.capacities, 1):
                 ratio = self.symbol(f"{place}.ratio_{gear}")
                 slip = first.speed - ratio * second.speed
@@ -596,6 +601,12 @@ def derive(system: System) -> Equations:
     return _derive(_Structure(system))
 
 
+def _of_gearbox(part: Gearbox) -> tuple[object, ...]:
+    """What of a gearbox shapes the equations."""
+    optional = part.settling is None, part.engages_below is None
+    return part.name, part.between, part.capacities, *optional, part.converter
+
+
 class _Structure:
     """The structure of a system, equal for systems of the same equations; values do not count."""
 
@@ -605,10 +616,7 @@ class _Structure:
             tuple(part.name for part in system.inertias),
             tuple((part.name, part.between, part.ratio is None) for part in system.shafts),
             tuple((part.name, part.between) for part in system.gears),
-            tuple(
-                (part.name, part.between, part.capacities, part.settling is None, part.engages_below is None)
-                for part in system.gearboxes
-            ),
+            tuple(_of_gearbox(part) for part in system.gearboxes),
             system.differentials,
             tuple((part.name, part.ends) for part in system.planetary_gears),
             system.inputs,

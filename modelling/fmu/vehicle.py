@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import json
 import os
@@ -81,6 +82,7 @@ class FmuVehicle:
         step: float, count: int = 1, settings: FmuSettings = FMU,
     ):  # fmt: skip
         self._processes: list[_Process] = []
+        self._again = True  # whether its processes may serve another vehicle of this kind
         self.path, self.cuts, self.own = Path(path), tuple(torques), tuple(own)
         self.count, self.settings, self._run_in, self._step = count, settings, run_in, step
         self._torques, self._speeds, self._own = dict(torques), [speeds[cut] for cut in self.cuts], dict(own)
@@ -95,6 +97,7 @@ class FmuVehicle:
         try:
             self._processes = [self._process(self.count)]
         except _OnlyOnce:
+            self._again = False
             self._processes = [self._process(1) for _ in range(self.count)]
 
     def _process(self, count: int) -> _Process:
@@ -105,7 +108,12 @@ class FmuVehicle:
             | {name: getattr(self.settings, name) for name in ("within", "settled", "longest")} | {"step": self._step},
             "loop": None if self._loop is None else self._loop._name,
         }  # fmt: skip
-        return _Process(self.path, request, count, len(self.cuts), self.settings)
+        about = self.path.stat()
+        key = os.getpid(), json.dumps(request), os.pathsep.join(sys.path), about.st_mtime_ns, about.st_size
+        waiting = _WAITING.get(key, [])
+        made = waiting.pop() if waiting else _Process(self.path, request, count, len(self.cuts), self.settings)
+        made.key, made.settings = key, self.settings
+        return made
 
     def begin(self, speed: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """Back to its own start, and from there to speeds (k, b), rad/s, by torques at its cuts: the speeds reached.
@@ -122,6 +130,7 @@ class FmuVehicle:
         answers = [each.answer(self.settings.start_within, 2) for each in self._processes]
         found, self.held = (np.hstack([one[which] for one in answers]) for which in (0, 1))
         if not np.isfinite(found).all():
+            self._end()
             cut = int(np.argmin(np.isfinite(found).all(axis=1)))
             raise InputError(
                 str(self.path), f"its wheel at {self.cuts[cut]} does not come to {speed[cut].max():.4g} rad/s by "
@@ -139,6 +148,7 @@ class FmuVehicle:
         speeds = np.hstack([each.answer()[0] for each in self._processes])
         self.seconds += span
         if not np.isfinite(speeds).all():
+            self._end()
             raise self._not_finite(self.seconds, self._speeds[int(np.argmin(np.isfinite(speeds).all(axis=1)))])
         return speeds
 
@@ -169,22 +179,31 @@ class FmuVehicle:
             process.put(b"n" + struct.pack("qqqq", first, end, total, len(content)) + content)
             failed = process.result()
             if failed is not None:
-                _, not_finite, seconds = failed
-                self.close()
-                if not not_finite:
+                cut, seconds = failed
+                self._end()
+                if cut < 0:
                     raise InputError(
                         str(self.path), "answers a step with an error", "run it alone in its own tool first"
                     )
-                raise self._not_finite(seconds, self._speeds[0])
+                raise self._not_finite(seconds, self._speeds[cut])
         process.put(b"f")
         made: dict[str, np.ndarray] = process.result()
+        process.owes = False
         return made
 
     def close(self) -> None:
-        """End its processes."""
+        """End its processes; one that did all that it was asked for waits for the next vehicle of this kind."""
         for each in self._processes:
-            each.close()
+            if self._again and not each.owes and sum(map(len, _WAITING.values())) < MOST_WAITING:
+                _WAITING.setdefault(each.key, []).append(each)
+            else:
+                each.close()
         self._processes = []
+
+    def _end(self) -> None:
+        """End its processes for good: something went wrong."""
+        self._again = False
+        self.close()
 
     def __enter__(self) -> FmuVehicle:
         return self
@@ -196,6 +215,17 @@ class FmuVehicle:
         self.close()
 
 
+MOST_WAITING = 4  # processes, of some 50 MB
+_WAITING: dict[tuple[object, ...], list[_Process]] = {}
+
+
+@atexit.register
+def _end_waiting() -> None:
+    for key, waiting in _WAITING.items():
+        for each in waiting if key[0] == os.getpid() else ():
+            each.close()
+
+
 class _OnlyOnce(Exception):
     """The FMU can be made once in a process."""
 
@@ -205,6 +235,7 @@ class _Process:
 
     def __init__(self, path: Path, request: Mapping[str, object], count: int, cuts: int, settings: FmuSettings):
         self.path, self.count, self.cuts, self.settings = path, count, cuts, settings
+        self.owes, self.key = True, tuple[object, ...]()  # an answer, or it has ended
         environment = os.environ | {
             "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
         }  # fmt: skip
@@ -227,7 +258,7 @@ class _Process:
             if answer["wrong"] == ["only once"]:
                 raise _OnlyOnce
             raise InputError(str(path), *answer["wrong"])
-        self.in_c = bool(answer["in_c"])
+        self.in_c, self.owes = bool(answer["in_c"]), False
 
     def send(self, kind: bytes, numbers: np.ndarray) -> None:
         """One message."""
@@ -239,6 +270,7 @@ class _Process:
         seconds = self.settings.answer_within if within is None else within
         while len(got) < size:
             got += self._read(size - len(got), time.monotonic() + seconds, f"does not answer within {seconds:g} s")
+        self.owes = False
         return [part.T for part in np.frombuffer(got).reshape(parts, self.count, self.cuts)]
 
     def put(self, content: bytes) -> None:
@@ -263,6 +295,7 @@ class _Process:
 
     def _write(self, content: bytes | memoryview) -> int:
         assert self._child.stdin is not None
+        self.owes = True
         try:
             return self._child.stdin.write(content) or 0
         except BrokenPipeError:
@@ -288,6 +321,7 @@ class _Process:
 
     def close(self) -> None:
         """End the child, whatever it does."""
+        self.owes = True
         for stream in (self._child.stdin, self._child.stdout):
             if stream is not None:
                 stream.close()

@@ -103,7 +103,7 @@ def _run(vehicles: Vehicles, asked: BinaryIO, answers: BinaryIO) -> None:
         try:
             rows.go_on(first, end, total, noise)
         except FmuFailed as fault:
-            failed = fault.row, fault.not_finite, fault.time
+            failed = fault.cut, fault.time
         over.set()
         alive.join()
         _answer(answers, b"d" if failed is None else b"x", failed)

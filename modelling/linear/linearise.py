@@ -67,7 +67,8 @@ def linearise(
     """
     model = system if isinstance(system, Model) else compiled(system)
     for box in model.system.gearboxes:
-        raise InputError(f"gearboxes.{box.name}", "a linear model holds one gear", "take System.in_gear(1)")
+        if box.capacities:
+            raise InputError(f"gearboxes.{box.name}", "a linear model holds one gear", "take System.in_gear(1)")
     p = model.vector(values)
     if model.system.operating_point is not None:
         p = without_ripple(model, p)

@@ -42,7 +42,7 @@ typedef struct {
     const double *driven_trim;      /* (b, k) */
     double *asked;                  /* (b, k): N*m with which the ends are turned */
     long long *progress;            /* (1): samples of all rows, for those who wait */
-    long long *wrong;               /* (2): row whose FMU failed, -1 without, and 1: its answer, 2: not finite */
+    long long *wrong;               /* (3): row whose FMU failed, -1 without; 1: its answer, 2: not finite; its cut */
 } vehicles;
 
 typedef struct {
@@ -143,6 +143,7 @@ static int step_vehicle(const vehicles *v, long long b, double span, double *spe
         if (!isfinite(speed[j])) {
             v->wrong[0] = b;
             v->wrong[1] = 2;
+            v->wrong[2] = j;
             return 1;
         }
     }

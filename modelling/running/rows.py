@@ -74,11 +74,11 @@ class _Kept:
 
 
 class FmuFailed(Exception):
-    """An FMU failed: its row, whether its speed is not finite, and the time, s, that it had."""
+    """An FMU failed: the cut where its speed is not finite, −1 where its answer is an error, and its time, s."""
 
-    def __init__(self, row: int, not_finite: bool, time: float):
-        super().__init__(row, not_finite, time)
-        self.row, self.not_finite, self.time = row, not_finite, time
+    def __init__(self, cut: int, time: float):
+        super().__init__(cut, time)
+        self.cut, self.time = cut, time
 
 
 class SteppedFmus:
@@ -104,7 +104,7 @@ class SteppedFmus:
         for name, address in zip(("set", "go_on", "get"), functions, strict=True):
             setattr(v, name, address)
         v.rows, v.cuts, v.own, v.steps, v.waits = rows, k, len(inputs) - k, 1, 1
-        self.time, self.progress, self._wrong = np.zeros(rows), np.zeros(1, np.int64), np.array([-1, 0], np.int64)
+        self.time, self.progress, self._wrong = np.zeros(rows), np.zeros(1, np.int64), np.array([-1, 0, 0], np.int64)
         arrays = {
             "instance": np.array(instances, np.uint64), "input": inputs, "output": outputs, "time": self.time,
             "given": np.zeros(len(inputs)), "progress": self.progress, "wrong": self._wrong,
@@ -162,8 +162,8 @@ class SteppedFmus:
 
     def fail(self) -> None:
         """Say what went wrong."""
-        row, why = self._wrong.tolist()
-        raise FmuFailed(row, why == NOT_FINITE, float(self.time[row]))
+        row, why, cut = self._wrong.tolist()
+        raise FmuFailed(cut if why == NOT_FINITE else -1, float(self.time[row]))
 
     def join(self, given: Mapping[str, Any]) -> None:
         """Stand beside controllers or behind specimens; ``given`` as :func:`vehicles_given` makes it."""

@@ -209,11 +209,11 @@ def _interpreted(
     shown = controller.shown if isinstance(controller, ControllerRows) else ()
     emulated = np.full((kept, len(shown), rows), np.nan)
     lost, lost_at = np.zeros(rows, bool), np.full(rows, count)
-    shape = drive.shape[1], rows
-    plant.begin(np.broadcast_to(drive[0], shape))
+    drive, told = (np.broadcast_to(each, (count, each.shape[1], rows)) for each in (drive, told))
+    plant.begin(drive[0])
     if isinstance(controller, ControllerRows):
         controller.begin()
-    ended = count
+    ended, gone = count, False
     for n in range(count):
         if own is None:
             values = here = plant.readings()
@@ -224,24 +224,25 @@ def _interpreted(
         if isinstance(controller, ControllerRows) and shown and n % every == 0:
             emulated[n // every] = controller.show()
         if controller is not None:
-            asked = controller.step(n, values[needed], np.broadcast_to(told[n], (told.shape[1], rows)))
+            asked = controller.step(n, values[needed], told[n])
             if asked is None:
                 ended = n
                 break
             commands = asked
         if n % every == 0:
-            read[n // every], sent[n // every] = np.where(lost, np.nan, here[chosen]), np.where(lost, np.nan, commands)
+            read[n // every], sent[n // every] = here[chosen], commands
             if motion is not None and own is not None:
-                motion[n // every] = np.where(lost, np.nan, own.x[: own.beds.physical])
-        now, after = (np.broadcast_to(drive[min(each, count - 1)], shape) for each in (n, n + 1))
-        plant.step(commands, now, after, span)
-        if own is not None:
+                motion[n // every] = own.x[: own.beds.physical]
+            if gone:
+                for each in (read, sent, *([] if motion is None else [motion])):
+                    each[n // every][:, lost] = np.nan
+        plant.step(commands, drive[n], drive[min(n + 1, count - 1)], span)
+        if own is not None and (gone or not np.abs(own.x[: own.beds.physical]).max(initial=0.0) <= TOO_LARGE):
             lost |= ~(np.abs(own.x[: own.beds.physical]) <= TOO_LARGE).all(axis=0)
-            lost_at = np.where(lost, np.minimum(lost_at, n + 1), count)
-            if lost.any():
-                own.stop(lost)
-                if lost.all():
-                    break
+            lost_at, gone = np.where(lost, np.minimum(lost_at, n + 1), count), True
+            own.stop(lost)
+            if lost.all():
+                break
     kept = min(kept, -(-ended // every))
     fault = getattr(controller, "fault", np.zeros(rows, np.int32))
     fault_at = getattr(controller, "fault_at", np.full(rows, -1, np.int64))

@@ -165,6 +165,7 @@ def test_a_worse_bed_falls_short(proven, matched, tmp_path):
     assert worse.value > right["error"] + 0.01
 
 
+@pytest.mark.long
 def test_an_fmu_that_crashes_in_the_proof_is_one_line_and_nothing_is_lost(tmp_path, capsys):
     matched = match_of(tmp_path / "match", CRASHES=12.0)
     out = tmp_path / "out"

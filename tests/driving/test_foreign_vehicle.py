@@ -446,3 +446,24 @@ def test_an_fmu_that_fails_in_a_run_is_one_line(tmp_path, wrong, said):
         run(rows, None, {"brake_left": wrong * (time >= 0.5)}, samples=count, keep=["motor_speed"])
     assert said in str(fault.value)
     assert "\n" not in str(fault.value)
+
+
+@compiles
+@by_fmpy
+def test_a_process_serves_the_next_vehicle_unless_it_owes_an_answer(tmp_path):
+    """The next one begins anew; a process that was left in the middle of a step ends with its vehicle."""
+    path, still = own_fmu(tmp_path), np.zeros((2, 1))
+    first = started(path)
+    begun = first.begin(still + 3.0, still)
+    first.step(still + 400.0, still, 1e-3)
+    child = first._processes[0]
+    first.close()
+    second = started(path)
+    assert second._processes == [child]
+    np.testing.assert_array_equal(second.begin(still + 3.0, still), begun)
+    child.send(b"s", np.r_[1e-3, np.zeros(4)])  # as an interrupt leaves it: asked, and not answered
+    second.close()
+    with started(path) as third:
+        assert third._processes[0] is not child
+        np.testing.assert_array_equal(third.begin(still + 3.0, still), begun)
+    assert child._child.poll() is not None

@@ -96,6 +96,7 @@ def test_a_shift_is_that_of_the_simulation(deflection, settling, every, effects,
     assert off.max() < 2e-3, off.max(axis=0)
 
 
+@pytest.mark.long
 def test_it_stays_stable_as_open_clutches_slip_fast_and_close(tmp_path):
     """400 rad/s and more over a deflection of 0.0005 rad: a step of 1 ms is 300 times too long for it."""
     shift = drawn(np.random.default_rng(885002), 5e-4)

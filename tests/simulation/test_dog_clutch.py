@@ -72,6 +72,7 @@ def test_many_shifts_of_teeth_are_those_of_rigid_ones(tmp_path):
     assert found[:, 1].max() < 1.5
 
 
+@pytest.mark.long
 def test_teeth_that_turn_apart_do_not_come_in(tmp_path):
     """Asked for at 20 rad/s of slip and more: nothing carries until the slip is small; a friction clutch would pull."""
     own, data, time, torques = scene(887002)
@@ -83,6 +84,7 @@ def test_teeth_that_turn_apart_do_not_come_in(tmp_path):
     assert errors(found, right)[0] < 0.1
 
 
+@pytest.mark.long
 @compiles
 def test_an_fmu_has_live_teeth(tmp_path):
     own, data, time, torques = scene(887003)
