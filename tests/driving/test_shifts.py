@@ -25,6 +25,7 @@ RADIUS, STEP = 0.3, 1e-3
 ZERO = 0  # of `Wrong`: reads nothing
 LOCKED = 400.0  # N·m that a closed clutch carries
 HELPED = 0.7  # of the torque that turns the motor to its new speed comes from the motor itself in a fast shift
+HOLD = 3.0  # s of speed hold first: it has come to its speed, as car and bed turn alike then
 GEARBOX = {"J_out": 0.03, "give": 0.01}
 KINDS = ("power-on up", "power-off up", "power-on down", "power-off down", "automated manual", "in 100 ms")
 
@@ -111,7 +112,7 @@ def played(beside, dead_time, shift, draw=None, seed=1):
     """Error of the side shafts over their range in the shift, the largest deviation (N·m), and the faults."""
     car = shifting(dead_time, shift, draw)
     u, part = shift.played(car)
-    run = beside.run(car, shift.kmh / 3.6 / RADIUS, u, seed=seed, outside=(1, 0))
+    run = beside.run(car, shift.kmh / 3.6 / RADIUS, u, HOLD, seed=seed, outside=(1, 0))
     wanted, found = run.car[part, 1:3], run.bed[part, 1:3]
     apart = found - wanted
     errors = np.sqrt(np.mean(apart**2, axis=0)) / np.ptp(wanted, axis=0)
@@ -231,8 +232,10 @@ def test_neither_specimen_nor_vehicle_is_known(dead_time, drives, shifts, tmp_pa
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("dead_time", "median", "most"), [(0.003, 0.012, 0.02), (0.008, 0.03, 0.06)])
-def test_two_hundred_drawn_shifts_and_twelve_beds_through_the_range(dead_time, median, most, tmp_path):
+@pytest.mark.parametrize(("dead_time", "median", "most_of_95", "most"), [
+    (0.003, 0.01, 0.015, 0.02), (0.008, 0.02, 0.03, 0.04),
+])  # fmt: skip
+def test_two_hundred_drawn_shifts_and_twelve_beds_through_the_range(dead_time, median, most_of_95, most, tmp_path):
     """Any shift on drawn beds, with tuned weights: none ends the emulation; errors of 95 % and of all."""
     tuned = attempt(case_of(dead_time), starts=2).solution.tuned
     beside, random, found = Beside(exported_controller(tuned), tmp_path), np.random.default_rng(4711), []
@@ -255,4 +258,5 @@ def test_two_hundred_drawn_shifts_and_twelve_beds_through_the_range(dead_time, m
     print(f"{1e3 * dead_time:g} ms: median, 95 %, largest {np.round(100 * np.quantile(errors, [0.5, 0.95, 1]), 2)} %, "
           f"{np.round(np.quantile(apart, [0.5, 0.95, 1]))} N·m")  # fmt: skip
     assert np.median(errors) <= median
+    assert np.quantile(errors, 0.95) <= most_of_95
     assert errors.max() <= most
