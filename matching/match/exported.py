@@ -22,6 +22,7 @@ from matching.match.requirements import requirements
 from modelling.bed.bed import ControlLaw, delayed_bed, held, predicted_part
 from modelling.bed.foreign_vehicle import ForeignVehicleLaw, VehicleTiming, foreign_vehicle_law
 from modelling.bed.observer import sensor_noise
+from modelling.bed.specimen import UNKNOWN
 from modelling.bed.stepped import SteppedLaw
 from modelling.controller.law import (
     CHECK_SPEED_SHARE,
@@ -493,6 +494,7 @@ def exported_controller(case: Case) -> ExportedController:
         speeds_by_others(case.rig, law.sensors, speeds),
         delivery=_rotors(case),
         tracking=_tracking(case),
+        may_shift=case.loop.specimen == UNKNOWN,
     )
 
 

@@ -29,7 +29,8 @@ void batch_begin(unsigned char *all, int count, const double *value, const int *
         c->settings.ride_samples = samples[2];
     }
 }
-void row_step(void *row, const double *own, int mode, unsigned life, int trigger, double *out, int *state)
+static void row_told(void *row, const double *own, int mode, unsigned life, int trigger, int shifting, double *out,
+                     int *state)
 {
     controller_input input;
     controller_output output;
@@ -44,6 +45,7 @@ void row_step(void *row, const double *own, int mode, unsigned life, int trigger
     input.trigger = trigger;
     input.mode = mode;
     input.life = life;
+    input.shifting = shifting;
     controller_step((controller *)row, &input, &output);
     for (int i = 0; i < DYNAMOMETERS; i++) { out[i] = output.command[i]; }
 #if CONTROLLER_FOREIGN > 0
@@ -51,6 +53,10 @@ void row_step(void *row, const double *own, int mode, unsigned life, int trigger
 #endif
     state[0] = output.mode;
     state[1] = output.fault;
+}
+void row_step(void *row, const double *own, int mode, unsigned life, int trigger, double *out, int *state)
+{
+    row_told(row, own, mode, life, trigger, 0, out, state);
 }
 void row_shown(const void *row, double *out)
 {
@@ -68,12 +74,12 @@ void row_shown(const void *row, double *out)
 #endif
 }
 enum { CUTS = CONTROLLER_FOREIGN * DYNAMOMETERS };
-void batch_step(unsigned char *all, int count, const double *in, int mode, unsigned life, int trigger, double *out,
-                int *state)
+void batch_step(unsigned char *all, int count, const double *in, int mode, unsigned life, int trigger, int shifting,
+                double *out, int *state)
 {
     for (int b = 0; b < count; b++) {
-        row_step(all + (size_t)b * sizeof(controller), in + b * (READINGS + KNOWN + 2 * DYNAMOMETERS + CUTS), mode,
-                 life, trigger, out + b * (DYNAMOMETERS + CUTS), state + 2 * b);
+        row_told(all + (size_t)b * sizeof(controller), in + b * (READINGS + KNOWN + 2 * DYNAMOMETERS + CUTS), mode,
+                 life, trigger, shifting, out + b * (DYNAMOMETERS + CUTS), state + 2 * b);
     }
 }
 """
@@ -141,7 +147,7 @@ class ControllerBatch:
 
     def step(
         self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int,
-        added: np.ndarray | None = None, trigger: bool = False, wheel: np.ndarray | None = None,
+        added: np.ndarray | None = None, trigger: bool = False, wheel: np.ndarray | None = None, shifting: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Commands (k, b) in N·m, active modes (b,) and faults (b,).
 
@@ -152,7 +158,9 @@ class ControllerBatch:
         more = np.zeros(hold.shape) if added is None else added
         if self._python:
             answers = [
-                one.step(readings[:, b], known[:, b], mode, hold[:, b], life, more[:, b], trigger, wheel[:, b])
+                one.step(
+                    readings[:, b], known[:, b], mode, hold[:, b], life, more[:, b], trigger, wheel[:, b], shifting
+                )
                 for b, one in enumerate(self._python)
             ]
             commands = np.stack([answer.commands for answer in answers], axis=1)
@@ -164,6 +172,6 @@ class ControllerBatch:
         sent, state = np.empty((self._count, self._k * (1 + self._foreign))), np.empty((self._count, 2), np.int32)
         memory, numbers, to, found = (ctypes.c_void_p(part.ctypes.data) for part in (self.memory, given, sent, state))
         life_sign = ctypes.c_uint(life & 0xFFFFFFFF)
-        self._batch_step(memory, self._count, numbers, mode, life_sign, int(trigger), to, found)
+        self._batch_step(memory, self._count, numbers, mode, life_sign, int(trigger), int(shifting), to, found)
         self.cut_torque = sent[:, self._k :].T.copy()
         return sent[:, : self._k].T.copy(), state[:, 0].copy(), state[:, 1].copy()

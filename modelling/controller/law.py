@@ -447,7 +447,7 @@ class SupervisedController:
 
     def step(
         self, readings: np.ndarray, known: np.ndarray, mode: int, hold: np.ndarray, life: int = 0,
-        added: np.ndarray | None = None, trigger: bool = False, wheel: np.ndarray | None = None,
+        added: np.ndarray | None = None, trigger: bool = False, wheel: np.ndarray | None = None, shifting: bool = False,
     ) -> Answer:  # fmt: skip
         """One sample.
 
@@ -465,12 +465,14 @@ class SupervisedController:
             From false to true: the manoeuvre begins, and what was learned of it is played.
         wheel : ndarray (k,), optional
             Speeds, rad/s, that a vehicle which is stepped outside gives at the cuts; :attr:`cut_torque` goes to it.
+        shifting : bool
+            The specimen shifts, or a clutch of it may open: a torque that is gone meanwhile is no broken shaft.
         """
         added = np.zeros(len(self._sent)) if added is None else added
         self._wheel = np.zeros(len(self._sent)) if wheel is None else wheel
         if np.isfinite(known).all() and np.isfinite(self._wheel).all():
             self._catch_up(known, life, trigger)
-        fault = self._check(readings, known, np.concatenate([hold, added]), life)
+        fault = self._check(readings, known, np.concatenate([hold, added]), life, shifting)
         readings, below = self._seen, HELD_BELOW_LIMIT * self.settings.speed_limit
         if fault and not self._fault and self._mode != ZERO_TORQUE:
             self._fault, self._holdable = fault, self._mode != CHANNEL_CHECK
@@ -576,7 +578,7 @@ class SupervisedController:
         elif risen > 1:
             self._even_life = max(self._even_life - 2, 0)
 
-    def _check(self, readings: np.ndarray, known: np.ndarray, asked: np.ndarray, life: int) -> int:
+    def _check(self, readings: np.ndarray, known: np.ndarray, asked: np.ndarray, life: int, shifting: bool) -> int:
         """The first of :data:`FAULTS` that shows."""
         settings = self.settings
         self._lifeless = self._lifeless + 1 if life == self._life else 0
@@ -613,7 +615,7 @@ class SupervisedController:
         expected = self._start[0] + self.law.E @ self._state
         self._deviations = np.vstack([self._seen - expected, self._deviations[:-1]])
         # a torque that is gone is no wrong reading: it counts as it is read
-        if self._has_lost_torque(np.where(np.isfinite(readings), readings, self._seen)):
+        if self._has_lost_torque(np.where(np.isfinite(readings), readings, self._seen), shifting):
             self._why(self._torques[int(np.argmax(self._gone))], readings, None)
             return TORQUE_GONE
         off = np.abs(self._deviations[0]) > settings.unexpected
@@ -724,8 +726,12 @@ class SupervisedController:
         """Torques (k,) of the flanges; 0 without one, which never seems lost."""
         return np.array([readings[at] if at >= 0 else 0.0 for at in self._torques])
 
-    def _has_lost_torque(self, readings: np.ndarray) -> bool:
-        """A flange torque is gone, or a shaft has opened."""
+    def _has_lost_torque(self, readings: np.ndarray, shifting: bool) -> bool:
+        """A flange torque is gone, or a shaft has opened; not where a clutch may open."""
+        if shifting:
+            self._gone[:] = False
+            self._watch.reset()
+            return False
         settings, before = self.settings, self._past_torques
         self._gone = has_gone(np.vstack([self._flange_torques(readings), before[:KEPT_SAMPLES]]), settings.lost_torque)
         opened = self._watch.opened(
@@ -857,6 +863,8 @@ class ExportedController:
         What tells the delivered air-gap torques; without it they are not judged.
     tracking : Tracking, optional
         How their drifts are tracked, and from where on one is a warning.
+    may_shift : bool
+        The law knows nothing of the specimen, which may shift: its FMU can be told when.
     """
 
     title: str
@@ -871,6 +879,7 @@ class ExportedController:
     learned: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     delivery: Rotors | None = None
     tracking: Tracking | None = None
+    may_shift: bool = False
 
     @property
     def rotors(self) -> Rotors:

@@ -810,6 +810,9 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     if len(controller.learned):
         meaning = "from 0 to 1: the manoeuvre begins, and what was learned of it is played"
         added.append(Variable("trigger", "input", "1", 0.0, meaning))
+    if controller.may_shift:
+        meaning = "1 while the specimen shifts or a clutch of it may open: a torque that is gone is no broken shaft"
+        added.append(Variable("shifting", "input", "1", 0.0, meaning))
     road, emulated = _vehicle(law)
     numbered = ", ".join(f"{number} {sensor}" for number, sensor in enumerate(law.sensors, 1))
     outputs = [
@@ -940,6 +943,7 @@ def _code(
         "N_INPUTS": str(len(inside.inputs)),
         "N_OUTPUTS": str(len(inside.outputs)),
         "N_PARAMETERS": str(len(inside.parameters)),
+        "MAY_SHIFT": str(int(controller.may_shift)),
     }
     table = variable_table(inside.title, defines, inside.variables, inside.parameters)
     return {

@@ -251,11 +251,12 @@ static void tell(controller *c, controller_input *in, const double *now, const i
 }
 
 /* The bed under the controller, `before` samples of speed hold first; out (t, BED_OUT). Known torques go where
- * known_of (motor, brake left, brake right, road left, road right) says; −1: nowhere. more: callback of own inputs. */
+ * known_of (motor, brake left, brake right, road left, road right) says; −1: nowhere. A shift is told from the sample
+ * shift[0] to shift[1]. */
 void run_bed(const double *values, double speed, double held_motor, const double *u, int samples, int before, double step,
              int pieces, const int *channel, const int *known_of, const wrong *w, int wrongs, unsigned long long seed,
              double motor_share, double missing, double sent_share_from, double sent_share, const double *beyond,
-             const outside *own, double *out)
+             const outside *own, const int *shift, double *out)
 {
     static controller c;
     plant p;
@@ -319,6 +320,7 @@ void run_bed(const double *values, double speed, double held_motor, const double
         }
         tell(&c, &in, now, known_of, speed, n, before);
         in.trigger = n >= 0;
+        in.shifting = n >= shift[0] && n < shift[1];
 #if CONTROLLER_FOREIGN > 0
         const int turn = (n + before) % LONGEST;
         if (is_due[turn]) {

@@ -180,11 +180,12 @@ class Beside:
 
     def run(
         self, of: Plant, speed: float, u: np.ndarray, hold=1.0, wrong=(), seed=1, bed: Plant | None = None,
-        motor_share=1.0, missing=0.0, sent_share=(1e9, 1.0), outside=(1, 0),
+        motor_share=1.0, missing=0.0, sent_share=(1e9, 1.0), outside=(1, 0), shift=(0, 0),
     ):  # fmt: skip
         """Car and bed under inputs u (t, 10), from a speed of the bodies, rad/s.
 
         With a law for a vehicle of others the car beyond the cuts is stepped outside: ``outside`` (steps, late).
+        A shift is told from one sample to another, ``shift``.
         """
         u = np.ascontiguousarray(u)
         bed = of if bed is None else bed
@@ -203,7 +204,7 @@ class Beside:
             ctypes.c_double(self.step), pieces, self.channel, self.known, faults, len(wrong), ctypes.c_ulonglong(seed),
             ctypes.c_double(motor_share), ctypes.c_double(missing), ctypes.c_double(sent_share[0]),
             ctypes.c_double(sent_share[1]), ctypes.byref(of), ctypes.byref(Outside(*outside, speed)),
-            out.ctypes.data_as(double),
+            (ctypes.c_int * 2)(*shift), out.ctypes.data_as(double),
         )  # fmt: skip
         return Run(car, out)
 

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from driving.own_bed import Beside  # noqa: E402
-from driving.test_shifts import RADIUS, STEP, Shift, case_of, shifting  # noqa: E402
+from driving.test_shifts import HOLD, RADIUS, STEP, Shift, case_of, shifting  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
 from matching.match.exported import exported_controller  # noqa: E402
@@ -38,7 +38,7 @@ def main() -> None:
         shift = Shift(kind)
         car = shifting(0.003, shift)
         u, _ = shift.played(car)
-        runs = {name: one.run(car, shift.kmh / 3.6 / RADIUS, u) for name, one in beside.items()}
+        runs = {name: one.run(car, shift.kmh / 3.6 / RADIUS, u, HOLD) for name, one in beside.items()}
         time = np.arange(len(u)) * STEP - 0.7
         ends = np.flatnonzero(runs["known"].faults)
         last = ends[0] if len(ends) else len(u)

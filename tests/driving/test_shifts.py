@@ -4,7 +4,7 @@ Two clutches with dry friction that sticks, each with its own ratio (``own_bed.c
 case's files hold one reduction of 10.05; what the controller is told of the shift is nothing.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ RADIUS, STEP = 0.3, 1e-3
 ZERO = 0  # of `Wrong`: reads nothing
 LOCKED = 400.0  # N·m that a closed clutch carries
 HELPED = 0.7  # of the torque that turns the motor to its new speed comes from the motor itself in a fast shift
+HOLD = 3.0  # s of speed hold first: it has come to its speed, as car and bed turn alike then
 GEARBOX = {"J_out": 0.03, "give": 0.01}
 KINDS = ("power-on up", "power-off up", "power-on down", "power-off down", "automated manual", "in 100 ms")
 
@@ -111,7 +112,7 @@ def played(beside, dead_time, shift, draw=None, seed=1):
     """Error of the side shafts over their range in the shift, the largest deviation (N·m), and the faults."""
     car = shifting(dead_time, shift, draw)
     u, part = shift.played(car)
-    run = beside.run(car, shift.kmh / 3.6 / RADIUS, u, seed=seed, outside=(1, 0))
+    run = beside.run(car, shift.kmh / 3.6 / RADIUS, u, HOLD, seed=seed, outside=(1, 0))
     wanted, found = run.car[part, 1:3], run.bed[part, 1:3]
     apart = found - wanted
     errors = np.sqrt(np.mean(apart**2, axis=0)) / np.ptp(wanted, axis=0)
@@ -172,22 +173,25 @@ def dropped(car, shift, within):
     return u
 
 
-@pytest.mark.long
-def test_a_clutch_that_drops_its_torque_at_once(untuned, tmp_path):
-    """It looks like a broken shaft; where `lost_torque` is raised, the emulation goes on as in any shift."""
-    made = exported_controller(case_of(0.003))
-    raised = replace(made, settings=replace(made.settings, lost_torque=np.full(2, 1e6)))
-    beside, shift, part = Beside(raised, tmp_path), Shift("power-on up"), slice(700, 1600)
+@pytest.mark.parametrize("within", [0.001, 0.005, 0.02])
+def test_a_clutch_that_drops_its_torque_at_once(untuned, within):
+    """It looks like a broken shaft. Where the shift is told, the emulation goes on as in any shift, and a shaft that
+    breaks when it is over is noticed."""
+    shift, part, told = Shift("power-on up", torque=120.0), slice(700, 1600), (750, 1500)
     car = shifting(0.003, shift)
-    for within in (0.001, 0.005, 0.02, 0.1):
-        u = dropped(car, shift, within)
-        usual, run = (one.run(car, shift.kmh / 3.6 / RADIUS, u) for one in (untuned, beside))
-        assert {FAULTS[fault] for fault in usual.faults if fault} == ({"torque gone"} if within < 0.1 else set())
-        assert not run.faults.any()
-        wanted, found = run.car[part, 1:3], run.bed[part, 1:3]
-        error = (np.sqrt(np.mean((found - wanted) ** 2, axis=0)) / np.ptp(wanted, axis=0)).max()
-        print(f"{1e3 * within:g} ms: {100 * error:.2f} %, {np.abs(found - wanted).max():.0f} N·m")
-        assert error <= 0.015
+    u = dropped(car, shift, within)
+    speed, broken = shift.kmh / 3.6 / RADIUS, Wrong(0, ZERO, told[1] + 50, 10000)
+    untold, run, breaks = (
+        untuned.run(car, speed, u, HOLD, **given) for given in ({}, {"shift": told}, {"shift": told, "wrong": [broken]})
+    )
+    assert {FAULTS[fault] for fault in untold.faults if fault} == {"torque gone"}
+    assert not run.faults.any()
+    wanted, found = run.car[part, 1:3], run.bed[part, 1:3]
+    error = (np.sqrt(np.mean((found - wanted) ** 2, axis=0)) / np.ptp(wanted, axis=0)).max()
+    print(f"{1e3 * within:g} ms: {100 * error:.2f} %, {np.abs(found - wanted).max():.0f} N·m")
+    assert error <= 0.015
+    assert {FAULTS[fault] for fault in breaks.faults if fault} == {"torque gone"}
+    assert 0 <= np.flatnonzero(breaks.faults)[0] - broken.first <= 5
 
 
 PARTS = ("drive away", "tip-in", "braked", "away again")
@@ -231,8 +235,10 @@ def test_neither_specimen_nor_vehicle_is_known(dead_time, drives, shifts, tmp_pa
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("dead_time", "median", "most"), [(0.003, 0.012, 0.02), (0.008, 0.03, 0.06)])
-def test_two_hundred_drawn_shifts_and_twelve_beds_through_the_range(dead_time, median, most, tmp_path):
+@pytest.mark.parametrize(("dead_time", "median", "most_of_95", "most"), [
+    (0.003, 0.01, 0.015, 0.02), (0.008, 0.02, 0.03, 0.04),
+])  # fmt: skip
+def test_two_hundred_drawn_shifts_and_twelve_beds_through_the_range(dead_time, median, most_of_95, most, tmp_path):
     """Any shift on drawn beds, with tuned weights: none ends the emulation; errors of 95 % and of all."""
     tuned = attempt(case_of(dead_time), starts=2).solution.tuned
     beside, random, found = Beside(exported_controller(tuned), tmp_path), np.random.default_rng(4711), []
@@ -255,4 +261,5 @@ def test_two_hundred_drawn_shifts_and_twelve_beds_through_the_range(dead_time, m
     print(f"{1e3 * dead_time:g} ms: median, 95 %, largest {np.round(100 * np.quantile(errors, [0.5, 0.95, 1]), 2)} %, "
           f"{np.round(np.quantile(apart, [0.5, 0.95, 1]))} N·m")  # fmt: skip
     assert np.median(errors) <= median
+    assert np.quantile(errors, 0.95) <= most_of_95
     assert errors.max() <= most

@@ -12,17 +12,18 @@ from needs import compiles
 from scipy.signal import cont2discrete, dlsim
 
 from matching.cli import main
-from matching.match.case_file import load_case
+from matching.match.case_file import case_from_tables, load_case
 from matching.match.exported import exported_controller
 from matching.match.loop import linear_bed
 from matching.match.verify import matched_motion
 from modelling.bed.controllers import STRUCTURES
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import FAULTS
-from modelling.fmu.export import controller_fmu
+from modelling.fmu.export import contents, controller_fmu
 from modelling.linear.state_space import state_space
 from modelling.modal.modes import modes
 from modelling.simulation.compiled import compiler
+from modelling.toml import read_toml
 
 pytestmark = compiles
 
@@ -93,6 +94,42 @@ def test_c_equals_python_through_all_modes_and_faults(controller, path):
             seen.add((answer.mode, answer.fault))
     overspeed = FAULTS.index("overspeed")
     assert {(ZERO, 0), (HOLD, 0), (EMULATION, 0), (ZERO, 1), (CHECK, 0), (ZERO, overspeed)} <= seen
+
+
+def test_a_shift_is_told_to_a_controller_that_does_not_know_the_specimen(case, reference_case, tmp_path):
+    """Meanwhile a torque that is gone is no fault, in the FMU as in Python; before and after it is."""
+    told = "shifting"
+    assert told not in {one.name for one in contents(exported_controller(case)).inputs}
+    file = reference_case.with_name("observer.toml")
+    data = read_toml(file)
+    data["loop"] |= {"specimen": "unknown"}
+    controller = exported_controller(case_from_tables(data, str(file)))
+    law, k, path, gone = controller.law, 2, tmp_path / "controller.fmu", FAULTS.index("torque gone")
+    path.write_bytes(controller_fmu(controller).content)
+    large, faults = 2 * float(controller.settings.lost_torque.max()), []
+    for first, last in ((0, 0), (90, 140), (140, 200)):
+        own, seen = controller.running(), []
+        inputs, outputs = names(controller)
+        with slave(path) as one:
+            one.begin()
+            for n in range(160):
+                readings, known = np.zeros(len(law.sensors)), np.zeros(len(law.known))
+                readings[list(controller.torque_readings)] = large * (n < 120) + 0.01 * (n % 7)
+                readings[list(controller.speed_readings)] = 5.0
+                mode, shifting = HOLD if n < 100 else EMULATION, first <= n < last
+                answer = own.step(readings, known, mode, np.full(k, 5.0), n, shifting=shifting)
+                given = np.concatenate([readings, known, np.full(k, 5.0), np.zeros(k)])
+                one.set(dict(zip(inputs, given, strict=True)) | {
+                    "mode": float(mode), "life": float(n), told: float(shifting),
+                })  # fmt: skip
+                one.step(law.sample_time)
+                got = np.array(one.get(outputs))
+                np.testing.assert_allclose(got[:k], answer.commands, rtol=1e-9, atol=1e-9 * large)
+                assert (got[k], got[k + 1]) == (answer.mode, answer.fault)
+                seen.append(answer.fault)
+        faults.append([n for n, fault in enumerate(seen) if fault == gone][:1])
+    assert faults[0] == faults[2] == [120]
+    assert faults[1] == []
 
 
 def closed(case, law, torques):

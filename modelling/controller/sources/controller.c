@@ -718,8 +718,14 @@ static int32_t check(controller *c, const controller_input *in, controller_input
             const bool vehicle = true;
 #endif
             note_deviation(c, seen);
-            const bool lost = has_lost_torque(c, in, seen);
-            const bool opened = has_opened(c);
+            const bool shifting = in->shifting != 0;
+            const bool lost = !shifting && has_lost_torque(c, in, seen);
+            const bool opened = !shifting && has_opened(c);
+            if (shifting) { /* a clutch may open */
+                (void)memset(c->gone, 0, sizeof c->gone);
+                (void)memset(c->carried_for, 0, sizeof c->carried_for);
+                (void)memset(c->seems_open, 0, sizeof c->seems_open);
+            }
             if (!vehicle) {
                 c->sensor = -1; /* what the bed reads is right */
                 fault = CONTROLLER_UNEXPECTED;

@@ -18,7 +18,7 @@ enum {
 };
 
 /* where things stand among the inputs */
-enum { IN_KNOWN = CONTROLLER_READINGS, IN_HOLD = IN_KNOWN + CONTROLLER_KNOWN, IN_MODE = IN_HOLD + CONTROLLER_DYNAMOMETERS, IN_LIFE, IN_ADDED, IN_TRIGGER = IN_ADDED + CONTROLLER_DYNAMOMETERS, IN_ROAD = IN_TRIGGER + (CONTROLLER_LEARNED > 0) };
+enum { IN_KNOWN = CONTROLLER_READINGS, IN_HOLD = IN_KNOWN + CONTROLLER_KNOWN, IN_MODE = IN_HOLD + CONTROLLER_DYNAMOMETERS, IN_LIFE, IN_ADDED, IN_TRIGGER = IN_ADDED + CONTROLLER_DYNAMOMETERS, IN_SHIFTING = IN_TRIGGER + (CONTROLLER_LEARNED > 0), IN_ROAD = IN_SHIFTING + MAY_SHIFT };
 
 #define MOST_SAMPLES 1e7 /* in one communication step */
 #define NEAR 1e-6        /* of a sample: how far a communication step may be from a whole number of them */
@@ -101,6 +101,7 @@ static int advance(Motion *m, double span) {
     in.mode = u[IN_MODE] >= 2.5 ? 3 : u[IN_MODE] >= 1.5 ? 2 : u[IN_MODE] >= 0.5 ? 1 : 0;
     in.life = isfinite(u[IN_LIFE]) ? (uint32_t)(int64_t)fmod(u[IN_LIFE], 4294967296.0) : 0;
     in.trigger = (CONTROLLER_LEARNED > 0 && u[IN_TRIGGER < N_INPUTS ? IN_TRIGGER : 0] >= 0.5) ? 1 : 0;
+    in.shifting = (MAY_SHIFT > 0 && u[IN_SHIFTING < N_INPUTS ? IN_SHIFTING : 0] >= 0.5) ? 1 : 0;
     take_settings(m);
 #if CONTROLLER_VEHICLE_STATES > 0
     for (int i = 0; i < CONTROLLER_TYRES; i++) m->running.settings.friction[i] = u[IN_ROAD + i];
