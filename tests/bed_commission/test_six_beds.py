@@ -7,7 +7,8 @@ from virtual_bed.six_beds import commissioned
 from matching.match.case_file import load_case
 
 
-@pytest.mark.parametrize(("name", "said"), [pytest.param("rpm", "1/min", marks=pytest.mark.long), ("reversed", "sign")])
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "said"), [("rpm", "1/min"), ("reversed", "sign")])
 def test_a_wrong_channel_is_named_before_anything_is_fed_back(name, said, tmp_path):
     found = commissioned(load_case(REFERENCE), name, tmp_path)
     assert (found["status"], found["named"]) == ("wrong_channel", found["expected"])

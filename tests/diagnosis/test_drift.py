@@ -41,6 +41,7 @@ def test_a_drift_is_named_with_its_values(kind: str, at: str, seed: int, tmp_pat
     assert {name for name, _ in found.extended.effects[0].parameters} == {"change", "time_constant"}
 
 
+@pytest.mark.long
 @needs_compiler
 def test_a_straight_line_is_a_drift_whose_end_was_not_recorded(tmp_path: Path) -> None:
     """Its slope is known, its change and time constant only together."""
