@@ -666,6 +666,12 @@ def _converter(box: Gearbox, where: str) -> None:
             raise InputError(f"{where}.{key}", "holds no finite number", "give finite numbers")
     if any(after <= before for before, after in itertools.pairwise(points)):
         raise InputError(f"{where}.speed_ratios", "do not rise", "sort the points by turbine speed over pump speed")
+    driven = [(at, factor) for at, factor in zip(points, converter.capacity_factors, strict=True) if at < 1]
+    if wrong := next((f"{factor:g} at the speed ratio {at:g}" for at, factor in driven if factor < 0), ""):
+        raise InputError(
+            f"{where}.capacity_factors", f"is {wrong}: the turbine would drive the pump",
+            "0 or more below the speed ratio 1, negative beyond it",
+        )  # fmt: skip
     if min(converter.torque_ratios) < 0:
         raise InputError(f"{where}.torque_ratios", f"{min(converter.torque_ratios):g} is not possible", "0 or more")
 

@@ -19,6 +19,9 @@ from modelling.system import System
 
 MAX_NEWTON_STEPS = 60
 HIGH_SPEED = 1e3  # rad/s, above what powertrains reach
+COUPLED = (
+    0.97  # of a pump's speed, from which a turbine's is sought: tables are straight from the coupling point to there
+)
 BALANCE_TOLERANCE = 1e-9  # of the largest torque in the balance, and of the largest speed
 
 
@@ -145,7 +148,8 @@ def _solve(problem: _Problem, flank: float, speed: float, u: np.ndarray) -> Stea
     x[n : 2 * n] = untwisted @ untwisted.sum(axis=0) * speed
     if len(problem.speeds):
         weight = 1e3  # the wanted speeds before the untwisted motion
-        rows = np.vstack([problem.parts.spring_transformation.reshape(-1, n), weight * problem.speed_rows])
+        held = [problem.parts.spring_transformation.reshape(-1, n), *_coupled(problem)]
+        rows = np.vstack([*held, weight * problem.speed_rows])
         values = np.concatenate([np.zeros(len(rows) - len(problem.speeds)), weight * problem.speeds])
         x[n : 2 * n] = np.linalg.lstsq(rows, values)[0]
     acceleration = np.zeros(problem.common.shape[1])
@@ -168,6 +172,18 @@ def _solve(problem: _Problem, flank: float, speed: float, u: np.ndarray) -> Stea
             break
     error = _error(residual, scale)
     return SteadyMotion(x, u, error if np.isfinite(error) else np.inf)
+
+
+def _coupled(problem: _Problem) -> list[np.ndarray]:
+    """Rows (1, n) that are 0 where the turbine of each converter turns nearly with its pump."""
+    masses, p, model = problem.parts.masses, problem.p, problem.model
+    turns, rows = problem.parts.mass_transformation.reshape(-1, model.n), list[np.ndarray]()
+    for box in model.system.gearboxes:
+        if box.converter is not None:
+            ratio = p[model.parameters.index(f"gearboxes.{box.name}.ratio_1")]
+            pump, turbine = (turns[masses.index(f"inertias.{name}")] for name in box.between)
+            rows.append((COUPLED * pump - ratio * turbine)[None])
+    return rows
 
 
 def _residual(

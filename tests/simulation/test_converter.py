@@ -11,6 +11,7 @@ import rigmatch as rm
 from modelling.errors import InputError
 from modelling.fmu.export import block, fmu
 from modelling.linear.linearise import linearise
+from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.model_file import from_dict, to_dict
 from modelling.simulation.simulate import simulate
 from modelling.system import OperatingPoint
@@ -167,6 +168,30 @@ def test_about_an_operating_point_it_is_a_damper_and_no_spring():
     np.testing.assert_allclose(at, right, rtol=1e-9)
 
 
+def test_steady_motion_is_found_at_any_load():
+    """Drawn tables that end where pump and turbine turn alike, drags and speeds of the engine: the turbine's speed by
+    bisection, and the torque that holds it."""
+    random = np.random.default_rng(61803)
+    for _ in range(60):
+        count = random.integers(3, 7)
+        points = [0.0, *np.sort(random.uniform(0.3, 0.95, count - 2)), 1.0]
+        factors = [*-np.sort(-random.uniform(5e-4, 3e-3, count - 1)), 0.0]
+        gains = [*-np.sort(-random.uniform(1.0, 2.5, count - 1)), 1.0]
+        speed, drag = random.uniform(40, 500), np.exp(random.uniform(np.log(5e-6), np.log(30)))
+        table = data(**of_tables(points, factors, gains))
+        table["inertias"]["wheel"]["drag"] = drag
+        low, high = 0.0, 1.0
+        for _ in range(60):
+            middle = (low + high) / 2
+            torque = np.interp(middle, points, gains) * np.interp(middle, points, factors) * speed**2
+            low, high = (middle, high) if torque > drag * middle * speed else (low, middle)
+        model = replace(
+            from_dict(table).in_gear(0), operating_point=OperatingPoint((("engine", speed),), (("load", 0.0),))
+        )
+        assert speeds_of(model)["wheel"] == pytest.approx(low * speed, rel=1e-6)
+        assert torques_of(model)["torque"] == pytest.approx(np.interp(low, points, factors) * speed**2, rel=1e-4)
+
+
 @pytest.mark.long
 @compiles
 def test_an_fmu_has_it(tmp_path):
@@ -198,6 +223,7 @@ def of_tables(*lists):
         (of_tables([0, 1], [1e-3, 0], None), "torque_ratios: is missing"),
         (of_tables([0, 1], [1e-3], [2, 1]), "has 1 values"),
         (of_tables([1, 0], [1e-3, 0], [2, 1]), "do not rise"),
+        (of_tables([0, 0.8, 1], [1e-3, -1e-3, 0], [2, 1, 1]), "-0.001 at the speed ratio 0.8"),
         (of_tables([0, 1], [1e-3, 0], [2, -1]), "-1 is not possible"),
         ({"converter": {"speed_ratios": [0, 1], "k": [1e-3, 0]}}, "'k'"),
         ({"engages_below": 3.0}, "stands beside dog clutches"),
