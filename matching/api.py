@@ -815,6 +815,7 @@ def diagnose(
     """
     from matching.diagnosis.data import segments_between_gaps
     from matching.diagnosis.diagnose import diagnose as run
+    from matching.diagnosis.other_gears import errors_in_other_gears
     from modelling.recordings.gears import in_one_gear
     from modelling.recordings.plausible import check_motion
 
@@ -824,7 +825,8 @@ def diagnose(
         if any(same_file(each, other) for other in fitted):
             raise InputError(f"holdout {each}", "is fitted as well", "name a recording that the fit does not see")
     read, judge = ([recording_of(each, system, channels) for each in some] for some in (fitted, judging))
-    system, read, judge = in_one_gear(system, read, judge)
+    shifting, whole = system, [*read, *judge]
+    system, read, judge = in_one_gear(shifting, read, judge)
     for each in read:
         source = each.source or "recording"
         check_motion(each.channels, system, source)
@@ -833,7 +835,9 @@ def diagnose(
         raise InputError("time_limit", f"{time_limit:g} s is out of range", "give a positive number of seconds")
     computing()
     with shown("diagnose", progress) as tell:
-        return run(system, read, judge, tell, keep_rest, settings=settings, time_limit=time_limit)
+        found = run(system, read, judge, tell, keep_rest, settings=settings, time_limit=time_limit)
+    found.notes.extend(errors_in_other_gears(shifting, system, found.extended, whole))
+    return found
 
 
 def uncertainty(

@@ -6,7 +6,8 @@ other value is no gear. Without it, a gear is engaged where its clutch alone car
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,7 +62,7 @@ def in_one_gear(
     boxes = system.gearboxes
     found = [np.column_stack([_engaged(box, one, settings) for box in boxes]) for one in (*fitted, *judging)]
     chosen = _most_driven(fitted, found[: len(fitted)])
-    words = " and ".join(f"gear {gear} of gearboxes.{box.name}" for box, gear in zip(boxes, chosen, strict=True))
+    words = gear_words(dict(zip((box.name for box in boxes), chosen, strict=True)))
     kept = []
     for recording, gears in zip((*fitted, *judging), found, strict=True):
         rows = (gears == chosen).all(axis=1)
@@ -76,6 +77,30 @@ def in_one_gear(
         kept.append(replace(recording, time=recording.time[rows], channels=channels, notes=(*recording.notes, note)))
     one_gear = system.in_gear(dict(zip((box.name for box in boxes), chosen, strict=True)))
     return one_gear, kept[: len(fitted)], kept[len(fitted) :]
+
+
+def stretches(
+    system: System, recordings: Sequence[Recording], settings: GearSettings = SETTINGS
+) -> list[tuple[dict[str, int], Recording]]:
+    """Parts of recordings in which one gear is engaged throughout, for as long as a shift's neighbourhood at least:
+    the gear of each gearbox, and the rows."""
+    boxes, found = system.gearboxes, list[tuple[dict[str, int], Recording]]()
+    gone = {*(box.name for box in boxes), *system.capacities}
+    for recording in recordings if boxes else ():
+        gears = np.column_stack([_engaged(box, recording, settings) for box in boxes]).astype(int)
+        starts = [0, *(np.flatnonzero(np.diff(gears, axis=0).any(axis=1)) + 1), len(gears)]
+        for first, last in itertools.pairwise(starts):
+            time = recording.time[first:last]
+            if gears[first].all() and time[-1] - time[0] >= 2 * settings.settled:
+                channels = {name: values[first:last] for name, values in recording.channels.items() if name not in gone}
+                engaged = dict(zip((box.name for box in boxes), gears[first].tolist(), strict=True))
+                found.append((engaged, replace(recording, time=time, channels=channels)))
+    return found
+
+
+def gear_words(gears: Mapping[str, int]) -> str:
+    """The gear of each gearbox."""
+    return " and ".join(f"gear {gear} of gearboxes.{name}" for name, gear in gears.items())
 
 
 def _engaged(box: Gearbox, recording: Recording, settings: GearSettings) -> np.ndarray:

@@ -1,5 +1,6 @@
 """A diagnosis of a drivetrain that shifts: the gear is told by its number or by the clutches, the motion is our own."""
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -94,6 +95,11 @@ def test_a_recording_with_shifts_is_read_and_diagnosed(tmp_path, way):
         else:
             assert found.verdict != "adequate"
             assert any(cause.at.startswith("inertias.wheel") for cause in found.causes)
+        (other,) = [note for note in found.notes if note.startswith("gear 1 of gearboxes.box was not fitted")]
+        left = re.search(r"motor_speed ([\d.]+) rad/s(?: \(([\d.]+) before\))?", other)
+        assert float(left[1]) < 1.2 * 0.3, "the noise"
+        assert (left[2] is None) == (heavier == 1)
+        assert heavier == 1 or float(left[2]) > 20
 
 
 def test_a_number_is_no_torque_for_a_simulation(tmp_path):
