@@ -880,11 +880,14 @@ def _measured(
         before, begun = begun.cost, begun.released()
         if begun.misfit > DEVIATIONS.right:
             for i, k in best.neighbours(settings):
+                if begun.run.over:
+                    break
                 other = wiring.exchanged("outputs", i, k)
                 rival = begun_fit(*parts(other))
                 if rival is None or rival.cost > settings.rival * before:
                     continue
-                exchanged = rival.released()
+                # where nothing is released, as with free play, an exchange shows at once or not at all
+                exchanged = rival.released() if begun.rivals else rival
                 if exchanged.cost * DEVIATIONS.nearly < begun.cost:
                     told = exchanged.measured()
                     if told.misfit <= DEVIATIONS.right:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from time import process_time
 
 import numpy as np
 
@@ -97,6 +98,8 @@ class DeviationSettings:
     coverage: float = 3.0  # standard uncertainties by which a value lies beyond its tolerance
     near_minima: float = 40.0  # of χ²: ends of fits that are nearly as good, whose distance counts as uncertainty
     alike: float = 20.0  # of χ²: what falls nearly as much may be the cause as well
+    longest: float = 180.0  # s of processor time, after which nothing more is released: a bed with two axles has 70
+    # quantities, and a round takes minutes
     nearly: float = 1.3  # of χ²: candidates up to it may be the best one at the end of their fits
 
 
@@ -270,6 +273,12 @@ class RecordedCheck:
     hold: float
     stick_speed: float
     settings: DeviationSettings
+    begun: float = field(default_factory=process_time)
+
+    @property
+    def over(self) -> bool:
+        """Whether the time for releases is over."""
+        return process_time() - self.begun > self.settings.longest
 
     def until(self, share: float, stick_speed: float | None = None) -> RecordedCheck:
         """The first part of the recording; with friction that is easily fitted, where no stick speed is given."""
@@ -374,6 +383,8 @@ class Begun:
     def released(self) -> Begun:
         """With one more quantity released, the one by which the misfit falls most; ended where none gains enough."""
         now, run, settings = self.now, self.run, self.run.settings
+        if run.over:
+            return replace(self, ended=True)
         tried = sorted(_next(now), key=lambda one: one[1].cost)
         if not tried:
             return replace(self, ended=True)
@@ -414,7 +425,7 @@ class Begun:
                 break
             with contextlib.suppress(SimulationError):
                 now = solved(now.fit, now.x, (*now.released, *held), settings.at_last, now.apart)
-        alone = _alone(now) if self.share == 1 else None
+        alone = _alone(now) if self.share == 1 and not self.run.over else None
         if alone is not None:
             now, rivals = alone, {}
         return _measured(now, rivals, self.run, self.share)
@@ -616,7 +627,7 @@ def _next(now: Found) -> Iterator[tuple[str, Found]]:
             continue
         released = (*now.released, one.name)
         begins.append((_first_order(now, released), len(begins), one.name, now.x))
-        if misfit <= settings.far:
+        if misfit <= settings.far or fit.run.over:
             continue
         xs = np.tile(base, (len(one.starts), 1))
         xs[:, n] = one.starts
@@ -628,7 +639,7 @@ def _next(now: Found) -> Iterator[tuple[str, Found]]:
     begins.sort(key=lambda one: one[:2])
     found: dict[str, Found] = {}
     for promised, _, name, x in begins[: settings.refitted]:
-        if now.cost - promised < settings.promised * settings.fall:
+        if now.cost - promised < settings.promised * settings.fall or (found and fit.run.over):
             break
         with contextlib.suppress(SimulationError):
             ended = solved(fit, x, (*now.released, name), apart=now.apart)
@@ -642,7 +653,7 @@ def _best_of(found: Found, name: str) -> Found:
     settings, n = found.fit.run.settings, [one.name for one in found.fit.free].index(name)
     done = [solved(found.fit, found.x, found.released, settings.at_last)]
     far = abs(done[0].x[n]) > settings.far_value and misfit_of(done[0]) > settings.right
-    if name.startswith("rig.") and far:
+    if name.startswith("rig.") and far and not found.fit.run.over:
         for side in settings.beside:
             x = np.where([one.name in found.released for one in found.fit.free], done[0].x, 0.0)
             x[n] += side
