@@ -876,23 +876,21 @@ def _measured(
         return case, system, time - time[0], *_mended(sent, read, names, moved, inputs, own), lead
 
     begun = begun_fit(*parts(wiring))
-    if begun is not None and begun.misfit > DEVIATIONS.right:
-        before, begun = begun.cost, begun.released()
-        if begun.misfit > DEVIATIONS.right:
-            for i, k in best.neighbours(settings):
-                if begun.run.over:
-                    break
-                other = wiring.exchanged("outputs", i, k)
-                rival = begun_fit(*parts(other))
-                if rival is None or rival.cost > settings.rival * before:
-                    continue
-                # where nothing is released, as with free play, an exchange shows at once or not at all
-                exchanged = rival.released() if begun.rivals else rival
-                if exchanged.cost * DEVIATIONS.nearly < begun.cost:
-                    told = exchanged.measured()
-                    if told.misfit <= DEVIATIONS.right:
-                        pair = (fault("exchanged", names[i], names[k]), fault("exchanged", names[k], names[i]))
-                        return told, other, [*wrong, *pair]
+    if begun is not None:
+        before, begun = begun.cost, begun.released() if begun.misfit > DEVIATIONS.right else begun
+        for i, k in best.neighbours(settings) if begun.misfit > DEVIATIONS.right else ():
+            if begun.run.over:
+                break
+            other = wiring.exchanged("outputs", i, k)
+            rival = begun_fit(*parts(other))
+            if rival is None or rival.cost > settings.rival * before:
+                continue
+            # where nothing is released, as with free play, an exchange shows at once or not at all
+            rival = rival.released() if begun.rivals else rival
+            told = rival.measured() if rival.cost * DEVIATIONS.nearly < begun.cost else None
+            if told is not None and told.misfit <= DEVIATIONS.right:
+                pair = (fault("exchanged", names[i], names[k]), fault("exchanged", names[k], names[i]))
+                return told, other, [*wrong, *pair]
     found = None if begun is None else begun.measured()
     if wrong and wiring != right and (found is None or found.misfit > DEVIATIONS.explained):
         as_recorded = deviations(*parts(right))

@@ -354,10 +354,14 @@ def _first_order(now: Found, released: tuple[str, ...], x: np.ndarray | None = N
 
 @dataclass(frozen=True)
 class Begun:
-    """A fit on its way: what was released, and what fell nearly as much, by name; ``share`` as in :class:`Deviations`.
+    """A fit that may release further quantities.
 
     Attributes
     ----------
+    share : float
+        As in :class:`Deviations`.
+    rivals : mapping of str to tuple of str
+        By released quantity: those with which the misfit falls nearly as much.
     misfit : float
         Largest error of a channel, relative.
     cost : float

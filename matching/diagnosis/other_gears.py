@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from modelling.equations.casadi_code import compiled
+from modelling.errors import InputError
 from modelling.recordings.gears import gear_words, stretches
 from modelling.recordings.recording import Recording
 from modelling.simulation.simulate import recorded_start, simulate, with_stick_speed
@@ -40,7 +41,7 @@ def errors_in_other_gears(
         words = gear_words(gears)
         try:
             both = [_simulated(one.with_values(values), rows) for one in (fitted, extended)]
-        except SimulationError:
+        except (SimulationError, InputError):  # the diagnosis stands, whatever these rows hold
             lost[words] = None
             continue
         found.setdefault(words, []).append((rows, both))

@@ -59,7 +59,7 @@ def lower_bound(case: Case, refinement: int) -> float:
 
 
 def prompt_bound(case: Case) -> float:
-    """The lower bound without dead time and lags: what is left comes from the specimen on the rig, not from the loop.
+    """The smallest response error of a loop without dead time and lags: what is left is the specimen's, not the loop's.
 
     Dead times, lags and the sample time are as short as the design takes them, an eighth of a sample and less.
     """

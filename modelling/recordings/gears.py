@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modelling.errors import InputError
-from modelling.recordings.recording import Recording
+from modelling.recordings.recording import Recording, longest_bridge
 from modelling.system import Gearbox, System
 
 
@@ -60,7 +60,7 @@ def in_one_gear(
     if not system.gearboxes:
         return system, [*fitted], [*judging]
     boxes = system.gearboxes
-    found = [np.column_stack([_engaged(box, one, settings) for box in boxes]) for one in (*fitted, *judging)]
+    found = [_gears(system, one, settings) for one in (*fitted, *judging)]
     chosen = _most_driven(fitted, found[: len(fitted)])
     words = gear_words(dict(zip((box.name for box in boxes), chosen, strict=True)))
     kept = []
@@ -71,10 +71,9 @@ def in_one_gear(
                 recording.source, f"is never in {words} for longer than {2 * settings.settled:g} s",
                 "give a recording in this gear",
             )  # fmt: skip
-        step, gone = float(np.median(np.diff(recording.time))), {*(box.name for box in boxes), *system.capacities}
+        step = float(np.median(np.diff(recording.time)))
         note = f"in {words} for {rows.sum() * step:.4g} of {len(rows) * step:.4g} s; the rest is left out"
-        channels = {name: values[rows] for name, values in recording.channels.items() if name not in gone}
-        kept.append(replace(recording, time=recording.time[rows], channels=channels, notes=(*recording.notes, note)))
+        kept.append(replace(_rows(system, recording, rows), notes=(*recording.notes, note)))
     one_gear = system.in_gear(dict(zip((box.name for box in boxes), chosen, strict=True)))
     return one_gear, kept[: len(fitted)], kept[len(fitted) :]
 
@@ -82,20 +81,30 @@ def in_one_gear(
 def stretches(
     system: System, recordings: Sequence[Recording], settings: GearSettings = SETTINGS
 ) -> list[tuple[dict[str, int], Recording]]:
-    """Parts of recordings in which one gear is engaged throughout, for as long as a shift's neighbourhood at least:
-    the gear of each gearbox, and the rows."""
-    boxes, found = system.gearboxes, list[tuple[dict[str, int], Recording]]()
-    gone = {*(box.name for box in boxes), *system.capacities}
-    for recording in recordings if boxes else ():
-        gears = np.column_stack([_engaged(box, recording, settings) for box in boxes]).astype(int)
-        starts = [0, *(np.flatnonzero(np.diff(gears, axis=0).any(axis=1)) + 1), len(gears)]
-        for first, last in itertools.pairwise(starts):
-            time = recording.time[first:last]
-            if gears[first].all() and time[-1] - time[0] >= 2 * settings.settled:
-                channels = {name: values[first:last] for name, values in recording.channels.items() if name not in gone}
-                engaged = dict(zip((box.name for box in boxes), gears[first].tolist(), strict=True))
-                found.append((engaged, replace(recording, time=time, channels=channels)))
+    """Parts of recordings without a gap in which one gear is engaged throughout, for as long as a shift's neighbourhood
+    at least: the gear of each gearbox, and the rows."""
+    found = list[tuple[dict[str, int], Recording]]()
+    for recording in recordings if system.gearboxes else ():
+        gears = _gears(system, recording, settings).astype(int)
+        changed = np.diff(gears, axis=0).any(axis=1) | (np.diff(recording.time) > longest_bridge(recording.time))
+        for first, last in itertools.pairwise([0, *(np.flatnonzero(changed) + 1), len(gears)]):
+            rows = _rows(system, recording, slice(first, last))
+            if gears[first].all() and np.ptp(rows.time) >= 2 * settings.settled:
+                names = (box.name for box in system.gearboxes)
+                found.append((dict(zip(names, gears[first].tolist(), strict=True)), rows))
     return found
+
+
+def _gears(system: System, recording: Recording, settings: GearSettings) -> np.ndarray:
+    """Number of the gear of each gearbox (t, g), 0 where none is engaged, and near a change."""
+    return np.column_stack([_engaged(box, recording, settings) for box in system.gearboxes])
+
+
+def _rows(system: System, recording: Recording, rows: np.ndarray | slice) -> Recording:
+    """Some rows of a recording, without the channels that say the gear."""
+    gone = {*(box.name for box in system.gearboxes), *system.capacities}
+    channels = {name: values[rows] for name, values in recording.channels.items() if name not in gone}
+    return replace(recording, time=recording.time[rows], channels=channels)
 
 
 def gear_words(gears: Mapping[str, int]) -> str:

@@ -12,7 +12,7 @@ from simulation.own_gearbox import drawn
 import rigmatch as rm
 from modelling.errors import InputError
 from modelling.model_file import from_dict
-from modelling.recordings.gears import in_one_gear
+from modelling.recordings.gears import in_one_gear, stretches
 from modelling.recordings.recording import Recording
 
 SECONDS, STEP, SHIFT = 12.0, 2e-3, 0.25
@@ -65,6 +65,19 @@ def test_the_rows_of_the_gear_that_was_driven_most_are_used():
         assert 4.0 < len(rows.time) * STEP < 5.5
         assert not {"box", "clutch_1", "clutch_2"} & {*rows.channels}
         assert "gear 2 of gearboxes.box" in rows.notes[-1]
+
+
+def test_stretches_in_a_gear_end_at_shifts_and_at_gaps():
+    model, recording, gear, _ = _drive(31)
+    kept = np.abs(recording.time - 2.0) > 0.2  # in gear 1
+    channels = {name: values[kept] for name, values in _by_number(recording, gear).channels.items()}
+    parts = stretches(model, [replace(recording, time=recording.time[kept], channels=channels)])
+    assert [gears["box"] for gears, _ in parts] == [1, 1, 2], (
+        "gear 2 from 4.5 s and gear 1 from 6.5 s last less than a second"
+    )
+    ends = [(rows.time[0], rows.time[-1]) for _, rows in parts]
+    np.testing.assert_allclose(ends, [(0, 1.8), (2.2, 3.5), (8.0, 12.0)], atol=0.01)
+    assert all("box" not in rows.channels for _, rows in parts)
 
 
 def test_a_recording_that_is_never_in_the_gear_is_refused():
