@@ -11,6 +11,7 @@ import numpy as np
 
 from matching.match.case import Case, Drive, OperatingRange, table_of
 from matching.match.coupled import run_in_of
+from matching.match.gearboxes import Gearboxes
 from matching.match.loop import linear_bed
 from matching.match.requirements import requirements
 from modelling.bed.bed import Loop
@@ -80,8 +81,9 @@ def with_point_in_range(data: Mapping[str, Any], where: str) -> Mapping[str, Any
 
 
 def read_range(
-    data: Mapping[str, Any], vehicle: System, rig: System, loop: Loop, bodies: list[str], where: str
-) -> OperatingRange | None:
+    data: Mapping[str, Any], vehicle: System, rig: System, loop: Loop, bodies: list[str], gearboxes: Gearboxes | None,
+    where: str,
+) -> OperatingRange | None:  # fmt: skip
     """The range of a case, None without one.
 
     Raises
@@ -105,11 +107,13 @@ def read_range(
     made = OperatingRange(low, high, radius, tuple(bodies))
     driven = {one.torque_input for one in loop.dynamometers}
     known = [part.name for part in vehicle.inputs if part.name not in driven]
+    known += gearboxes.shared if gearboxes is not None else ()
     entries = data.get("drives", [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise InputError(f"{where}: drives", "is no list of tables", 'write [[drives]] with vehicle_speed = "30 km/h"')
     drives = tuple(
-        _drive(entry, number, made, vehicle, rig, loop, known, where) for number, entry in enumerate(entries, 1)
+        _drive(entry, number, made, vehicle, rig, loop, known, gearboxes, where)
+        for number, entry in enumerate(entries, 1)
     )
     return replace(made, drives=drives)
 
@@ -136,10 +140,12 @@ def _speeds(table: Mapping[str, Any], place: str) -> tuple[float, float]:
 
 def _drive(
     entry: Mapping[str, Any], number: int, about: OperatingRange, vehicle: System, rig: System, loop: Loop,
-    known: list[str], where: str,
+    known: list[str], gearboxes: Gearboxes | None, where: str,
 ) -> Drive:  # fmt: skip
     place, own = f"{where}: drives[{number}]", ("title", "vehicle_speed", "profile", "driver")
     for key in entry:
+        if gearboxes is not None and key not in known and (role := gearboxes.alone(key)):
+            raise InputError(f"{place}.{key}", f"is a clutch of the {role} alone", "vehicle and rig shift alike")
         if key not in (*own, *known):
             raise unknown(str(key), [*own, *known], place)
     speed, low = to_si(entry.get("vehicle_speed", 0.0), "m/s", f"{place}.vehicle_speed"), min(about.lowest, 0.0)
@@ -167,7 +173,12 @@ def _drive(
     for name in brakes:
         if name in given and (least := given[name].smallest) < 0:
             raise InputError(f"{place}.{name}", f"reaches {least:g} N·m", "a brake's torque is 0 or more")
-    return Drive(str(entry.get("title", f"drive {number}")), speed, torques)
+    gears = {} if gearboxes is None else gearboxes.begun_in(given, place)
+    if gears and "profile" in entry:
+        raise InputError(
+            f"{place}.profile", "shifts", "a driver drives in the gear of the case: leave out the clutches"
+        )
+    return Drive(str(entry.get("title", f"drive {number}")), speed, torques, gears)
 
 
 def range_tables(about: OperatingRange) -> dict[str, Any]:

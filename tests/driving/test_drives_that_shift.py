@@ -1,0 +1,162 @@
+"""Drives of a case in which a gearbox shifts, beside a car, a bed and a gearbox of the tests' own (``own_bed.c``)."""
+
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driving.own_bed import NOISE, Beside
+from driving.test_shifts import STEP, Shift, drawn, played, shifting
+from needs import compiles
+
+from matching.match.case import Drive
+from matching.match.case_file import case_files, load_case
+from matching.match.driving import driving
+from matching.match.exported import exported_controller
+from modelling.bed.manoeuvres import RecordedTorque, TipIn
+from modelling.errors import InputError
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "gear_change"
+PLANNED = 1  # no bed is drawn but one
+NOISE_LEAVES = 0.0025  # of the range: the noise of both beds has its own course
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return shutil.copytree(EXAMPLE, tmp_path / "gear_change")
+
+
+def with_ratios(folder, low, high, specimen="unknown"):
+    """The example with these ratios of car and bed, the noise of the own bed's sensors, without drives."""
+    own = folder.parent / f"{low}_{high}"
+    shutil.copytree(folder, own)
+    for name in ("car.toml", "gearbox.toml"):
+        text = re.sub(r"ratios = .*", f"ratios = [{low}, {high}]", (own / name).read_text(encoding="utf-8"))
+        for sensor, noise in ((r"flange_\w+_torque", NOISE[0]), (r"(?:rotor_\w+|motor)_speed", NOISE[1])):
+            counts = "\ncounts = 8192" if "speed" in sensor else ""
+            text = re.sub(rf"(\[sensors.{sensor}\][^\[]*?uncertainty = )[^\n]*", rf"\g<1>{noise}{counts}", text)
+        (own / name).write_text(text, encoding="utf-8")
+    text = (own / "case.toml").read_text(encoding="utf-8").replace('"unknown"', f'"{specimen}"')
+    before, rest = text.split("[[drives]]", 1)
+    (own / "case.toml").write_text(before + rest[rest.index("[[targets]]") :], encoding="utf-8")
+    return load_case(own / "case.toml")
+
+
+def judged(case, shift):
+    """The drive of an own shift, as the case judges it, and the inputs of the own car; one bed beside the planned."""
+    car = shifting(0.003, shift)
+    u, part = shift.played(car)
+    time, names = np.arange(len(u)) * STEP, ("clutch_low", "clutch_high") if shift.up else ("clutch_high", "clutch_low")
+    torques = {"motor_torque": u[:, 0] - u[0, 0], names[0]: u[:, 8], names[1]: u[:, 9]}
+    made = {name: RecordedTorque.of(time, torque) for name, torque in torques.items()}
+    drive = Drive("own shift", shift.kmh / 3.6, made, case.gearboxes.begun_in(made, "drive"))
+    about = replace(case.operating_range, drives=(drive,))
+    return driving(replace(case, operating_range=about), settings=replace(SETTINGS, drawn=PLANNED)), part
+
+
+SETTINGS = driving.__defaults__[1]
+
+
+def compared(case, shift, beside):
+    """Vehicle beside the own car, rms over range (2,), and the errors on the bed: the case's and the own one's."""
+    found, part = judged(case, shift)
+    assert not found.not_run
+    result = found.drives[0]
+    run, error, _, faults = played(beside, 0.003, shift)
+    assert not faults
+    assert not result.errors.fault
+    sides = [result.traces[1][f"side_{side}_torque"] for side in ("left", "right")]
+    car = run.car[:, 1:3] - run.car[0, 1:3]
+    ranges = np.ptp(car[part], axis=0)
+    vehicle = np.stack([vehicle for vehicle, _, _ in sides], axis=1)[: len(car)]
+    apart = np.sqrt(np.mean((vehicle[part] - car[part]) ** 2, axis=0)) / ranges
+    bed = np.stack([bed for _, bed, _ in sides], axis=1)[: len(car)]
+    own = np.sqrt(np.mean((bed[part] - vehicle[part]) ** 2, axis=0)) / np.ptp(vehicle[part], axis=0)
+    print(f"{shift.kind}: vehicle {100 * apart.max():.2f} %, error {100 * own.max():.2f} %, own {100 * error:.2f} %")
+    return apart.max(), own.max(), error
+
+
+@compiles
+@pytest.mark.parametrize("kind", ["power-on up", pytest.param("power-off down", marks=pytest.mark.long)])
+def test_a_shift_is_judged_as_an_own_bed_shows_it(kind, folder, tmp_path):
+    shift = Shift(kind)
+    case = with_ratios(folder, shift.low, shift.high)
+    vehicle, error, own = compared(case, shift, Beside(exported_controller(case), tmp_path / "beside"))
+    assert vehicle <= 0.01
+    assert error == pytest.approx(own, rel=0.3, abs=NOISE_LEAVES)
+
+
+@compiles
+@pytest.mark.long
+def test_drawn_shifts_are_judged_as_an_own_bed_shows_them(folder, tmp_path):
+    """Any kind, speed, ratio, torque and length."""
+    random, found = np.random.default_rng(660128), []
+    for number in range(12):
+        shift = drawn(random)
+        case = with_ratios(folder, shift.low, shift.high)
+        found.append(compared(case, shift, Beside(exported_controller(case), tmp_path / str(number))))
+    vehicle, error, own = np.array(found).T
+    assert vehicle.max() <= 0.015
+    np.testing.assert_allclose(error, own, rtol=0.3, atol=NOISE_LEAVES)
+
+
+@compiles
+@pytest.mark.long
+def test_a_controller_that_holds_one_gear_ends_and_the_reason_is_said(folder):
+    shift = Shift("power-on up")
+    found, _ = judged(with_ratios(folder, shift.low, shift.high, "known"), shift)
+    said = " ".join(found.sentences(1500.0))
+    assert "leaves emulation" in said
+    assert "its model holds box in one gear" in said
+
+
+def test_drives_that_shift_are_written_and_read_again(folder, tmp_path):
+    case = load_case(folder / "case.toml")
+    assert [dict(drive.gears) for drive in case.operating_range.drives] == [{}, {"box": 1}, {"box": 2}]
+    for name, text in case_files(case).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    again = load_case(tmp_path / "case.toml")
+    assert again.rig.gears == case.rig.gears
+    assert [part.name for part in again.gearboxes.rig.inputs] == [part.name for part in case.gearboxes.rig.inputs] or (
+        sorted(again.gearboxes.rig.capacities) == sorted(case.gearboxes.rig.capacities)
+    )
+    time = np.linspace(0, 3, 50)
+    for one, other in zip(case.operating_range.drives, again.operating_range.drives, strict=True):
+        assert one.gears == other.gears
+        for name, torque in one.torques.items():
+            np.testing.assert_allclose(torque.torque(time), other.torques[name].torque(time), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("clutch_low = [{ to = 400, hold = 0.65 }", "clutch_low = [{ to = 0, hold = 0.65 }", "closes 0 clutches"),
+        ("{ to = 0, hold = 0.7 }, { to = 100", "{ to = 10, hold = 0.7 }, { to = 100", "closes 2 clutches"),
+        ("{ to = 0, over = 0.15, hold = 2 }]\nclutch_high", "{ to = -9, over = 0.15 }]\nclutch_high", "reaches -9 N·m"),
+    ],
+)
+def test_bad_clutch_torques_are_one_line(folder, old, new, said):
+    file = folder / "case.toml"
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError) as fault:
+        load_case(file)
+    assert said in str(fault.value)
+    assert "drives[2]" in str(fault.value)
+
+
+def test_the_vehicle_needs_the_same_gearbox(folder):
+    file = folder / "case.toml"
+    text = file.read_text(encoding="utf-8").replace('"car.toml"', f'"{EXAMPLE.parent / "drive_away" / "vehicle.toml"}"')
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="clutch_low: is a clutch of the rig alone"):
+        load_case(file)
+
+
+def test_a_clutch_carries_what_it_does_from_the_begin_on(folder):
+    case = load_case(folder / "case.toml")
+    step = TipIn(amplitude=400, at=0.0, rise_time=0.0, duration=1.0)
+    assert case.gearboxes.begun_in({"clutch_high": step}, "drive") == {"box": 2}
