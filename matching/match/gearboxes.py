@@ -62,7 +62,7 @@ class Gearboxes:
         return replace(self, vehicle=vehicle, rig=rig)
 
     def begun_in(self, torques: Mapping[str, Manoeuvre], place: str) -> dict[str, int]:
-        """The gear by gearbox in which a drive begins; of gearboxes whose clutches it names.
+        """The gear by gearbox in which a drive begins, 0 on a converter; of gearboxes whose clutches it names.
 
         Raises
         ------
@@ -82,6 +82,9 @@ class Gearboxes:
                 for gear, name in enumerate(box.capacities, 1)
                 if name in named and carried(torques[name], np.zeros(1))[0] > 0
             ]
+            if box.converter is not None and not closed:
+                gears[box.name] = 0  # on the converter
+                continue
             if len(closed) != 1:
                 wrong = f"closes {len(closed)} clutches of gearboxes.{box.name} at its begin ({', '.join(named)})"
                 right = 'one carries a torque there, as clutch = { kind = "back_out", amplitude = 400 } does'

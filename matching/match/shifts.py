@@ -9,6 +9,7 @@ import numpy as np
 
 from matching.match.case import Case, Drive
 from matching.match.gearboxes import carried
+from matching.match.requirements import requirements
 from modelling.equations.casadi_code import compiled
 from modelling.linear.steady_motion import operating_motion
 from modelling.simulation.clutch_steps import most_steps
@@ -35,7 +36,7 @@ SHIFTS = ShiftSettings()
 
 
 def in_gears(case: Case, gears: Mapping[str, int]) -> Case:
-    """The case with gearboxes of vehicle and rig in other gears."""
+    """The case with gearboxes of vehicle and rig in other gears; what is asked of the loop stays."""
     boxes = case.gearboxes
     if boxes is None or all(boxes.gears[name] == gear for name, gear in gears.items()):
         return case
@@ -44,7 +45,8 @@ def in_gears(case: Case, gears: Mapping[str, int]) -> Case:
         system.in_gear({box.name: wanted[box.name] for box in system.gearboxes if box.capacities})
         for system in boxes.as_in_files(case.vehicle, case.rig)
     )
-    return replace(case, vehicle=vehicle, rig=rig)
+    limits = {**case.limits, "margin_from": requirements(case).margin_from}
+    return replace(case, vehicle=vehicle, rig=rig, targets=(), limits=limits)
 
 
 def with_live_clutches(case: Case, drive: Drive, time: np.ndarray) -> tuple[Case, dict[str, np.ndarray], float]:

@@ -13,10 +13,14 @@ from needs import compiles
 
 from matching.match.case import Drive
 from matching.match.case_file import case_files, load_case
-from matching.match.driving import driving
+from matching.match.driving import DRIVING, driving
 from matching.match.exported import exported_controller
+from matching.match.operating_range import at_vehicle_speed
+from matching.match.shifts import in_gears
 from modelling.bed.manoeuvres import RecordedTorque, TipIn
 from modelling.errors import InputError
+from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
+from modelling.simulation.simulate import simulate
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "gear_change"
 PLANNED = 1  # no bed is drawn but one
@@ -53,10 +57,7 @@ def judged(case, shift):
     made = {name: RecordedTorque.of(time, torque) for name, torque in torques.items()}
     drive = Drive("own shift", shift.kmh / 3.6, made, case.gearboxes.begun_in(made, "drive"))
     about = replace(case.operating_range, drives=(drive,))
-    return driving(replace(case, operating_range=about), settings=replace(SETTINGS, drawn=PLANNED)), part
-
-
-SETTINGS = driving.__defaults__[1]
+    return driving(replace(case, operating_range=about), settings=replace(DRIVING, drawn=PLANNED)), part
 
 
 def compared(case, shift, beside):
@@ -160,3 +161,94 @@ def test_a_clutch_carries_what_it_does_from_the_begin_on(folder):
     case = load_case(folder / "case.toml")
     step = TipIn(amplitude=400, at=0.0, rise_time=0.0, duration=1.0)
     assert case.gearboxes.begun_in({"clutch_high": step}, "drive") == {"box": 2}
+
+
+CONVERTER = """
+[inertias.turbine]
+J = 0.02
+
+[gearboxes.converter]
+between = ["motor", "turbine"]
+ratios = [1.0]
+capacities = ["lock_up"]
+deflection = 0.02
+settling = 2e-5
+
+[gearboxes.converter.converter]
+speed_ratios = [0.0, 0.4, 0.7, 0.87, 1.0, 1.4]
+capacity_factors = [2.4e-3, 2.3e-3, 1.9e-3, 1.3e-3, 0.0, -1.1e-3]
+torque_ratios = [2.1, 1.6, 1.2, 1.0, 1.0, 1.0]
+
+[inputs.lock_up]
+on = "motor"
+"""
+AWAY = """
+[[drives]]
+title = "away on the converter, then locked"
+motor_torque = [{ to = 0, hold = 0.2 }, { to = 60, over = 0.2, hold = 4 }]
+lock_up = [{ to = 0, hold = 3 }, { to = 150, over = 0.5, hold = 1 }]
+clutch_low = [{ to = 400, hold = 4 }]
+
+"""
+DOGS = """
+[[drives]]
+title = "the motor brings the teeth to one speed"
+vehicle_speed = "50 km/h"
+motor_torque = [
+    { to = 0, hold = 0.2 }, { to = 80, over = 0.1, hold = 0.4 }, { to = 0, over = 0.1, hold = 0.05 },
+    { to = -42, over = 0.05, hold = 0.28 }, { to = 0, over = 0.05, hold = 0.2 }, { to = 80, over = 0.2, hold = 1.5 },
+]
+clutch_low = [{ to = 1, hold = 0.82 }, { to = 0, hold = 3 }]
+clutch_high = [{ to = 0, hold = 0.9 }, { to = 1, hold = 3 }]
+
+"""
+
+
+def changed(folder, of_models, drive):
+    """The example with other gearboxes and one drive of its own."""
+    for name in ("car.toml", "gearbox.toml"):
+        (folder / name).write_text(of_models((folder / name).read_text(encoding="utf-8")), encoding="utf-8")
+    before, rest = (folder / "case.toml").read_text(encoding="utf-8").split("[[drives]]", 1)
+    (folder / "case.toml").write_text(before + drive + rest[rest.index("[[targets]]") :], encoding="utf-8")
+    return load_case(folder / "case.toml")
+
+
+def with_converter(text):
+    before, mesh = text.split("[shafts.gear_mesh]")
+    return before + "[shafts.gear_mesh]" + mesh.replace('["motor", "gearbox"]', '["turbine", "gearbox"]', 1) + CONVERTER
+
+
+def with_dogs(text):
+    return re.sub(r"settling = .*", 'settling = 2e-4\nengages_below = "8 rad/s"', text)
+
+
+@compiles
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("of_models", "drive", "begins"),
+    [(with_converter, AWAY, {"converter": 0, "box": 1}), (with_dogs, DOGS, {"box": 1})],
+)
+def test_converters_and_dog_clutches_are_driven_too(folder, of_models, drive, begins):
+    """The vehicle is beside one that is simulated to a tolerance, in steps of its own."""
+    case = changed(folder, of_models, drive)
+    (own,) = case.operating_range.drives
+    assert dict(own.gears) == begins
+    found = driving(case, settings=replace(DRIVING, drawn=PLANNED))
+    assert not found.not_run
+    result = found.drives[0]
+    assert not result.errors.fault
+    assert result.errors.planned <= 0.015
+    live = case.gearboxes.vehicle
+    time, traces = result.traces
+    at_begin = at_vehicle_speed(in_gears(case, own.gears).vehicle, case.rig, case.operating_range, own.vehicle_speed)
+    torques, speeds = torques_of(at_begin), speeds_of(at_begin)
+    u = {part.name: np.full(len(time), torques.get(part.name, 0.0)) for part in live.inputs}
+    for name, torque in own.torques.items():
+        u[name] = u[name] + torque.torque(np.maximum(time, 1e-6))
+    start = operating_motion(at_begin.shifting(live, {name: float(u[name][0]) for name in live.capacities})).state
+    simulated = simulate(live, time, u, start=start if any(speeds.values()) else None)
+    for name in ("side_left_torque", "motor_speed"):
+        wanted = simulated.readings[name] - simulated.readings[name][0]
+        apart = np.sqrt(np.mean((traces[name][0] - wanted) ** 2)) / np.ptp(wanted)
+        print(f"{name}: {100 * apart:.3f} %")
+        assert apart <= 0.005
