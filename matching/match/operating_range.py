@@ -264,6 +264,14 @@ def at_vehicle_speed(vehicle: System, rig: System, about: OperatingRange, speed:
     return in_steady_motion(vehicle, rig, dict.fromkeys(about.bodies, speed / about.rolling_radius), {})
 
 
+def rotor_speed(rig: System, loop: Loop) -> float:
+    """Mean speed of the rotors at the operating point of a rig, rad/s; 0 without one."""
+    if rig.operating_point is None:
+        return 0.0
+    driven, speeds = {one.torque_input for one in loop.dynamometers}, speeds_of(rig)
+    return float(np.mean([speeds[part.on] for part in rig.inputs if part.name in driven]))
+
+
 def in_steady_motion(
     vehicle: System, rig: System, speeds: Mapping[str, float], torques: Mapping[str, float]
 ) -> System:  # fmt: skip

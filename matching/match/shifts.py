@@ -49,6 +49,21 @@ def in_gears(case: Case, gears: Mapping[str, int]) -> Case:
     return replace(case, vehicle=vehicle, rig=rig, targets=(), limits=limits)
 
 
+def held_clutches(case: Case) -> dict[str, float | None]:
+    """What clutches of a bed carry in the gear of its case, N·m by input; None where nothing says."""
+    boxes = case.gearboxes
+    if boxes is None:
+        return {}
+    held: dict[str, float | None] = dict.fromkeys(boxes.rig.capacities, 0.0)
+    drives = [drive.torques for drive in (case.operating_range.drives if case.operating_range is not None else ())]
+    for box in boxes.rig.gearboxes:
+        for gear, name in enumerate(box.capacities, 1):
+            if gear == boxes.gears[box.name]:
+                stated = [torques[name].largest for torques in drives if name in torques]
+                held[name] = boxes.closed.get(name) or max(stated, default=0.0) or None
+    return held
+
+
 def with_live_clutches(case: Case, drive: Drive, time: np.ndarray) -> tuple[Case, dict[str, np.ndarray], float]:
     """A case in time: gearboxes whose clutches the drive names are live in vehicle and rig.
 

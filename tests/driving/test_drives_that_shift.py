@@ -11,6 +11,7 @@ from driving.own_bed import NOISE, Beside
 from driving.test_shifts import STEP, Shift, drawn, played, shifting
 from needs import compiles
 
+from matching.bed.simulated_bed import bed_of
 from matching.match.case import Drive
 from matching.match.case_file import case_files, load_case
 from matching.match.driving import DRIVING, driving
@@ -19,7 +20,9 @@ from matching.match.operating_range import at_vehicle_speed
 from matching.match.shifts import in_gears
 from modelling.bed.manoeuvres import RecordedTorque, TipIn
 from modelling.errors import InputError
+from modelling.fmu.export import block, fmu
 from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
+from modelling.model_file import load
 from modelling.simulation.simulate import simulate
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "gear_change"
@@ -252,3 +255,31 @@ def test_converters_and_dog_clutches_are_driven_too(folder, of_models, drive, be
         apart = np.sqrt(np.mean((traces[name][0] - wanted) ** 2)) / np.ptp(wanted)
         print(f"{name}: {100 * apart:.3f} %")
         assert apart <= 0.005
+
+
+@compiles
+def test_the_fmu_of_a_bed_stays_in_the_gear_of_the_case(folder, tmp_path):
+    """Its clutches are inputs that no controller gives."""
+    pytest.importorskip("fmpy")
+    bed = tmp_path / "bed.fmu"
+    bed.write_bytes(fmu(block([load(folder / "gearbox.toml")], "bed", "bed"), "2.0").content)
+    file = folder / "case.toml"
+    text = file.read_text(encoding="utf-8")
+    before, rest = text.split("[[drives]]", 1)
+    without = before + rest[rest.index("[[targets]]") :]
+    for case, ratio in (
+        (text, 10.05),
+        (without.replace("[operating_point]", "[operating_point]\nclutch_high = 500"), 6.5),
+    ):
+        file.write_text(case, encoding="utf-8")
+        with bed_of(bed, load_case(file)) as slave:
+            slave.begin(0.0)
+            torques = np.array([5.0 * name.startswith("motor") for name in slave.inputs])
+            for _ in range(300):
+                slave.step(torques, 1e-3)
+            read = dict(zip(slave.sensors, slave.readings(), strict=True))
+        assert read["motor_speed"] > 1.0
+        assert read["motor_speed"] == pytest.approx(ratio * read["rotor_left_speed"], rel=0.05)
+    file.write_text(without, encoding="utf-8")
+    with pytest.raises(InputError, match="has a clutch 'clutch_low' that nothing closes"):
+        bed_of(bed, load_case(file))
