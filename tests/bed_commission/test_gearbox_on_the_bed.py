@@ -8,7 +8,7 @@ from needs import compiles
 
 from matching.cli import main
 from modelling.fmu.export import block, fmu
-from modelling.model_file import loads
+from modelling.model_file import load
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "gear_change"
 LATE = """
@@ -29,8 +29,9 @@ def test_a_gearbox_stays_in_gear_through_the_circle(tmp_path):
     places += [(f"sensors.flange_{side}_torque", "lag", "time_constant", 0.5) for side in ("left", "right")]
     text = (EXAMPLE / "gearbox.toml").read_text(encoding="utf-8")
     text += "".join(LATE.format(place=place, kind=kind, key=key, value=value) for place, kind, key, value in places)
-    bed = tmp_path / "bed.fmu"
-    bed.write_bytes(fmu(block([loads(text)], "bed", "bed"), "2.0").content)
+    file, bed = tmp_path / "bed.toml", tmp_path / "bed.fmu"
+    file.write_text(text, encoding="utf-8")
+    bed.write_bytes(fmu(block([load(file)], "bed", "bed"), "2.0").content)
     out = tmp_path / "out"
     order = ["commission", str(EXAMPLE / "case.toml"), "--bed", str(bed), "--rounds", "1", "--out", str(out)]
     assert main(order) == 0
