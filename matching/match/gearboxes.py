@@ -61,13 +61,13 @@ class Gearboxes:
         vehicle, rig, _ = without_exact_delays(self.vehicle, self.rig)
         return replace(self, vehicle=vehicle, rig=rig)
 
-    def begun_in(self, torques: Mapping[str, Manoeuvre], place: str) -> dict[str, int]:
+    def begun_in(self, torques: Mapping[str, Manoeuvre], place: str, *, at_rest: bool = False) -> dict[str, int]:
         """The gear by gearbox in which a drive begins, 0 on a converter; of gearboxes whose clutches it names.
 
         Raises
         ------
         InputError
-            If not just one clutch of a gearbox is closed at its begin, or one carries less than 0.
+            If not just one clutch of a gearbox is closed where a drive begins at speed, or one carries less than 0.
         """
         gears = {}
         for box in self.rig.gearboxes:
@@ -85,9 +85,14 @@ class Gearboxes:
             if box.converter is not None and not closed:
                 gears[box.name] = 0  # on the converter
                 continue
+            if at_rest:  # nothing turns: any clutch may be open or closed
+                gears[box.name] = closed[0] if closed else self.gears[box.name]
+                continue
             if len(closed) != 1:
                 wrong = f"closes {len(closed)} clutches of gearboxes.{box.name} at its begin ({', '.join(named)})"
-                right = 'one carries a torque there, as clutch = { kind = "back_out", amplitude = 400 } does'
+                right = (
+                    f"one carries a torque there, as {named[0]} = [{{ to = 400, hold = 1 }}] does, or it begins at rest"
+                )
                 raise InputError(place, wrong, right)
             gears[box.name] = closed[0]
         return gears

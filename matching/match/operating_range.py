@@ -173,7 +173,7 @@ def _drive(
     for name in brakes:
         if name in given and (least := given[name].smallest) < 0:
             raise InputError(f"{place}.{name}", f"reaches {least:g} N·m", "a brake's torque is 0 or more")
-    gears = {} if gearboxes is None else gearboxes.begun_in(given, place)
+    gears = {} if gearboxes is None else gearboxes.begun_in(given, place, at_rest=speed == 0)
     if gears and "profile" in entry:
         raise InputError(
             f"{place}.profile", "shifts", "a driver drives in the gear of the case: leave out the clutches"
