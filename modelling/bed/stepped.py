@@ -22,13 +22,13 @@ from modelling.bed.observer import (
     runs_ahead,
     state_feedback,
 )
-from modelling.bed.vehicle import Interface, ResidualVehicle
+from modelling.bed.vehicle import ResidualVehicle
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import CREEP, STICK_SPEED
 from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
 from modelling.linear.steady_motion import operating_motion, speeds_of
-from modelling.system import Input, Quantity, System
+from modelling.system import Input, System
 
 # --- The law.
 #
@@ -36,7 +36,7 @@ from modelling.system import Input, Quantity, System
 # wheel there, one sample later. The observer has a linear likeness of it. What the vehicle does beyond the likeness,
 # where it is, acts on the likeness as a known torque (the remainder), and a load that wanders at each wheel is
 # estimated next to it: both together make the likeness follow the wheel speeds that the vehicle gives. The bed's
-# readings correct rig and unmeasured torques as always, and what they say of the torque at the cuts goes into the
+# readings correct rig and unmeasured torques as always, and what they say of the inertias at the cuts goes into the
 # vehicle as momentum. At every speed of a grid rig, lags and likeness are linearised and a controller is designed with
 # the same weights; all have the same physical states, so matrices are interpolated in the vehicle's speed.
 # Nothing that the vehicle does fast is held over a sample inside the vehicle: it is as stable as its own integration.
@@ -775,14 +775,16 @@ def stepped_law(
         backwards = [(0, slope) for slope in SLOPES[::-1]] if speeds[0] < 0 else []
         places = [*backwards, *places, *((len(speeds) - 1, slope) for slope in SLOPES)]
     scheduled = np.array([speeds[number] / slope for number, slope in places])
+    about = int(np.abs(speeds - operating_speed).argmin())
+    momentum = _momentum(rigs[about], residuals[about], vehicle, loop, weights, modes[nearest[about]])
     found = [
         _design(
-            rigs[number], residuals[number], cuts, vehicle, loop, weights, modes[nearest[number]], settings, slope,
+            rigs[number], residuals[number], momentum, vehicle, loop, weights, modes[nearest[number]], settings, slope,
             vehicle.steady[number],
         )
         for number, slope in places
     ]  # fmt: skip
-    laws, likeness, by_wheel, momenta = zip(*found, strict=True)
+    laws, likeness, by_wheel = zip(*found, strict=True)
     law, v = laws[0], len(vehicle.body)
     space = bed_model(rigs[0], residuals[0], loop)
     n = space.rig_states + loop.lag_states
@@ -804,7 +806,7 @@ def stepped_law(
         else:
             by_reading[j, law.sensors.index(one.torque_sensor)] = torque_signs[j] * over[j]
     return SteppedLaw(
-        laws, scheduled, np.stack(likeness), np.stack(by_wheel), momenta[0], vehicle, slice(n, n + v), by_state,
+        laws, scheduled, np.stack(likeness), np.stack(by_wheel), momentum, vehicle, slice(n, n + v), by_state,
         speeds, turned @ shares, shares, over, by_reading, by_command,
         tuple(law.sensors.index(one.speed_sensor) for one in loop.dynamometers), operating_speed,
         no_following(k), settings,
@@ -812,11 +814,11 @@ def stepped_law(
 
 
 def _design(
-    rig: System, residual: ResidualVehicle, cuts: Sequence[Interface], vehicle: SteppedVehicle, loop: Loop,
+    rig: System, residual: ResidualVehicle, momentum: np.ndarray, vehicle: SteppedVehicle, loop: Loop,
     weights: Mapping[str, float], modes: Sequence[complex], settings: SteppedSettings, slope: float,
     steady: np.ndarray,
-) -> tuple[ControlLaw, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """The observer at one speed, its vehicle (v, v), its correction by wheel speeds (v + k, k), and the momenta (k, y).
+) -> tuple[ControlLaw, np.ndarray, np.ndarray]:  # fmt: skip
+    """The observer at one speed, its vehicle (v, v), and its correction by wheel speeds (v + k, k).
 
     Its tyres have a ``slope`` of that at small slips.
     """
@@ -829,9 +831,6 @@ def _design(
     model = observer_model(rig, residual, loop, modes, True, space)
     F = state_feedback(model, weights["command_weight"], weights["command_change_weight"])
     found = filter_of(model, weights)
-    inertia = np.array([_inertia(residual, cut) for cut in cuts])
-    free = observer_model(rig, free_wheels(residual, cuts), loop, modes)
-    momentum = inertia[:, None] * filter_of(free, weights).of_vehicle
     law = assembled(model, runs_ahead(model), F, np.vstack([found.L, vehicle.by_cut @ momentum]))
     w, v = len(law.known), len(vehicle.body)
     acts = np.r_[np.ones(w - len(vehicle.inputs)), 1 - vehicle.nonlinear]
@@ -846,7 +845,22 @@ def _design(
     on = model.bed.whole[n : n + v, n : n + v]
     of_loads = model.bed.torques[n : n + v, -v:] @ vehicle.by_cut
     by_wheel = load_filter(on, of_loads, vehicle.wheel, loop["sample_time"], settings)
-    return law, space.space.A[first:, first:], by_wheel, momentum
+    return law, space.space.A[first:, first:], by_wheel
+
+
+def _momentum(
+    rig: System, residual: ResidualVehicle, vehicle: SteppedVehicle, loop: Loop, weights: Mapping[str, float],
+    modes: Sequence[complex],
+) -> np.ndarray:  # fmt: skip
+    """N·m·s into the vehicle at each cut for a reading that is off by 1 (k, y).
+
+    A reading that is off says that the torques before it were, too. Most of what they did has gone on into the vehicle;
+    what of the filter's correction is left in the inertias at the cuts is made up for. All of their momentum would push
+    a second time, and where the filter looks far back that is not stable.
+    """
+    model = observer_model(rig, residual, loop, modes, True, bed_model(rig, residual, loop))
+    made: np.ndarray = np.linalg.pinv(vehicle.by_cut) @ filter_of(model, weights).of_vehicle
+    return made
 
 
 def with_loads(on: np.ndarray, of_loads: np.ndarray) -> np.ndarray:
@@ -880,22 +894,3 @@ def load_filter(
     gain: np.ndarray = np.linalg.solve(C @ P @ C.T + R, C @ P).T
     gain[v:] *= unit
     return gain
-
-
-def free_wheels(residual: ResidualVehicle, cuts: Sequence[Interface]) -> ResidualVehicle:
-    """A residual vehicle that is nothing but the inertia at each cut: it counts the momentum that comes through."""
-    parts = []
-    for cut in cuts:
-        part = residual.part_of(cut)
-        at = next(one for one in part.inertias if one.name == cut.vehicle_end)
-        parts.append(replace(
-            part, inertias=(replace(at, drag=Quantity(0.0)),), shafts=(), gears=(), differentials=(),
-            planetary_gears=(), inputs=tuple(one for one in part.inputs if one.name == cut.torque),
-            sensors=tuple(one for one in part.sensors if one.name == cut.speed), mirror=(), effects=(),
-            operating_point=None, reference="",
-        ))  # fmt: skip
-    return ResidualVehicle(tuple(parts), tuple(cuts), residual.vehicle)
-
-
-def _inertia(residual: ResidualVehicle, cut: Interface) -> float:
-    return residual.part_of(cut).parameters[f"inertias.{cut.vehicle_end}.J"].value
