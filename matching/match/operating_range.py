@@ -149,7 +149,8 @@ def _drive(
         )
     folder, brakes = Path(where).parent, vehicle.brakes
     given = {
-        name: read_manoeuvre(entry[name], name, f"{place}.{name}", folder) for name in known if name in entry
+        name: read_manoeuvre(entry[name], name, f"{place}.{name}", folder, unit=vehicle.input_units[name])
+        for name in known if name in entry
     }  # fmt: skip
     torques: Mapping[str, Manoeuvre] = given
     if "profile" in entry:
@@ -259,7 +260,7 @@ def in_steady_motion(
     """The vehicle at an operating point with these speeds (rad/s) and torques (N·m): the drives' torques follow.
 
     Drives are inputs that the rig has too; nothing acts at others that are not named. Where there are no drives the
-    others' torques follow; without a speed none do.
+    pedals that hold the speed follow, without pedals the others' torques; without a speed none do.
 
     Raises
     ------
@@ -270,7 +271,8 @@ def in_steady_motion(
     open_ones = [part.name for part in vehicle.inputs if part.name not in torques]
     drives = [name for name in open_ones if name in on_rig]
     loads = [name for name in open_ones if name not in on_rig and name not in vehicle.brakes]
-    free = (drives or loads) if speeds else []
+    pedals = [name for name in loads if name in vehicle.pedals]
+    free = (drives or pedals or loads) if speeds else []
     stated = {**torques, **{name: 0.0 for name in open_ones if name not in free}}
     vehicle = replace(vehicle, operating_point=OperatingPoint(tuple(speeds.items()), tuple(stated.items())))
     operating_motion(vehicle)
