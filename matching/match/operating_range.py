@@ -21,7 +21,7 @@ from modelling.bed.pulse_following import pulse_following
 from modelling.bed.stepped import SteppedLaw, SteppedVehicle, stepped_law, stepped_vehicle
 from modelling.bed.vehicle import ResidualVehicle, cut
 from modelling.errors import InputError, unknown
-from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
+from modelling.linear.steady_motion import operating_motion, pedals_too_short, speeds_of, torques_of
 from modelling.system import OperatingPoint, System
 from modelling.units import to_si
 
@@ -158,10 +158,14 @@ def _drive(
         speed = to_si(entry.get("vehicle_speed", float(profile.speed[0])), "m/s", f"{place}.vehicle_speed")
         begin = at_vehicle_speed(vehicle, rig, about, speed)
         driver = read_driver(entry.get("driver"), [name for name in known if name not in brakes], brakes, place)
-        turning = speeds_of(at_vehicle_speed(vehicle, rig, about, about.highest)) if driver.brakes else {}
+        turning = {}
+        if driver.brakes:
+            turning = speeds_of(at_vehicle_speed(vehicle, rig, about, about.highest, held=True))
         torques = DrivenTorques(
             profile, driver, begin, loop, about.bodies, about.rolling_radius, turning, given
         )  # fmt: skip
+    elif vehicle.pedals:
+        _check_held(vehicle, rig, about, speed, place)
     if not torques:
         right = 'write motor_torque = { kind = "drive_away", amplitude = 100 }, or profile = "speed.csv"'
         raise InputError(place, "names no torque", right)
@@ -169,6 +173,20 @@ def _drive(
         if name in given and (least := given[name].smallest) < 0:
             raise InputError(f"{place}.{name}", f"reaches {least:g} N·m", "a brake's torque is 0 or more")
     return Drive(str(entry.get("title", f"drive {number}")), speed, torques)
+
+
+def _check_held(vehicle: System, rig: System, about: OperatingRange, speed: float, place: str) -> None:
+    """Check that a pedal holds the speed (m/s) at which a drive begins.
+
+    Raises
+    ------
+    InputError
+        If none does.
+    """
+    try:
+        at_vehicle_speed(vehicle, rig, about, speed)
+    except InputError as fault:
+        raise InputError(f"{place}.vehicle_speed", fault.wrong, "begin at a speed that a pedal holds") from None
 
 
 def range_tables(about: OperatingRange) -> dict[str, Any]:
@@ -224,7 +242,7 @@ def at_speed(case: Case, speed: float) -> Case:
     """
     about = case.operating_range
     assert about is not None
-    vehicle = at_vehicle_speed(case.vehicle, case.rig, about, speed)
+    vehicle = at_vehicle_speed(case.vehicle, case.rig, about, speed, held=True)
     emulated = vehicle
     if case.simple_vehicle is not None:
         ends = [(one.vehicle_end, one.vehicle_end) for one in case.residual_vehicle.interfaces]
@@ -247,20 +265,24 @@ def at_speed(case: Case, speed: float) -> Case:
     )  # fmt: skip
 
 
-def at_vehicle_speed(vehicle: System, rig: System, about: OperatingRange, speed: float) -> System:
-    """The vehicle with its operating point at a speed, m/s; at rest at 0."""
+def at_vehicle_speed(
+    vehicle: System, rig: System, about: OperatingRange, speed: float, *, held: bool = False
+) -> System:  # fmt: skip
+    """The vehicle with its operating point at a speed, m/s; at rest at 0. ``held`` as in :func:`in_steady_motion`."""
     if not speed:
         return replace(vehicle, operating_point=None)
-    return in_steady_motion(vehicle, rig, dict.fromkeys(about.bodies, speed / about.rolling_radius), {})
+    bodies = dict.fromkeys(about.bodies, speed / about.rolling_radius)
+    return in_steady_motion(vehicle, rig, bodies, {}, held=held)
 
 
 def in_steady_motion(
-    vehicle: System, rig: System, speeds: Mapping[str, float], torques: Mapping[str, float]
+    vehicle: System, rig: System, speeds: Mapping[str, float], torques: Mapping[str, float], *, held: bool = False
 ) -> System:  # fmt: skip
     """The vehicle at an operating point with these speeds (rad/s) and torques (N·m): the drives' torques follow.
 
     Drives are inputs that the rig has too; nothing acts at others that are not named. Where there are no drives the
-    pedals that hold the speed follow, without pedals the others' torques; without a speed none do.
+    pedals that hold the speed follow, without pedals the others' torques; without a speed none do. Where no pedal
+    holds a speed (an engine creeps faster, or is too weak), the motion may be ``held`` by the others' torques.
 
     Raises
     ------
@@ -275,6 +297,10 @@ def in_steady_motion(
     free = (drives or pedals or loads) if speeds else []
     stated = {**torques, **{name: 0.0 for name in open_ones if name not in free}}
     vehicle = replace(vehicle, operating_point=OperatingPoint(tuple(speeds.items()), tuple(stated.items())))
+    if held and pedals and not drives and (short := pedals_too_short(vehicle)):
+        nearest = {name: one.nearest for name, one in short.items()}
+        kept = {name: torque for name, torque in stated.items() if name not in loads} | nearest
+        vehicle = replace(vehicle, operating_point=OperatingPoint(tuple(speeds.items()), tuple(kept.items())))
     operating_motion(vehicle)
     return vehicle
 

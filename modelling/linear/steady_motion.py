@@ -10,13 +10,14 @@ import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from modelling.equations.casadi_code import Model, compiled
 from modelling.errors import InputError, unknown
 from modelling.linear.elements import Elements, elements, null_space, rest_state, unit_rows, with_lash_closed
-from modelling.system import OperatingPoint, System
+from modelling.system import System
 
 MAX_NEWTON_STEPS = 60
 HIGH_SPEED = 1e3  # rad/s, above what powertrains reach
@@ -373,29 +374,56 @@ def _solved_at(model: Model, values: bytes) -> ReferenceMotion:
         raise InputError(
             "operating_point",
             f"{model.system.title or 'the model'!r} has no steady motion with these speeds and torques "
-            f"(the balance misses by {missed:.2g} of its torques){_of_pedals(model, point, free)}",
+            f"(the balance misses by {missed:.2g} of its torques){_of_pedals(model, free)}",
             "leave a torque or a speed open, or give another one",
         )
     return ReferenceMotion(motion.state, motion.inputs)
 
 
-def _of_pedals(model: Model, point: OperatingPoint, free: Sequence[int]) -> str:
+def _of_pedals(model: Model, free: Sequence[int]) -> str:
     """What free pedals would have to give, and what their maps do; empty where that is not the reason."""
-    system, said = model.system, ""
-    maps = {name: own for name, own in system.pedals.items() if model.inputs.index(name) in free}
-    if not maps:
-        return ""
-    plain = replace(system, effects=tuple(each for each in system.effects if not each.law.pedal))
     try:
-        needed, speeds = torques_of(plain), speeds_of(plain)
+        short = pedals_too_short(model.system)
     except InputError:  # nor would any torque hold it
         return ""
-    on = {part.name: part.on for part in system.inputs}
+    return "".join(
+        f": no pedal holds it, for {one.needed:.4g} N·m are needed at inputs.{name}, and its torque map "
+        f"gives {one.least:.4g} to {one.most:.4g} N·m at {one.speed:.4g} rad/s"
+        for name, one in short.items()
+        if model.inputs.index(name) in free
+    )
+
+
+class TooShort(NamedTuple):
+    """What a pedal would have to give, N·m, the least and most that its map has, N·m, at that speed, rad/s, and the
+    pedal that comes nearest."""
+
+    needed: float
+    least: float
+    most: float
+    speed: float
+    nearest: float
+
+
+def pedals_too_short(system: System) -> dict[str, TooShort]:
+    """By input: pedals that an operating point leaves open, and whose maps lack the torque that it needs.
+
+    Raises
+    ------
+    InputError
+        If no torque in their place would hold it.
+    """
+    point = system.operating_point
+    stated = dict(point.torques) if point else {}
+    maps = {name: own for name, own in system.pedals.items() if name not in stated}
+    if not maps:
+        return {}
+    plain = replace(system, effects=tuple(each for each in system.effects if not each.law.pedal))
+    held, speeds, on = torques_of(plain), speeds_of(plain), {part.name: part.on for part in system.inputs}
+    found = {}
     for name, own in maps.items():
-        over = own.over_pedal(speeds[on[name]])
-        if not over.min() <= needed[name] <= over.max():
-            said += (
-                f": no pedal holds it, for {needed[name]:.4g} N·m are needed at inputs.{name}, and its torque map "
-                f"gives {over.min():.4g} to {over.max():.4g} N·m at {speeds[on[name]]:.4g} rad/s"
-            )
-    return said
+        speed, needed = speeds[on[name]], held[name]
+        over = own.over_pedal(speed)
+        if not over.min() <= needed <= over.max():
+            found[name] = TooShort(needed, float(over.min()), float(over.max()), speed, own.pedal(speed, needed))
+    return found
