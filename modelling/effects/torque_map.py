@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-from sympy import Abs, Expr, Float
+from sympy import Function, Integer
 
 from modelling.effects.effect import EquationBuilder, InputPath, Kind, Parameter, Symbols
 
 MOST_SPEEDS, MOST_PEDALS = 24, 12
 AXES = {"speed": ("rad/s", MOST_SPEEDS), "pedal": ("1", MOST_PEDALS)}
 TORQUE = "torque"
-BEYOND = 1e-9  # of an axis
 Value = TypeVar("Value")
 
 
@@ -48,12 +47,10 @@ class TorqueMap(Kind):
 
     def input(self, path: InputPath, p: Symbols, assembly: EquationBuilder) -> None:
         speeds, pedals = axis_values(p, "speed"), axis_values(p, "pedal")
-        at_speed = _shares(assembly.motions[path.on].speed, speeds)
-        columns = [
-            _between([p[f"{TORQUE}_{i}_{j}"] for i in range(1, len(speeds) + 1)], at_speed)
-            for j in range(1, len(pedals) + 1)
-        ]
-        path.value = _between(columns, _shares(path.value, pedals))
+        rows, columns = range(1, len(speeds) + 1), range(1, len(pedals) + 1)
+        torques = (p[f"{TORQUE}_{i}_{j}"] for i in rows for j in columns)
+        speed = assembly.motions[path.on].speed
+        path.value = MapTorque(speed, path.value, Integer(len(speeds)), *speeds, *pedals, *torques)
 
     def fault(self, at: str, values: Mapping[str, float]) -> str:
         axes = {axis: axis_values(values, axis) for axis in AXES}
@@ -76,28 +73,17 @@ def axis_values(values: Mapping[str, Value], axis: str) -> list[Value]:
     return [values[f"{axis}_{i}"] for i in range(1, count + 1)]
 
 
-def _shares(x: Expr, points: Sequence[Expr]) -> list[Expr]:
-    """How far x is on its way through each interval of the points, 0 before it and 1 beyond it.
+class MapTorque(Function):  # type: ignore[misc]
+    """The torque of a map, N·m: arguments are speed, pedal, the number of speeds, speeds, pedals, torques row by row.
 
-    It is held :data:`BEYOND` the ends, so that its derivative at a pedal of 0 is that of a pedal that is pressed.
+    It stays one symbol in equations; :func:`modelling.equations.casadi_code.to_casadi` knows what it is.
     """
-    first, last = points[0], points[-1]
-    over = Float(BEYOND) * (last - first)
-    held = (Abs(x - first + over) - Abs(x - last - over) + first + last) / 2
-    shares = []
-    for number, (low, high) in enumerate(pairwise(points), 1):
-        from_low = Abs(held - low) if number > 1 else held - low
-        to_high = Abs(held - high) if number < len(points) - 1 else high - held
-        shares.append((from_low - to_high + high - low) / (2 * (high - low)))
-    return shares
 
+    is_real = True
 
-def _between(values: Sequence[Expr], shares: Sequence[Expr]) -> Expr:
-    """Linear between values at the points whose intervals have these shares."""
-    total: Expr = values[0]
-    for (first, last), share in zip(pairwise(values), shares, strict=True):
-        total += (last - first) * share
-    return total
+    def _latex(self, printer: Any) -> str:
+        speed, pedal = (printer.doprint(part) for part in self.args[:2])
+        return rf"M\left({speed}, {pedal}\right)"
 
 
 # --- The same in numbers: what a driver who knows the map needs.
