@@ -297,6 +297,9 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
         for key, value in texts.items():
             if value not in choices[key]:
                 raise unknown(value, choices[key], f"{where}: {place}.{key}")
+        if texts["torque_input"] in rig.pedals:
+            wrong = f"{texts['torque_input']!r} is a pedal with a torque map"
+            raise InputError(f"{where}: {place}.torque_input", wrong, "a dynamometer is commanded a torque")
         for key, measures in (("torque_sensor", "torque"), ("speed_sensor", "speed")):
             if key in texts and sensors[value := texts[key]].measures != measures:
                 raise InputError(

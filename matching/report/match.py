@@ -1199,15 +1199,21 @@ def _standstill(truth: InTime) -> str:
 
 
 def _residual(result: MatchResult) -> list[dict[str, str]]:
-    """Rows of the residual vehicle; one of the case's own next to what its file says, else next to the vehicle."""
+    """Rows of the residual vehicle; one of the case's own next to what its file says, else next to the vehicle.
+
+    Of a torque map, which has hundreds of values, those that differ.
+    """
     simple = result.simple_vehicle
     rows = []
     for part in result.tuned.residual_vehicle.parts:
+        maps = {effect.name for effect in part.effects if effect.law.pedal}
         for name, quantity in part.parameters.items():
             before = result.case.vehicle.parameters[name].value if simple is None else quantity.value
             if simple is not None:
                 before, _ = simple.values.get(name, (before, before))
             same = abs(quantity.value - before) <= SAME_RELATIVE * abs(before)
+            if same and name.rpartition(".")[0] in maps:
+                continue
             if quantity.value or before:
                 rows.append({"residual vehicle": component(name), "value": amount(quantity.value, part.units[name], 5),
                              "in the vehicle" if simple is None else "as written": "same" if same
