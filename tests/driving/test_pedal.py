@@ -99,6 +99,26 @@ def test_drawn_maps_pedals_and_beds(tmp_path):
 
 
 @compiles
+@pytest.mark.long
+def test_the_bed_drives_away_by_the_pedal(tmp_path):
+    """From standstill to 50 rad/s of the engine, tips in, and lifts the foot, as planned and on three drawn beds."""
+    torques = [[0.0, 50, 90, 130], *TORQUES[1:]]  # at rest it does not creep
+    case_of(tmp_path / "case", SPEEDS, PEDALS, torques)
+    file = tmp_path / "case" / "case.toml"
+    file.write_text(file.read_text().replace('["20 km/h", "100 km/h"]', '["0 km/h", "100 km/h"]'))
+    (tmp_path / "c").mkdir()
+    engine, time = Engine(exported_controller(untuned(load_case(file))), tmp_path / "c"), np.arange(6000) * STEP
+    pedal = 0.4 * np.clip((time - 0.5) / 0.4, 0, 1) + 0.4 * np.clip((time - 3) / 0.05, 0, 1)
+    pedal -= 0.8 * np.clip((time - 5) / 0.1, 0, 1)
+    for seed in (None, *np.random.default_rng().integers(0, 2**31, 3)):
+        bed_of = with_map(plant(None if seed is None else np.random.default_rng(seed)), SPEEDS, PEDALS, torques)
+        car, bed, ended = engine.drive(bed_of, 0.0, pedal, np.random.default_rng(5))
+        assert ended == -1, seed
+        assert np.ptp(car[:, 0]) > 45
+        assert error_of(car, bed).max() < 0.015, seed
+
+
+@compiles
 def test_c_and_python_take_the_pedal_alike(controller):
     never = np.full(len(controller.law.sensors), 1e12)
     controller = replace(controller, settings=replace(controller.settings, ride_samples=0, unexpected=never,
@@ -156,7 +176,7 @@ def test_where_no_pedal_holds_a_speed_the_road_does_and_no_drive_begins(tmp_path
 
 
 def test_a_driver_follows_a_profile_by_the_pedal(tmp_path):
-    rows = ["time [s],vehicle_speed [km/h]", "0,30", "1,30", "9,48", "11,48", "22,44", ""]
+    rows = ["time [s],vehicle_speed [km/h]", "0,30", "1,30", "6,42", "7,42", "12,40", ""]
     drives = '\n[[drives]]\nprofile = "profile.csv"\ndriver = { input = "pedal" }\n'
     (tmp_path / "profile.csv").write_text("\n".join(rows))
     case = case_of(tmp_path / "case", SPEEDS, PEDALS, TORQUES, drives.replace("profile.csv", "../profile.csv"))
