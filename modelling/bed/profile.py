@@ -232,20 +232,18 @@ class _Following:
 
     def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray:
         """See :class:`modelling.running.plant.Controller`."""
-        driver, turning = self.driver, None if self.pedal is None else float(readings[-1].mean())
-        bodies = readings if turning is None else readings[:-1]
+        driver, bodies, turning = self.driver, readings, 0.0
+        least, most = 0.0 if len(self.shares) else -driver.largest, driver.largest  # of the input itself
+        if self.pedal is not None:
+            bodies, turning = readings[:-1], float(readings[-1].mean())
+            over = self.pedal.over_pedal(turning)
+            least, most = float(over.min()), min(most, float(over.max()))
         error = float(self.wanted[sample] - bodies.mean())
         asked = driver.proportional * error + self.integral
-        given = min(max(asked, -driver.largest), driver.largest)
-        least = 0.0 if len(self.shares) else -driver.largest  # of the input itself
-        if self.pedal is not None and turning is not None:
-            over = self.pedal.over_pedal(turning)
-            least, given = float(over.min()), min(given, float(over.max()))
-            given = given if len(self.shares) else max(given, least)
+        given = min(max(asked, -driver.largest if len(self.shares) else least), most)
         self.integral += driver.integral * self.span * error if given == asked else 0.0
         own = max(given, least)
-        if self.pedal is not None and turning is not None:
-            own = self.pedal.pedal(turning, own)
+        own = own if self.pedal is None else self.pedal.pedal(turning, own)
         return np.concatenate([[own], max(least - given, 0.0) * self.shares])[:, None]
 
 

@@ -24,14 +24,16 @@ STEP = 1e-3
 HOLD, EMULATION = 1, 2
 
 
-def case_of(folder, speeds, pedals, torques, drives=""):
+def case_of(folder, speeds, pedals, torques, drives="", further=""):
     """The case of the engine with a pedal in place of its torque, and a map in place of its table and its pulses."""
     shutil.copytree(CASE.parent, folder)
     vehicle, case = folder / "vehicle.toml", folder / "case.toml"
     text = vehicle.read_text().replace("[inputs.engine_torque]", "[inputs.pedal]")
     begin, end = text.index('[[effects]]\nkind = "torque_ripple"'), text.index("[inputs.pedal]")
     map_ = f"speed = {speeds}\npedal = {pedals}\ntorque = {torques}\n\n"
-    vehicle.write_text(text[:begin] + '[[effects]]\nkind = "torque_map"\nat = "inputs.pedal"\n' + map_ + text[end:])
+    vehicle.write_text(
+        text[:begin] + '[[effects]]\nkind = "torque_map"\nat = "inputs.pedal"\n' + map_ + further + text[end:]
+    )
     text = case.read_text().replace("engine_torque", "pedal").replace("amplitude = 100", 'amplitude = "50 %"')
     case.write_text(text + drives)
     return load_case(case)
@@ -175,18 +177,32 @@ def test_where_no_pedal_holds_a_speed_the_road_does_and_no_drive_begins(tmp_path
         load_case(tmp_path / "case" / "case.toml")
 
 
-def test_a_driver_follows_a_profile_by_the_pedal(tmp_path):
-    rows = ["time [s],vehicle_speed [km/h]", "0,30", "1,30", "6,42", "7,42", "12,40", ""]
-    drives = '\n[[drives]]\nprofile = "profile.csv"\ndriver = { input = "pedal" }\n'
+BRAKES = "".join(
+    f'[inputs.brake_{side}]\non = "wheel_{side}"\n\n'
+    f'[[effects]]\nkind = "brake"\nat = "inputs.brake_{side}"\ndeflection = 0.02\n\n'
+    for side in ("left", "right")
+)
+
+
+def test_a_driver_follows_a_profile_by_pedal_and_brakes(tmp_path):
+    rows = ["time [s],vehicle_speed [km/h]", "0,30", "1,30", "6,42", "7,42", "10,30", "11,30", ""]
+    drives = """
+        [[drives]]
+        profile = "../profile.csv"
+        driver = { input = "pedal", brakes = ["brake_left", "brake_right"], proportional = 150 }
+        """
     (tmp_path / "profile.csv").write_text("\n".join(rows))
-    case = case_of(tmp_path / "case", SPEEDS, PEDALS, TORQUES, drives.replace("profile.csv", "../profile.csv"))
+    case = case_of(tmp_path / "case", SPEEDS, PEDALS, TORQUES, drives, BRAKES)
     driven = case.operating_range.drives[-1].torques
     assert isinstance(driven, DrivenTorques)
     behind, _ = driven.behind
     assert behind < 2 / 3.6, "km/h, as WLTP allows"
     pedal = np.array(driven["pedal"].torques) + torques_of(driven.vehicle)["pedal"]
-    assert pedal.min() >= 0
-    assert pedal.max() <= 1
-    assert np.ptp(pedal) > 0.1
+    brake = np.array(driven["brake_left"].torques)
+    assert pedal.min() == 0
+    assert 0.1 < pedal.max() <= 1
+    assert brake.min() == 0
+    assert brake.max() > 50
+    assert not (pedal[brake > 0] > 0).any(), "he does not press both"
     written = case_files(case)
     assert written["drive_3_pedal.csv"].startswith("time [s],pedal [1]\n")
