@@ -1,6 +1,6 @@
 """A car with an engine of a torque map pulls away and tips in, simulated against equations of this file alone.
 
-Own interpolation of the map, Runge and Kutta's classical method with 16 steps a millisecond; nothing of rigmatch.
+Own interpolation of the map, Runge and Kutta's classical method with 10 steps a millisecond; nothing of rigmatch.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ J_ENGINE, J_GEAR, J_WHEEL, J_CAR = 0.16, 0.02, 2.0, 120.0
 DRAG, DRAG_CAR, AIR = 0.015, 2.0, 0.05
 K_IN, C_IN, K_SIDE, C_SIDE, RATIO = 900.0, 0.8, 7000.0, 25.0, 11.0
 K_TYRE, C_TYRE = 30000.0, 250.0
-STEP, PIECES = 1e-3, 16
+STEP, PIECES = 1e-3, 10
 NAMES = ("engine_speed", "car_speed", "input_torque", "side_torque")
 
 
