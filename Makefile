@@ -39,8 +39,11 @@ explore: .venv/explore.stamp  ## set up, then open the reference case in the bro
 test: .venv/test.stamp  ## set up, then lint, types and the tests that take seconds
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	# types beside the tests, which begin on one core
+	$(BIN)/mypy & types=$$!
+	trap 'kill $$types 2>/dev/null || :' EXIT
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
+	wait $$types
 
 test-long: .venv/test.stamp  ## set up, then the tests that take a quarter of a minute or more each
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m long --timeout 1800 -o faulthandler_timeout=1860 \

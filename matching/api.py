@@ -1328,13 +1328,13 @@ def _files_read(case: Case, bed: Path, order: CommissionOrder) -> dict[str, str]
     """What :func:`commission` reads beside its case, in words by file."""
     from matching.bed.excite import check_order
     from matching.bed.identify import recordings_read
-    from matching.bed.simulated_bed import FmuBed, check_bed
+    from matching.bed.simulated_bed import bed_of, check_bed
 
     check_order(case, order.excitation)
     check_bed(bed)
     contents = {str(bed): "a folder for recordings of the bed"}
     if bed.is_file():
-        with FmuBed(bed, [part.name for part in case.rig.inputs], [part.name for part in case.rig.sensors]):
+        with bed_of(bed, case):
             contents[str(bed)] = "an FMU with the rig's inputs and sensors"
     return contents | (recordings_read(case, order.vehicle, [], order.names) if order.vehicle else {})
 

@@ -77,7 +77,8 @@ CASE = {
     "move": "what may be tuned: `\"NAME\" = { lower, upper }`; of an adapter also `catalogue` or `step`",
     "operating_point": "the steady motion that the manoeuvre begins from; standstill unless stated",
     "operating_range": "speeds of the vehicle that one observer has to cover; the match is reported about their middle",
-    "drives": "a list: manoeuvres that judge it, each from a steady speed: torques by input, or a speed profile",
+    "drives": "a list: manoeuvres that judge it, each from a steady speed: torques by input (of a clutch: "
+    "what it carries), or a speed profile",
     "uncertainty": "half-widths of what is not known exactly, by name or pattern; beds are drawn from it",
     "vehicle_in_the_loop": "the vehicle as others simulate it, an FMU; `vehicle` is then what the observer is "
     "designed with, and may be coarse",

@@ -1102,6 +1102,30 @@ class System(Components):
                           if not {place.removeprefix("inputs.") for place in effect.places} <= gone),
         )  # fmt: skip
 
+    def shifting(self, live: System, carried: Mapping[str, float]) -> System:
+        """The drivetrain in one gear with clutches that carry torques again, as inputs; all else as it is.
+
+        Parameters
+        ----------
+        live : System
+            The drivetrain of which this one is in a gear.
+        carried : mapping of str to float
+            N·m by input: what the clutches carry at the operating point. Gearboxes of which none is named stay in their
+            gear.
+        """
+        boxes = tuple(box for box in live.gearboxes if not carried.keys().isdisjoint(box.capacities))
+        names, back = {box.name for box in boxes}, [name for box in boxes for name in box.capacities]
+        places, point = {f"inputs.{name}" for name in back}, self.operating_point
+        if point is not None:
+            torques = tuple((name, carried.get(name, 0.0)) for name in back)
+            point = dataclasses.replace(point, torques=(*point.torques, *torques))
+        return dataclasses.replace(
+            self, operating_point=point, gears=tuple(gear for gear in self.gears if gear.name not in names),
+            gearboxes=(*(box for box in self.gearboxes if box.name not in names), *boxes),
+            inputs=(*self.inputs, *(part for part in live.inputs if part.name in back)),
+            effects=(*self.effects, *(effect for effect in live.effects if set(effect.places) <= places)),
+        )  # fmt: skip
+
     @property
     def gears_of_gearboxes(self) -> list[dict[str, int]]:
         """Every choice of a gear by gearbox, the first gears first, an open converter (0) last; none without a

@@ -4,7 +4,7 @@
 
 The bed is a simulator of this file: motor, two clutches with dry friction that sticks, each with its own ratio,
 differential, side shafts, adapters, flanges, rotors, lags and dead time. The controller is that of case.toml, as
-rigmatch exports it. The files of drive_away hold one reduction; the controller is not told of the shift from 12 to 7.5.
+rigmatch exports it; it is not told of the shift from 10.05 to 6.5.
 """
 
 import sys
@@ -21,7 +21,7 @@ from modelling.running.run import Motion
 
 HERE = Path(__file__).parent
 STEP, FINE = 1e-3, 1e-4  # s: of the controller, and of this simulator
-LOW, HIGH = 12.0, 7.5  # ratios
+LOW, HIGH = 10.05, 6.5  # ratios
 LOCKED = 400.0  # N·m that a closed clutch carries
 BEHIND = 0.03  # kg·m² behind the clutches
 GIVES, SETTLES = 0.02, 2e-5  # rad that a clutch gives way before it slides under its whole torque; s

@@ -18,7 +18,6 @@ from matching.bed.channels import channel_recording, check_channels, judge_chann
 from matching.bed.excite import (
     ExcitationOrder,
     ExcitationPlan,
-    bed_inputs,
     error_weights,
     excitation_csv,
     plan_excitation,
@@ -37,6 +36,7 @@ from matching.bed.simulated_bed import (
     Tell,
     Tripped,
     Waiting,
+    bed_of,
     bed_system,
     check_bed,
     excited_recording,
@@ -797,7 +797,7 @@ class Circle:
         return checksum(f"{plan} {self._order.excitation!r} {bed}")
 
     def _fmu(self, case: Case) -> FmuBed:
-        return FmuBed(self._bed, bed_inputs(case), [sensor.name for sensor in case.rig.sensors])
+        return bed_of(self._bed, case)
 
 
 def plan_speed(case: Case, order: CommissionOrder) -> float:

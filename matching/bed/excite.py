@@ -25,6 +25,7 @@ from matching.match.loop import (
     shaft_torque,
     side_by_side,
 )
+from matching.match.operating_range import rotor_speed
 from modelling.bed.bed import ControlLaw
 from modelling.controller.law import Settings
 from modelling.display import Displayed
@@ -836,13 +837,10 @@ def check_order(case: Case, order: ExcitationOrder) -> None:
 
 
 def steady_speed(case: Case) -> float:
-    """Steady speed of the rotors, rad/s: the operating point's if it states one, else a share of the largest."""
-    point = case.rig.operating_point
-    rotors = {part.on for part in case.rig.inputs if part.name in {d.torque_input for d in case.loop.dynamometers}}
-    if point is not None:
-        for name, value in point.speeds:
-            if name in rotors and value > 0:
-                return float(value)
+    """Steady speed of the rotors, rad/s: the operating point's if there is one, else a share of the largest."""
+    speed = rotor_speed(case.rig, case.loop)
+    if speed > 0:
+        return speed
     if "dynamometer_speed" not in case.limits:
         raise InputError(
             f"{case.path}: limits.dynamometer_speed", "is missing", "a steady speed on the bed is chosen by it"

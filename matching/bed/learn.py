@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from matching.bed.excite import bed_inputs
-from matching.bed.simulated_bed import FmuBed, emulated_recording
+from matching.bed.simulated_bed import bed_of, emulated_recording
 from matching.bed.vehicle_beside import vehicle_beside
 from matching.bed.verify import BedRecordings, read_recordings
 from matching.dry_run import computing
@@ -472,7 +471,6 @@ def learn_on_bed(
 ) -> list[Learned]:  # fmt: skip
     """Repeat the case's manoeuvre on the FMU of a bed, and learn after every repetition; a folder each."""
     own, _ = case_of_manoeuvre(case, vehicle_speed)
-    sensors = [sensor.name for sensor in case.rig.sensors]
     step = case.loop["sample_time"]
     duration = max(torque.duration for torque in case.manoeuvre.values())
     time = np.arange(round(duration / step) + 1) * step
@@ -488,7 +486,7 @@ def learn_on_bed(
         paths = []
         for recording in range(1, RECORDINGS + 1):
             with (
-                FmuBed(bed, bed_inputs(case), sensors) as slave,
+                bed_of(bed, case) as slave,
                 vehicle_beside(case, controller.law, speed) as vehicle,
             ):
                 running = controller.running()

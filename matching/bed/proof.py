@@ -202,7 +202,7 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     still = ExcitedBeds(bed, values, SpeedHold.of(exported.settings))
     most = settings.demanded_share * demanded
     mean, steady = _loaded(case, bed, still, speed, names, most)
-    if case.vehicle_in_the_loop is not None and not mean.any():
+    if case.operating_range is not None and not mean.any():
         mean, steady = _holding(case, bed, still, speed, names, most)
     room = most - np.abs(mean)
     limits = ExcitationLimits(bed, speed, room / (1 - settings.free))
@@ -272,7 +272,7 @@ def _holding(
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Mean torques (d,), N·m, with which the design vehicle keeps a speed, and the bed's steady motion under them.
 
-    A vehicle of others is not held by a linear model: without a drive it would coast down during the proof.
+    A vehicle over a range of speeds counts from no operating point: without a drive it would coast down in the proof.
 
     Raises
     ------
@@ -294,9 +294,9 @@ def _holding(
 
 
 def _of_holding(case: Case, means: Mapping[str, float]) -> list[str]:
-    """What is said of a proof beside a vehicle of others."""
+    """What is said of a proof over a range of speeds."""
     loads = [f"{name} {mean:.3g} N·m" for name, mean in means.items() if mean]
-    if case.vehicle_in_the_loop is None or case.rig.free_plays or not loads:
+    if case.operating_range is None or case.rig.free_plays or not loads:
         return []
     return [
         f"the torques hold a mean of {listed(loads)}, with which the vehicle about keeps its speed: bring the bed to "

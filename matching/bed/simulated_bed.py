@@ -8,15 +8,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
 
-from matching.bed.excite import ExcitationPlan
+from matching.bed.excite import ExcitationPlan, bed_inputs
 from matching.bed.proof import Proof
 from matching.bed.verify import COVERAGE_FACTOR, TEXT, BedVerification, appeared, snapshots
 from matching.match.box import Uncertain
 from matching.match.case import Case
+from matching.match.shifts import held_clutches
 from modelling.bed.bed import Dynamometer
 from modelling.bed.foreign_vehicle import ForeignVehicleLaw
 from modelling.bed.stepped import Law, SteppedLaw
@@ -443,15 +445,27 @@ class Slave:
 
 
 class FmuBed(Slave):
-    """A bed whose FMU's inputs are the rig's inputs (u) and whose outputs are the rig's sensors (y)."""
+    """A bed whose FMU's inputs are the rig's inputs (u) and whose outputs are the rig's sensors (y).
 
-    def __init__(self, path: Path, inputs: Sequence[str], sensors: Sequence[str]):
+    ``clutches`` are N·m by input of what clutches of the FMU carry all the time, None where nobody says.
+    """
+
+    def __init__(
+        self, path: Path, inputs: Sequence[str], sensors: Sequence[str],
+        clutches: Mapping[str, float | None] = MappingProxyType({}),
+    ):  # fmt: skip
         super().__init__(path, [*inputs, *sensors])
         self.inputs, self.sensors = tuple(inputs), tuple(sensors)
+        self._clutches = {name: torque for name, torque in clutches.items() if torque is not None}
+        for name in clutches.keys() - self._clutches.keys():
+            if name in self._references:
+                self.close()
+                right = f"state {name} = 400 or the like under [operating_point] of the case"
+                raise InputError(str(path), f"has a clutch {name!r} that nothing closes", right)
 
     def begin(self, speed: float) -> None:
         """Start with rotors at a speed, rad/s, where the FMU lets that be chosen; else at rest."""
-        self.initialise({START_SPEED: speed})
+        self.initialise({START_SPEED: speed, **self._clutches})
 
     def readings(self) -> np.ndarray:
         """What the sensors (y,) read now, SI."""
@@ -461,6 +475,18 @@ class FmuBed(Slave):
         """Torques (u,), N·m, held over a span, s."""
         self.set(dict(zip(self.inputs, commands, strict=True)))
         self.advance(span)
+
+
+def bed_of(path: Path, case: Case) -> FmuBed:
+    """The FMU of a case's bed, its gearboxes in the case's gear.
+
+    Raises
+    ------
+    InputError
+        If it cannot be run, lacks a signal, or has a clutch that nothing closes.
+    """
+    sensors = [sensor.name for sensor in case.rig.sensors]
+    return FmuBed(path, bed_inputs(case), sensors, held_clutches(case))
 
 
 class FmuController(Slave):

@@ -12,7 +12,7 @@ from matching.match.case import Case, once_per_case
 from matching.match.coupled import run_in_of
 from matching.match.exported import exported_controller
 from matching.match.imperfections import BedRun, Imperfection, bed_motions, known_at_operating_point, vehicle_motions
-from matching.match.operating_range import RANGE, at_speed
+from matching.match.operating_range import RANGE, at_speed, rotor_speed
 from modelling.bed.foreign_vehicle import ForeignVehicleLaw
 from modelling.bed.stepped import Law
 from modelling.errors import InputError, listed
@@ -72,11 +72,10 @@ def _without_pedals(case: Case) -> tuple[Case, list[str]]:
 
 
 def turning_at(case: Case, speed: float) -> Case:
-    """A case with a vehicle of others about the motion in which its rotors turn at a speed, rad/s; at rest at 0."""
-    law = exported_controller(case).law
-    assert isinstance(law, ForeignVehicleLaw)
-    assert case.operating_range is not None
-    moving = speed / float(law.over.mean()) * case.operating_range.rolling_radius
+    """A case over a range of speeds about the motion in which its rotors turn at a speed, rad/s; at rest at 0."""
+    about = case.operating_range
+    assert about is not None
+    moving = speed * about.highest / rotor_speed(at_speed(case, about.highest).rig, case.loop)
     return at_speed(case, moving if abs(moving) > RANGE.slowest else 0.0)
 
 

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from matching.match.box import Box
+from matching.match.gearboxes import Gearboxes
 from matching.match.movable import movable, with_sizes
 from matching.match.vehicle_in_the_loop import VehicleInTheLoop
 from modelling import display
@@ -102,12 +103,14 @@ ERROR_SCALES = ErrorScales()
 class Drive:
     """A manoeuvre that begins at a steady speed of the vehicle: ``vehicle_speed`` in m/s, 0 at standstill.
 
-    ``torques`` are added to those of the steady motion, as those of ``[manoeuvre]``.
+    ``torques`` are added to those of the steady motion, as those of ``[manoeuvre]``; those of clutches are what they
+    carry. ``gears`` are those in which a drive that shifts begins, by gearbox.
     """
 
     title: str
     vehicle_speed: float
     torques: Mapping[str, Manoeuvre]
+    gears: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -155,6 +158,7 @@ class Case:
     operating_range: OperatingRange | None = None
     simple_vehicle: System | None = None  # the vehicle with a residual vehicle of the user's own, if the case has one
     vehicle_in_the_loop: VehicleInTheLoop | None = None  # the vehicle as others simulate it, if the case has one
+    gearboxes: Gearboxes | None = None  # with their clutches, if vehicle or rig has any
     notes: tuple[str, ...] = ()  # what was changed of the model files, as sentences
 
     def __post_init__(self) -> None:

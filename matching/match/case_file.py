@@ -26,6 +26,7 @@ from matching.match.case import (
     text_of,
     whole_loop,
 )
+from matching.match.gearboxes import Gearboxes
 from matching.match.movable import Movable, changed_by, movable
 from matching.match.operating_range import (
     in_steady_motion,
@@ -62,8 +63,11 @@ OWN_RESIDUAL_VEHICLE = "own_residual_vehicle.toml"  # of the user, as fitted
 
 def case_files(case: Case) -> dict[str, str]:
     """Texts of ``case.toml``, ``vehicle.toml``, ``rig.toml`` and ``residual_vehicle.toml``, numbered if in parts."""
-    files = {"case.toml": case_text(case), "vehicle.toml": dumps(case.vehicle), "rig.toml": dumps(case.rig)}
-    units = {**case.rig.input_units, **case.vehicle.input_units}
+    boxes, vehicle, rig = case.gearboxes, case.vehicle, case.rig
+    if boxes is not None:
+        vehicle, rig = boxes.as_in_files(vehicle, rig)
+    files = {"case.toml": case_text(case), "vehicle.toml": dumps(vehicle), "rig.toml": dumps(rig)}
+    units = {**rig.input_units, **vehicle.input_units}
     for name, torque in case.manoeuvre.items():
         if isinstance(torque, RecordedTorque):
             files[_trace_file(name)] = torque.csv(name, units[name])
@@ -107,8 +111,13 @@ def case_text(case: Case) -> str:
         name: {"file": _trace_file(name)} if isinstance(torque, RecordedTorque) else torque.table()
         for name, torque in case.manoeuvre.items()
     }
-    if (point := case.vehicle.operating_point) is not None:
-        data["operating_point"] = dict((*point.speeds, *point.torques))
+    point, boxes = case.vehicle.operating_point, case.gearboxes
+    stated = (
+        *(() if point is None else (*point.speeds, *point.torques)),
+        *(() if boxes is None else boxes.closed.items()),
+    )
+    if stated or point is not None:
+        data["operating_point"] = dict(stated)
     if case.operating_range is not None:
         data |= range_tables(case.operating_range)
     if case.simple_vehicle is not None:
@@ -512,10 +521,10 @@ def at_operating_point(data: Mapping[str, Any], vehicle: System, rig: System, wh
 
 def _in_one_gear(
     data: Mapping[str, Any], vehicle: System, rig: System, where: str
-) -> tuple[Mapping[str, Any], System, System, list[str]]:
+) -> tuple[Mapping[str, Any], System, System, Gearboxes | None, list[str]]:
     """Gearboxes in the gear whose clutch has a torque at the operating point, the first without one; notes on it.
 
-    The tables come back without these torques: the clutches are locked.
+    The tables come back without these torques: the clutches are locked. Models without gearboxes come back as they are.
 
     Raises
     ------
@@ -525,23 +534,27 @@ def _in_one_gear(
     stated, place = data.get("operating_point"), f"{where}: operating_point"
     table = stated if isinstance(stated, Mapping) else {}
     held, notes = list[System](), list[str]()
+    held_in, stated_torques = dict[str, int](), dict[str, float]()
     for role, system in (("vehicle", vehicle), ("rig", rig)):
         gears: dict[str, int] = {}
         for box in system.gearboxes:
-            torques = (to_si(table.get(name, 0.0), "N*m", f"{place}.{name}") for name in box.capacities)
-            closed = [gear for gear, torque in enumerate(torques, 1) if torque > 0]
+            torques = {name: to_si(table.get(name, 0.0), "N*m", f"{place}.{name}") for name in box.capacities}
+            closed = [gear for gear, torque in enumerate(torques.values(), 1) if torque > 0]
+            stated_torques |= {name: torque for name, torque in torques.items() if torque > 0}
             if len(closed) > 1:
                 wrong = f"closes the clutches of {len(closed)} gears of gearboxes.{box.name}"
                 raise InputError(place, wrong, "state a torque for the clutch of one gear")
             gears[box.name] = closed[0] if closed else 1
             notes.append(f"{role}: gearboxes.{box.name} is in gear {gears[box.name]}, its clutch locked")
         held.append(system.in_gear(gears))
+        held_in |= gears
     clutches = {*vehicle.capacities, *rig.capacities}
     rest = {key: value for key, value in table.items() if key not in clutches}
     if len(rest) < len(table):
         data = {key: value for key, value in data.items() if key != "operating_point"}
         data |= {"operating_point": rest} if rest else {}
-    return data, held[0], held[1], notes
+    gearboxes = Gearboxes(vehicle, rig, held_in, stated_torques) if held_in else None
+    return data, held[0], held[1], gearboxes, notes
 
 
 def rig_at_operating_point(vehicle: System, rig: System, residual: ResidualVehicle, loop: Loop, where: str) -> System:
@@ -687,12 +700,14 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     check_file(data, TOP, where, "case")
     data = with_point_in_range(data, where)
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
-    data, vehicle, rig, in_gear = _in_one_gear(data, vehicle, rig, where)
+    data, vehicle, rig, gearboxes, in_gear = _in_one_gear(data, vehicle, rig, where)
     _check_not_swapped(data, vehicle, rig, where)
     rig, late = _without_late_dynamometers(data, rig)
     unlike = _unlike(vehicle, rig, where)
     try:
         vehicle, rig, notes = without_exact_delays(vehicle, rig)
+        if gearboxes is not None:
+            gearboxes = gearboxes.without_exact_delays()
     except InputError as fault:
         raise InputError(f"{where}: {fault.where}", fault.wrong, fault.right) from None
     vehicle = at_operating_point(data, vehicle, rig, where)
@@ -707,7 +722,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     loop, of_dynamometers = _with_late_dynamometers(loop, late)
     loop, of_specimen = _before_the_specimen(loop, rig, residual)
     rig = rig_at_operating_point(vehicle, rig, residual, loop, where)
-    covered = read_range(data, vehicle, rig, loop, vehicle_inertias(vehicle, rig), where)
+    covered = read_range(data, vehicle, rig, loop, vehicle_inertias(vehicle, rig), gearboxes, where)
     band = _band(data, where)
     limits, curve = read_limits(data, rig, where)
     moves = read_moves(data, rig, residual, loop, where)
@@ -730,6 +745,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         operating_range=covered,
         simple_vehicle=simple,
         vehicle_in_the_loop=read_vehicle_in_the_loop(data, vehicle, rig, loop, where),
+        gearboxes=gearboxes,
         notes=(
             *in_gear,
             *unlike,

@@ -28,9 +28,11 @@ from matching.match.loop import compared_sensors, linear_bed, without_limits
 from matching.match.loop_modes import neutral_motions
 from matching.match.operating_range import RANGE, at_speed, at_vehicle_speed, body_speed, grid, law_over_speed
 from matching.match.requirements import requirements
+from matching.match.shifts import in_gears, with_live_clutches
 from modelling.bed.profile import DrivenTorques, SpeedProfile
+from modelling.bed.specimen import KNOWN
 from modelling.controller.law import FAULTS, ExportedController
-from modelling.errors import InputError
+from modelling.errors import InputError, listed
 from modelling.fidelity.over_range import parts_of, worst_part
 from modelling.running.controllers import Schedule
 from modelling.running.run import run
@@ -172,6 +174,8 @@ class DriveErrors:
         What ended the emulation first, in words.
     quiet : float or None
         N·m rms of a command at the end, where the vehicle is at rest there.
+    largest_deviation : float or None
+        N·m, largest deviation of a compared torque on the bed as planned; None without one, or where emulation ended.
     """
 
     planned: float | None
@@ -181,6 +185,7 @@ class DriveErrors:
     stayed: int
     fault: str = ""
     quiet: float | None = None
+    largest_deviation: float | None = None
 
 
 @dataclass(frozen=True)
@@ -189,6 +194,7 @@ class DriveResult:
 
     ``traces``: time (t,), then by sensor (t,) of vehicle, bed, and bed under the controller of one speed. ``torques``:
     of the bed as planned, torque (t,) of every shaft by its drawing, N·m, that of the steady motion included.
+    ``held``: gearboxes that shift in it and that the controller's model holds in one gear.
     """
 
     title: str
@@ -199,6 +205,7 @@ class DriveResult:
     one_speed: DriveErrors
     traces: tuple[np.ndarray, dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]] = field(repr=False)
     torques: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+    held: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As ``result.json`` holds it."""
@@ -223,10 +230,10 @@ class _Played:
 
 def _play(
     case: Case, controller: ExportedController, torques: dict[str, np.ndarray], rows: Sequence[Imperfection],
-    sensors: Sequence[str], seed: int, settings: DrivingSettings,
+    sensors: Sequence[str], seed: int, settings: DrivingSettings, steps: float = 0.0,
 ) -> _Played:  # fmt: skip
     """A drive on imperfect beds of a case at its operating point: torques (t,) in N·m by input, less those there, and
-    the ``sensors`` (y) of the rig that are kept."""
+    the ``sensors`` (y) of the rig that are kept; ``steps`` a second at least."""
     case, watched = _with_torques(case)
     loop, size, names = case.loop, len(rows), controller.law.sensors
     before = round(settings.hold / controller.law.sample_time)
@@ -236,7 +243,7 @@ def _play(
         noise=np.broadcast_to(white_noise(case, names), shape).copy(),
         count=np.broadcast_to(count_angles(case, names), shape).copy(), seed=seed,
     )  # fmt: skip
-    plant = bed_rows(case, names, rows, errors)
+    plant = bed_rows(case, names, rows, errors, steps)
     waiting = {name: np.concatenate([np.full(before, torque[0]), torque]) for name, torque in torques.items()}
     count, trim = max(len(torque) for torque in waiting.values()), known_at_operating_point(case)
     known = {
@@ -266,16 +273,17 @@ def _with_torques(case: Case) -> tuple[Case, dict[str, str]]:
 
 
 def vehicles_in(
-    case: Case, torques: dict[str, np.ndarray], rows: Sequence[Imperfection], sensors: Sequence[str]
-) -> np.ndarray:
-    """Readings (t, y, b) of the nonlinear vehicles with the specimens of these beds.
+    case: Case, torques: dict[str, np.ndarray], rows: Sequence[Imperfection], sensors: Sequence[str],
+    steps: float = 0.0,
+) -> np.ndarray:  # fmt: skip
+    """Readings (t, y, b) of the nonlinear vehicles with the specimens of these beds; ``steps`` a second at least.
 
     Raises
     ------
     SimulationError
         If one grows out of bounds.
     """
-    plant = vehicle_rows(case, rows)
+    plant = vehicle_rows(case, rows, steps=steps)
     acting = {name: torque for name, torque in torques.items() if name in plant.inputs}
     found = run(plant, None, acting, samples=max(len(torque) for torque in torques.values()), keep=sensors)
     if found.lost.any():
@@ -349,7 +357,8 @@ def _missed(drive: DriveResult, settings: DrivingSettings, torque_limit: float) 
             if errors.planned is None
             else f"on {errors.drawn - errors.stayed} of {errors.drawn} drawn beds"
         )
-        said.append(f"{drive.title}: the controller leaves emulation {on} ({errors.fault})")
+        why = f"; its model holds {listed(list(drive.held))} in one gear" if drive.held else ""
+        said.append(f"{drive.title}: the controller leaves emulation {on} ({errors.fault}){why}")
     if errors.planned is not None and errors.planned > settings.planned:
         said.append(
             f"{drive.title}: {drive.worst_sensor.replace('_', ' ')} is off by {100 * errors.planned:.2g} % of its "
@@ -442,22 +451,22 @@ def _driven(
     case: Case, drive: Drive, controllers: tuple[ExportedController, ExportedController], seed: int,
     settings: DrivingSettings,
 ) -> DriveResult:  # fmt: skip
-    own, step = at_speed(case, drive.vehicle_speed), case.loop["sample_time"]
+    own, step = at_speed(in_gears(case, drive.gears), drive.vehicle_speed, held=False), case.loop["sample_time"]
     seconds = max(torque.duration for torque in drive.torques.values())
     time = np.arange(round(seconds / step) + 1) * step
-    torques = {name: torque.torque(time) for name, torque in drive.torques.items()}
+    own, torques, steps = with_live_clutches(own, drive, time)
     box = own.uncertainty
     rows = [Imperfection(""), *(Imperfection("", box.at(position)) for position in box.draw(settings.drawn, seed))]
     sensors = compared_sensors(case)
-    vehicle = vehicles_in(own, torques, rows, sensors)
+    vehicle = vehicles_in(own, torques, rows, sensors, steps)
     played = [
-        _play(own, controller, torques, on, sensors, seed, settings)
+        _play(own, controller, torques, on, sensors, seed, settings, steps)
         for controller, on in zip(controllers, (rows, rows[:1]), strict=True)  # beside it, only on the bed as planned
     ]
     driven, vehicles = list(torques.values()), (vehicle, vehicle[:, :, :1])
     compared = [_compared(own, driven, sensors, on, each, step) for on, each in zip(vehicles, played, strict=True)]
     errors, one_speed = (
-        _errors(one, on, each, settings, step) for one, on, each in zip(compared, vehicles, played, strict=True)
+        _errors(own, one, on, each, sensors, settings) for one, on, each in zip(compared, vehicles, played, strict=True)
     )
     worst = sensors[int(compared[0].by_sensor[:, 0].argmax())]
     traces = {
@@ -465,7 +474,8 @@ def _driven(
         for i, name in enumerate(sensors)
     }
     return DriveResult(
-        drive.title, drive.vehicle_speed, seconds, worst, errors, one_speed, (time, traces), played[0].torques
+        drive.title, drive.vehicle_speed, seconds, worst, errors, one_speed, (time, traces), played[0].torques,
+        tuple(drive.gears) if case.loop.specimen == KNOWN else (),
     )  # fmt: skip
 
 
@@ -509,7 +519,8 @@ def _compared(
 
 
 def _errors(
-    compared: _Compared, vehicle: np.ndarray, played: _Played, settings: DrivingSettings, step: float
+    case: Case, compared: _Compared, vehicle: np.ndarray, played: _Played, sensors: Sequence[str],
+    settings: DrivingSettings,
 ) -> DriveErrors:  # fmt: skip
     stayed = (played.faults == 0) & np.isfinite(compared.worst)
     worst = compared.worst
@@ -517,7 +528,10 @@ def _errors(
     allowed = len(worst[1:]) - int(np.floor(settings.share * (len(worst) - 1) + 1e-9))
     ranked = np.sort(np.where(stayed[1:], worst[1:], np.inf))
     high = float(ranked[len(ranked) - 1 - allowed]) if len(ranked) > allowed else np.inf
-    last = round(settings.judged_at_rest / step)
+    last = round(settings.judged_at_rest / case.loop["sample_time"])
+    kinds = {sensor.name: sensor.measures for sensor in case.rig.sensors}
+    torques = [i for i, name in enumerate(sensors) if kinds[name] == "torque"]
+    apart = np.abs(played.readings[:, torques, 0] - vehicle[:, torques, 0])
     rests = bool(np.ptp(vehicle[-last:, :, 0], axis=0).max() < settings.at_rest)
     quiet = float(np.std(played.commands[-last:], axis=0)[:, stayed].max(initial=0.0)) if rests else None
     first = played.faults[played.faults != 0]
@@ -525,4 +539,5 @@ def _errors(
     return DriveErrors(
         float(worst[0]) if stayed[0] else None, float(np.median(drawn)) if len(drawn) else None,
         high if np.isfinite(high) else None, len(worst) - 1, int(stayed[1:].sum()), fault, quiet,
+        float(apart.max()) if stayed[0] and apart.size else None,
     )  # fmt: skip

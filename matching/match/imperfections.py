@@ -236,33 +236,35 @@ def _with_sensors(system: System, sensors: Sequence[Sensor]) -> System:
 
 
 def vehicle_rows(
-    case: Case, rows: Sequence[Imperfection], pushes: Sequence[str] = ()
+    case: Case, rows: Sequence[Imperfection], pushes: Sequence[str] = (), steps: float = 0.0
 ) -> BedRows | SpecimenAndVehicle:  # fmt: skip
     """Nonlinear vehicles with the specimens of these beds; the vehicle of others behind them where the case has one.
 
     ``pushes`` (k) are inputs that act at the cuts beside the shafts; with a vehicle of rigmatch's own it has them.
+    ``steps`` as :class:`modelling.bed.nonlinear.NonlinearBeds` has it.
     """
     vehicles, others = [perturbed_system(case.vehicle, row, case) for row in rows], case.vehicle_in_the_loop
     if others is None:
-        return BedRows(NonlinearBeds(vehicles, case.loop))
+        return BedRows(NonlinearBeds(vehicles, case.loop, steps=steps))
     residual, loop = case.residual_vehicle, case.loop
     specimens = [specimen_of(replace(residual, vehicle=vehicle)) for vehicle in vehicles]
     cuts = [residual.cut_at(one.follows) for one in loop.dynamometers]
     started, ends = others.started(run_in_of(case), len(rows)), [cut.vehicle_end for cut in cuts]
     return SpecimenAndVehicle(
-        BedRows(NonlinearBeds(specimens, loop)), started, ends,
+        BedRows(NonlinearBeds(specimens, loop, steps=steps)), started, ends,
         others.timing(loop["sample_time"]).steps, pushes,
     )  # fmt: skip
 
 
 def bed_rows(
-    case: Case, sensors: Sequence[str], rows: Sequence[Imperfection], errors: SensorErrors | None = None
+    case: Case, sensors: Sequence[str], rows: Sequence[Imperfection], errors: SensorErrors | None = None,
+    steps: float = 0.0,
 ) -> BedRows:  # fmt: skip
-    """Nonlinear beds with lags and dead time, whose ``sensors`` a controller reads."""
+    """Nonlinear beds with lags and dead time, whose ``sensors`` a controller reads; ``steps`` as of the vehicles."""
     loop = case.loop
     beds = NonlinearBeds(
         [perturbed_system(case.rig, row, case) for row in rows], loop, loop.dynamometers,
-        [hardware(case, row) for row in rows],
+        [hardware(case, row) for row in rows], steps,
     )  # fmt: skip
     return BedRows(beds, sensors, errors)
 

@@ -11,11 +11,12 @@ import numpy as np
 
 from matching.match.case import Case, Drive, OperatingRange, table_of
 from matching.match.coupled import run_in_of
+from matching.match.gearboxes import Gearboxes
 from matching.match.loop import linear_bed
 from matching.match.requirements import requirements
 from modelling.bed.bed import Loop
 from modelling.bed.foreign_vehicle import foreign_vehicle_law
-from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
+from modelling.bed.manoeuvres import TORQUE_UNIT, Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.profile import DrivenTorques, read_driver, read_speed_profile
 from modelling.bed.pulse_following import pulse_following
 from modelling.bed.stepped import SteppedLaw, SteppedVehicle, stepped_law, stepped_vehicle
@@ -80,8 +81,9 @@ def with_point_in_range(data: Mapping[str, Any], where: str) -> Mapping[str, Any
 
 
 def read_range(
-    data: Mapping[str, Any], vehicle: System, rig: System, loop: Loop, bodies: list[str], where: str
-) -> OperatingRange | None:
+    data: Mapping[str, Any], vehicle: System, rig: System, loop: Loop, bodies: list[str], gearboxes: Gearboxes | None,
+    where: str,
+) -> OperatingRange | None:  # fmt: skip
     """The range of a case, None without one.
 
     Raises
@@ -105,11 +107,13 @@ def read_range(
     made = OperatingRange(low, high, radius, tuple(bodies))
     driven = {one.torque_input for one in loop.dynamometers}
     known = [part.name for part in vehicle.inputs if part.name not in driven]
+    known += gearboxes.shared if gearboxes is not None else ()
     entries = data.get("drives", [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise InputError(f"{where}: drives", "is no list of tables", 'write [[drives]] with vehicle_speed = "30 km/h"')
     drives = tuple(
-        _drive(entry, number, made, vehicle, rig, loop, known, where) for number, entry in enumerate(entries, 1)
+        _drive(entry, number, made, vehicle, rig, loop, known, gearboxes, where)
+        for number, entry in enumerate(entries, 1)
     )
     return replace(made, drives=drives)
 
@@ -136,10 +140,12 @@ def _speeds(table: Mapping[str, Any], place: str) -> tuple[float, float]:
 
 def _drive(
     entry: Mapping[str, Any], number: int, about: OperatingRange, vehicle: System, rig: System, loop: Loop,
-    known: list[str], where: str,
+    known: list[str], gearboxes: Gearboxes | None, where: str,
 ) -> Drive:  # fmt: skip
     place, own = f"{where}: drives[{number}]", ("title", "vehicle_speed", "profile", "driver")
     for key in entry:
+        if gearboxes is not None and key not in known and (role := gearboxes.alone(key)):
+            raise InputError(f"{place}.{key}", f"is a clutch of the {role} alone", "vehicle and rig shift alike")
         if key not in (*own, *known):
             raise unknown(str(key), [*own, *known], place)
     speed, low = to_si(entry.get("vehicle_speed", 0.0), "m/s", f"{place}.vehicle_speed"), min(about.lowest, 0.0)
@@ -148,8 +154,9 @@ def _drive(
             f"{place}.vehicle_speed", f"{speed:g} m/s is not in the range", f"{low:g} … {about.highest:g} m/s is needed"
         )
     folder, brakes = Path(where).parent, vehicle.brakes
+    units = vehicle.input_units  # without those of clutches, which are torques
     given = {
-        name: read_manoeuvre(entry[name], name, f"{place}.{name}", folder, unit=vehicle.input_units[name])
+        name: read_manoeuvre(entry[name], name, f"{place}.{name}", folder, unit=units.get(name, TORQUE_UNIT))
         for name in known if name in entry
     }  # fmt: skip
     torques: Mapping[str, Manoeuvre] = given
@@ -164,15 +171,20 @@ def _drive(
         torques = DrivenTorques(
             profile, driver, begin, loop, about.bodies, about.rolling_radius, turning, given
         )  # fmt: skip
-    elif vehicle.pedals:
-        _check_held(vehicle, rig, about, speed, place)
     if not torques:
         right = 'write motor_torque = { kind = "drive_away", amplitude = 100 }, or profile = "speed.csv"'
         raise InputError(place, "names no torque", right)
     for name in brakes:
         if name in given and (least := given[name].smallest) < 0:
             raise InputError(f"{place}.{name}", f"reaches {least:g} N·m", "a brake's torque is 0 or more")
-    return Drive(str(entry.get("title", f"drive {number}")), speed, torques)
+    gears = {} if gearboxes is None else gearboxes.begun_in(given, place, at_rest=speed == 0)
+    if gears and "profile" in entry:
+        raise InputError(
+            f"{place}.profile", "shifts", "a driver drives in the gear of the case: leave out the clutches"
+        )
+    if vehicle.pedals and not gears:
+        _check_held(vehicle, rig, about, speed, place)
+    return Drive(str(entry.get("title", f"drive {number}")), speed, torques, gears)
 
 
 def _check_held(vehicle: System, rig: System, about: OperatingRange, speed: float, place: str) -> None:
@@ -235,14 +247,15 @@ def ends_of(case: Case) -> list[float]:
     return [float(each[at]) for each in (speeds[speeds < 0], speeds[speeds > 0]) if len(each) for at in (0, -1)]
 
 
-def at_speed(case: Case, speed: float) -> Case:
+def at_speed(case: Case, speed: float, *, held: bool = True) -> Case:
     """The case with its operating point at a speed of the vehicle, m/s, at rest without one at 0; no targets.
 
-    The drives' torques there are those that hold the speed; what acts beyond the cut is as the vehicle has it.
+    The drives' torques there are those that hold the speed; what acts beyond the cut is as the vehicle has it. Where
+    no pedal holds it, the motion is ``held`` as in :func:`in_steady_motion`, or refused.
     """
     about = case.operating_range
     assert about is not None
-    vehicle = at_vehicle_speed(case.vehicle, case.rig, about, speed, held=True)
+    vehicle = at_vehicle_speed(case.vehicle, case.rig, about, speed, held=held)
     emulated = vehicle
     if case.simple_vehicle is not None:
         ends = [(one.vehicle_end, one.vehicle_end) for one in case.residual_vehicle.interfaces]
@@ -273,6 +286,14 @@ def at_vehicle_speed(
         return replace(vehicle, operating_point=None)
     bodies = dict.fromkeys(about.bodies, speed / about.rolling_radius)
     return in_steady_motion(vehicle, rig, bodies, {}, held=held)
+
+
+def rotor_speed(rig: System, loop: Loop) -> float:
+    """Mean speed of the rotors at the operating point of a rig, rad/s; 0 without one."""
+    if rig.operating_point is None:
+        return 0.0
+    driven, speeds = {one.torque_input for one in loop.dynamometers}, speeds_of(rig)
+    return float(np.mean([speeds[part.on] for part in rig.inputs if part.name in driven]))
 
 
 def in_steady_motion(

@@ -23,6 +23,7 @@ from matching.match.loop import (
     vehicle_response,
 )
 from matching.match.loop import responses as controlled
+from modelling.bed.specimen import KNOWN
 from modelling.bed.vehicle import cut, parts_left_out, without_part
 from modelling.linear.band import BandNodes, antiresonances, converged_nodes, resonances
 from modelling.system import System, mirror_image
@@ -79,8 +80,10 @@ class ComparedBed:
 
     @property
     def measured(self) -> np.ndarray:
-        """Which of the compared functions (h,) begin at a torque that the controller's model takes as measured."""
-        return np.array([source in self.bed.measured for source, _ in self.pairs])
+        """Which of the compared functions (h,) begin at a torque that the controller's model takes as measured; none
+        where the specimen is unknown, which each of them passes: they are one response error, as in a match."""
+        known = self.case.loop.specimen == KNOWN
+        return np.array([known and source in self.bed.measured for source, _ in self.pairs])
 
     def at(self, frequencies: np.ndarray) -> Responses:
         """Responses at frequencies (f,), Hz, above 0 and below half the loop's sampling frequency."""

@@ -201,6 +201,7 @@ def _drive(row: Mapping[str, Any]) -> dict[str, str]:
 
     return {
         "drive": row["title"], "worst sensor": spaced(row["worst_sensor"]), "as planned": _share(errors["planned"]),
+        "largest deviation": "" if (apart := errors.get("largest_deviation")) is None else f"{number(apart, 2)} N·m",
         "drawn beds, median": _share(errors["median"]), "95 %": _share(errors["high"]),
         "stay in emulation": stayed(errors),
         "command at rest": "" if errors["quiet"] is None else f"{number(errors['quiet'], 2)} N·m rms",

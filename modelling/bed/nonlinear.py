@@ -68,6 +68,8 @@ class NonlinearBeds:
     dynamometers : sequence of Dynamometer (k)
     hardware : sequence of BedHardware (b)
         None of vehicles.
+    steps : float
+        1/s, at least: what depends on the motion, as of clutches that slip.
 
     Attributes
     ----------
@@ -83,12 +85,12 @@ class NonlinearBeds:
 
     def __init__(
         self, systems: Sequence[System], loop: Loop, dynamometers: Sequence[Dynamometer] = (),
-        hardware: Sequence[BedHardware] = (),
+        hardware: Sequence[BedHardware] = (), steps: float = 0.0,
     ):  # fmt: skip
         self.model, step, k = compiled(systems[0]), loop["sample_time"], len(dynamometers)
         self.step = step
         p, points = _parameters(self.model, systems), [operating_motion(system) for system in systems]
-        rate = max(steps_per_second(self.model, _flat(self.model, row)[None]) for row in p)
+        rate = max(steps, *(steps_per_second(self.model, _flat(self.model, row)[None]) for row in p))
         if hardware:
             rate = max(rate, *(0.5 / min(*bed.inverter_lags, *bed.torque_sensor_lags) for bed in hardware))
         self.pieces = max(int(np.ceil(step * rate - 1e-9)), int(np.ceil(step / FINE_STEP_S - 1e-9)))

@@ -217,6 +217,7 @@ def _part(vehicle: System, group: set[str], interfaces: list[Interface]) -> Syst
         inertias=tuple(part for part in vehicle.inertias if part.name in group),
         shafts=shafts,
         gears=tuple(part for part in vehicle.gears if inside(*part.between)),
+        gearboxes=tuple(part for part in vehicle.gearboxes if inside(*part.between)),
         differentials=tuple(part for part in vehicle.differentials if inside(*part.ends)),
         planetary_gears=tuple(part for part in vehicle.planetary_gears if inside(*part.ends)),
         inputs=inputs,

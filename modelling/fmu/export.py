@@ -23,15 +23,15 @@ from modelling.bed.stepped import Law, own_vehicle, shown_of
 from modelling.controller.c_source import c_sources, memory_bytes
 from modelling.controller.law import ExportedController
 from modelling.effects.effect import SECOND_STATE
-from modelling.effects.torques import ENGAGED, SETTLING
+from modelling.effects.torques import ENGAGED
 from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import CREEP, FOLLOW_TIME, RECORDING, SIMULATION_DEFAULTS, STICK_SPEED
 from modelling.equations.shaft_law import CONTACT_TIME
 from modelling.errors import InputError
 from modelling.escape import c_comment, c_identifier, c_string, xml
-from modelling.linear.elements import elements
+from modelling.simulation.clutch_steps import steps_of_clutches
 from modelling.simulation.compiled import CompilerFault, check, compile_library, compiler
-from modelling.simulation.stepping import ACCURATE_STEP, STABLE_STEP, steps_per_second
+from modelling.simulation.stepping import steps_per_second
 from modelling.simulation.task import functions
 from modelling.system import System
 from modelling.units import registry
@@ -359,7 +359,7 @@ def _functions(
     seconds = ca.SX.sym("seconds")
     paces = [
         each for model, of_model, rate in zip(models, x, rates, strict=True)
-        for each in _paces(model, of_model, rate, seconds)
+        for each in steps_of_clutches(model, of_model, rate, seconds)
     ]  # fmt: skip
     pace = ca.Function("pace", [xs, us, cs, seconds], [ca.cse(ca.mmax(ca.vertcat(*paces)))]) if paces else None
     return (
@@ -373,33 +373,6 @@ def _carried(model: Model, u: ca.SX) -> ca.SX:
     """Inputs (u,) where noise below 0 of what a clutch can carry is 0: a negative torque would drive."""
     capacities = model.system.capacities
     return ca.vertcat(*(ca.fmax(u[i], 0.0) if name in capacities else u[i] for i, name in enumerate(model.inputs)))
-
-
-def _paces(model: Model, x: ca.SX, rates: ca.SX, seconds: ca.SX) -> list[ca.SX]:
-    """Steps a second that each clutch needs over the next seconds; see :data:`STABLE_STEP`.
-
-    The deflection of a clutch that slips follows within slip over deflection; one that sticks is a spring and a damper
-    between its ends. Both depend on the motion and on what the clutch carries now.
-    """
-    found: list[ca.SX] = []
-    if not model.system.gearboxes:
-        return found
-    parts, n = elements(model, model.p0[None]), model.n
-    rows = dict(zip(parts.masses, parts.mass_transformation.reshape(-1, n), strict=True))
-    value = dict(zip(model.parameters, model.p0.tolist(), strict=True))
-    for box in model.system.gearboxes:
-        place, (first, second) = f"gearboxes.{box.name}", (rows[f"inertias.{name}"] for name in box.between)
-        deflection, settling = value[f"{place}.deflection"], value.get(f"{place}.settling", SETTLING)
-        for gear, capacity in enumerate(box.capacities, 1):
-            at, row = model.states.index(f"{place}.{capacity}"), first - value[f"{place}.ratio_{gear}"] * second
-            change = ca.mtimes(ca.DM(row).T, rates[n : 2 * n])
-            follows = ca.fabs(ca.jacobian(rates[at], x[at])) + ca.fabs(change) * seconds / deflection
-            stiffness = ca.fabs(ca.jacobian(change, x[at]))
-            if box.engages_below is not None:  # teeth that may find their gaps within the next seconds
-                stiffness = ca.substitute(stiffness, x[model.states.index(f"{place}.{capacity}{ENGAGED}")], 1.0)
-            fastest = ca.fmax(follows, settling * stiffness) / STABLE_STEP
-            found.append(ca.fmax(fastest, ca.sqrt(stiffness) / ACCURATE_STEP))
-    return found
 
 
 def _stacked(name: str, sizes: list[int]) -> list[ca.SX]:

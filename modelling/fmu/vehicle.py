@@ -110,8 +110,11 @@ class FmuVehicle:
         }  # fmt: skip
         about = self.path.stat()
         key = os.getpid(), json.dumps(request), os.pathsep.join(sys.path), about.st_mtime_ns, about.st_size
-        waiting = _WAITING.get(key, [])
-        made = waiting.pop() if waiting else _Process(self.path, request, count, len(self.cuts), self.settings)
+        made = next((each for each in reversed(_WAITING) if each.key == key), None)
+        if made is None:
+            made = _Process(self.path, request, count, len(self.cuts), self.settings)
+        else:
+            _WAITING.remove(made)
         made.key, made.settings = key, self.settings
         return made
 
@@ -194,10 +197,14 @@ class FmuVehicle:
     def close(self) -> None:
         """End its processes; one that did all that it was asked for waits for the next vehicle of this kind."""
         for each in self._processes:
-            if self._again and not each.owes and sum(map(len, _WAITING.values())) < MOST_WAITING:
-                _WAITING.setdefault(each.key, []).append(each)
-            else:
+            if not self._again or each.owes:
                 each.close()
+                continue
+            _WAITING.append(each)
+            if len(_WAITING) > MOST_WAITING:  # the one that nobody wanted for longest
+                oldest = _WAITING.pop(0)
+                if oldest.key[0] == os.getpid():
+                    oldest.close()
         self._processes = []
 
     def _end(self) -> None:
@@ -216,13 +223,13 @@ class FmuVehicle:
 
 
 MOST_WAITING = 4  # processes, of some 50 MB
-_WAITING: dict[tuple[object, ...], list[_Process]] = {}
+_WAITING: list[_Process] = []  # the last one that came, last
 
 
 @atexit.register
 def _end_waiting() -> None:
-    for key, waiting in _WAITING.items():
-        for each in waiting if key[0] == os.getpid() else ():
+    for each in _WAITING:
+        if each.key[0] == os.getpid():
             each.close()
 
 

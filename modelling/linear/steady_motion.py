@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from modelling.effects.torques import ENGAGED
 from modelling.equations.casadi_code import Model, compiled
 from modelling.errors import InputError, unknown
 from modelling.linear.elements import Elements, elements, null_space, rest_state, unit_rows, with_lash_closed
@@ -172,9 +173,12 @@ def _solve(problem: _Problem, flank: float, speed: float, u: np.ndarray) -> Stea
     x = flank * np.atleast_2d(rest_state(model, problem.p))[0]
     untwisted = _untwisted(problem.locked)
     x[n : 2 * n] = untwisted @ untwisted.sum(axis=0) * speed
+    closed = _closed(problem, u)
+    teeth = [f"{clutch}{ENGAGED}" for clutch in closed if f"{clutch}{ENGAGED}" in model.states]
+    x[[model.states.index(name) for name in teeth]] = 1.0
     if len(problem.speeds):
         weight = 1e3  # the wanted speeds before the untwisted motion
-        held = [problem.parts.spring_transformation.reshape(-1, n), *_coupled(problem)]
+        held = [problem.parts.spring_transformation.reshape(-1, n), *_coupled(problem), *closed.values()]
         rows = np.vstack([*held, weight * problem.speed_rows])
         values = np.concatenate([np.zeros(len(rows) - len(problem.speeds)), weight * problem.speeds])
         x[n : 2 * n] = np.linalg.lstsq(rows, values)[0]
@@ -199,6 +203,19 @@ def _solve(problem: _Problem, flank: float, speed: float, u: np.ndarray) -> Stea
             break
     error = _error(residual, scale)
     return SteadyMotion(x, u, error if np.isfinite(error) else np.inf)
+
+
+def _closed(problem: _Problem, u: np.ndarray) -> dict[str, np.ndarray]:
+    """Rows (1, n), by the state of each clutch that carries a torque, that are 0 where it does not slip."""
+    masses, p, model = problem.parts.masses, problem.p, problem.model
+    turns, rows = problem.parts.mass_transformation.reshape(-1, model.n), dict[str, np.ndarray]()
+    for box in model.system.gearboxes:
+        first, second = (turns[masses.index(f"inertias.{name}")] for name in box.between)
+        for gear, capacity in enumerate(box.capacities, 1):
+            if u[list(model.inputs).index(capacity)] > 0:
+                ratio = p[model.parameters.index(f"gearboxes.{box.name}.ratio_{gear}")]
+                rows[f"gearboxes.{box.name}.{capacity}"] = (first - ratio * second)[None]
+    return rows
 
 
 def _coupled(problem: _Problem) -> list[np.ndarray]:

@@ -114,18 +114,6 @@ def test_every_command_answers_every_case(case, tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.long
-def test_every_command_answers_a_case_whose_rig_has_a_gearbox(tmp_path, capsys, monkeypatch):
-    folder = tmp_path / "example"
-    shutil.copytree(ROOT / "examples" / "gear_change", folder / "gear_change")
-    shutil.copytree(ROOT / "examples" / "drive_away", folder / "drive_away")
-    case = folder / "gear_change" / "case.toml"
-    text = case.read_text(encoding="utf-8").replace('"../drive_away/rig.toml"', '"gearbox.toml"')
-    case.write_text(text, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    _answers(_calls_of_a_case(case, tmp_path), capsys)
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("case", ["drive_away/case", "road_to_rig/observer"])
 def test_every_command_answers_a_specimen_that_is_not_known(case, tmp_path, capsys, monkeypatch):
     source = ROOT / "examples" / f"{case}.toml"

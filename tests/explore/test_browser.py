@@ -209,6 +209,7 @@ def test_a_file_is_dropped_simulated_and_diagnosed_and_the_extended_model_kept(t
     assert (tmp_path / "bench_extended.toml").exists()
 
 
+@pytest.mark.long
 def test_a_case_is_made_changed_renamed_and_saved_without_a_file(tmp_path):
     """New, add, rename, undo, remove, save, a copy: with an empty folder at the beginning."""
     browser_path()
@@ -299,6 +300,7 @@ def test_parts_are_drawn_by_dragging_and_taken_back(tmp_path):
         assert complaints == []
 
 
+@pytest.mark.long
 def test_a_page_whose_program_has_ended_says_so_and_claims_nothing_any_more(tmp_path):
     browser_path()
     (tmp_path / "bench.toml").write_text(BENCH)

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,9 @@ from simulation.test_gearbox import INPUTS, READ
 import rigmatch as rm
 from modelling.errors import InputError
 from modelling.fmu.export import block, fmu
+from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.model_file import from_dict, to_dict
+from modelling.system import OperatingPoint
 
 BELOW = 6.0  # rad/s
 
@@ -118,3 +121,17 @@ def test_its_file_its_gears_and_mistakes():
     assert "is it meant in 1/min?" in " ".join(from_dict(data).doubts)
     data["gearboxes"]["box"]["engages_below"] = "100 1/min"
     assert not from_dict(data).doubts
+
+
+@pytest.mark.parametrize("seed", range(510, 516))
+def test_steady_motion_is_found_with_teeth_in(seed):
+    """Drag balances the motor through the ratio of the gear that is in."""
+    own, data, *_ = scene(seed)
+    rng = np.random.default_rng(seed)
+    gear, wheel = int(rng.integers(2)), float(rng.uniform(5, 60))
+    carried = (("clutch_1", float(gear == 0)), ("clutch_2", float(gear == 1)))
+    system = replace(from_dict(data), operating_point=OperatingPoint((("wheel", wheel),), carried))
+    ratio = own.ratios[gear]
+    assert speeds_of(system)["motor"] == pytest.approx(ratio * wheel)
+    balance = own.drags[0] * ratio * wheel + own.drags[1] * wheel / ratio
+    assert torques_of(system)["motor_torque"] == pytest.approx(balance)

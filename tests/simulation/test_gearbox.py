@@ -203,7 +203,10 @@ def test_a_case_is_in_the_gear_whose_clutch_is_closed_at_the_operating_point(tmp
     for example in ("gear_change", "drive_away"):
         shutil.copytree(EXAMPLES / example, tmp_path / example)
     file = tmp_path / "gear_change" / "case.toml"
-    text = file.read_text(encoding="utf-8").replace('"../drive_away/rig.toml"', '"gearbox.toml"')
+    before, _, rest = file.read_text(encoding="utf-8").partition("[[drives]]")
+    text = (before + rest[rest.index("[[targets]]") :]).replace('"car.toml"', '"../drive_away/vehicle.toml"')
+    rig = file.parent / "gearbox.toml"
+    rig.write_text(rig.read_text(encoding="utf-8").replace("[10.05, 6.5]", "[12.0, 7.5]"), encoding="utf-8")
 
     def read(point: str = ""):
         file.write_text(text.replace("[operating_point]", f"[operating_point]\n{point}"), encoding="utf-8")
