@@ -16,7 +16,7 @@ from modelling.recordings.read import read_signals
 from modelling.recordings.recording import Recording
 from modelling.system import System
 from modelling.toml import no_pipe
-from modelling.units import in_unit, to_si
+from modelling.units import PEDAL_UNIT, in_unit, to_si
 
 # --- Shapes of a torque over time, by name, as drivability is tested.
 
@@ -355,11 +355,16 @@ def read_manoeuvre(
     InputError
         Naming the key that is wrong.
     """
+    made: Manoeuvre
     if isinstance(entry, Sequence) and not isinstance(entry, str):
-        return _segments(entry, where, unit)
-    if isinstance(entry, Mapping) and "file" in entry:
-        return _recorded(entry, name, where, folder, held, unit)
-    return from_table(entry, where, unit)
+        made = _segments(entry, where, unit)
+    elif isinstance(entry, Mapping) and "file" in entry:
+        made = _recorded(entry, name, where, folder, held, unit)
+    else:
+        made = from_table(entry, where, unit)
+    if unit == PEDAL_UNIT and made.largest > 1:
+        raise InputError(where, f"reaches {made.largest:.4g}, and a pedal is 0 to 1", 'write 0.5 or "50 %"')
+    return made
 
 
 def from_table(table: Mapping[str, Any], where: str, unit: str = TORQUE_UNIT) -> Manoeuvre:

@@ -177,6 +177,17 @@ def test_where_no_pedal_holds_a_speed_the_road_does_and_no_drive_begins(tmp_path
         load_case(tmp_path / "case" / "case.toml")
 
 
+def test_a_pedal_in_per_cent_without_its_unit_is_one_line(tmp_path):
+    case_of(tmp_path / "case", SPEEDS, PEDALS, TORQUES)
+    file = tmp_path / "case" / "case.toml"
+    text = file.read_text()
+    for old, place in (("pedal = { kind", r"drives\[1\]\.pedal"), ("[manoeuvre.pedal]", r"manoeuvre\.pedal")):
+        begin = text.index(old)
+        file.write_text(text[:begin] + text[begin:].replace('amplitude = "50 %"', "amplitude = 50", 1))
+        with pytest.raises(InputError, match=rf"{place}: reaches 50, and a pedal is 0 to 1; write 0\.5 or "):
+            load_case(file)
+
+
 BRAKES = "".join(
     f'[inputs.brake_{side}]\non = "wheel_{side}"\n\n'
     f'[[effects]]\nkind = "brake"\nat = "inputs.brake_{side}"\ndeflection = 0.02\n\n'
