@@ -27,7 +27,7 @@ from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import CREEP, STICK_SPEED
 from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
-from modelling.linear.steady_motion import operating_motion, speeds_of
+from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
 from modelling.system import Input, System
 
 # --- The law.
@@ -107,10 +107,10 @@ class SteppedVehicle:
         Speed of the vehicle by state, rad/s.
     radius : float
         m of the rolling tyre: distance over the body's angle.
-    steady : ndarray (g, v)
-        States of steady motion at speeds of the vehicle.
+    steady, steady_own : ndarray (g, v), (g, r)
+        States of steady motion at speeds of the vehicle, and its own inputs there.
     inputs, tyres : tuple of str (r), (t)
-        Torques of its own; shafts whose tyres slip.
+        Torques and pedals of its own; shafts whose tyres slip.
     nonlinear : ndarray (r,)
         1 of an input whose effect depends on the motion, or on the input itself; 0 of a plain torque.
     pieces : int
@@ -130,6 +130,7 @@ class SteppedVehicle:
     body: np.ndarray
     radius: float
     steady: np.ndarray
+    steady_own: np.ndarray
     inputs: tuple[str, ...]
     nonlinear: np.ndarray
     tyres: tuple[str, ...]
@@ -191,16 +192,22 @@ class SteppedVehicle:
             x = x + h * (1.5 * first + 0.5 * (inverse @ second))
         return ca.Function("one", args, [x])
 
-    def slope_at(self, x: np.ndarray) -> np.ndarray:
-        """Derivatives (v, v) of the rates at a state, no torque acting, as planned."""
-        slopes: np.ndarray = self.slopes(
-            x, np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned
-        ).full()  # fmt: skip
+    def steady_at(self, speed: float, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """States (v,) and own inputs (r,) of steady motion at a speed, straight between those at ``speeds`` (g,)."""
+        states, own = (
+            np.array([np.interp(speed, speeds, each) for each in rows.T]) for rows in (self.steady, self.steady_own)
+        )
+        return states, own
+
+    def slope_at(self, x: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Derivatives (v, v) of the rates at a state and own inputs (r,), no torque at the cuts, as planned."""
+        slopes: np.ndarray = self.slopes(x, np.zeros(self.rates.size1_in(1)), own, self.as_planned).full()
         return slopes
 
-    def by_own(self, x: np.ndarray) -> np.ndarray:
-        """Rates (v, r) at a state for 1 N·m of an own input whose effect depends on the motion, 0 of a plain one."""
-        at = x, np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned
+    def by_own(self, x: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Rates (v, r) at a state and own inputs (r,) for one more of an own input whose effect depends on the motion
+        or on itself, 0 of a plain torque."""
+        at = x, np.zeros(self.rates.size1_in(1)), own, self.as_planned
         by: np.ndarray = self._derivatives(*at)[2].full() * self.nonlinear
         return by
 
@@ -214,10 +221,12 @@ class SteppedVehicle:
         firm, none = (self.slopes(slid, *zero, each).full() for each in (road, loose))
         return firm - none
 
-    def linear(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Matrices of a sample at one state (v,): (v, v), by torques at the cuts (v, k), by own inputs (v, r) and by
-        pulses (v, m)."""
-        zero = [np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned]
+    def linear(
+        self, x: np.ndarray, own: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """Matrices of a sample at one state (v,) and own inputs (r,): (v, v), by torques at the cuts (v, k), by own
+        inputs (v, r) and by pulses (v, m)."""
+        zero = [np.zeros(self.rates.size1_in(1)), own, self.as_planned]
         by = [*(part.full() for part in self._derivatives(x, *zero)), self.pulses.by]
         v, size = len(x), len(x) + sum(part.shape[1] for part in by[1:])
         block = np.zeros((size, size))
@@ -312,6 +321,8 @@ def stepped_vehicle(
         np.concatenate([lift.T @ operating_motion(system).state for system, lift in zip(one.parts, lifts, strict=True)])
         for one in residuals
     ]
+    acting = [{name: value for part in one.parts for name, value in torques_of(part).items()} for one in residuals]
+    steady_own = np.array([[each[name] for name in own] for each in acting]).reshape(len(residuals), len(own))
     starts = np.cumsum([0, *(lift.shape[1] for lift in lifts)])
     wheel = np.zeros((len(cuts), starts[-1]))
     for j, cut in enumerate(cuts):
@@ -343,7 +354,8 @@ def stepped_vehicle(
         ca.Function("vehicle_rates", arguments, [ca.cse(every)]),
         ca.Function("vehicle_slopes", arguments, [ca.cse(ca.densify(ca.jacobian(every, motion)))]),
         ca.Function("vehicle_outputs", arguments, [ca.cse(ca.densify(ca.vertcat(*slips, *torques, *steepness)))]),
-        by_cut, by_body, wheel, np.concatenate(body) / max(len(bodies), 1), radius, np.stack(steady), own, nonlinear,
+        by_cut, by_body, wheel, np.concatenate(body) / max(len(bodies), 1), radius, np.stack(steady),
+        steady_own, own, nonlinear,
         tuple(at.removeprefix("shafts.") for at in tyres), max(int(np.ceil(step / settings.sub_steps - 1e-9)), 1), step,
         pulses,
     )  # fmt: skip
@@ -673,8 +685,8 @@ class SteppedLaw:
         q = by_load.shape[1]
         x, w, y = self.states, len(self.known), len(self.sensors)
         r, m, k = len(self.vehicle.inputs), self.vehicle.pulses.count, len(self.dynamometers)
-        steady = np.array([np.interp(speed, self.speeds, each) for each in self.vehicle.steady.T])
-        on, by_cut, by_own, by_pulse = self.vehicle.linear(steady)
+        steady, held = self.vehicle.steady_at(speed, self.speeds)
+        on, by_cut, by_own, by_pulse = self.vehicle.linear(steady, held)
         size = x + q + v
         # of [states; innovation; known; pulses; added]: corrected states and loads
         width = size + y + w + m + k
@@ -686,7 +698,7 @@ class SteppedLaw:
         corrected = state + made["L"] @ innovation
         corrected[self.observed] += found[:v]
         load = self.load_stays * np.eye(q, width, x) + found[v:]
-        remainder = (self.vehicle.slope_at(steady) - made["likeness"]) @ np.eye(v, width, x + q)
+        remainder = (self.vehicle.slope_at(steady, held) - made["likeness"]) @ np.eye(v, width, x + q)
         acting = np.vstack([np.eye(w, width, size + y), remainder + by_load @ load + self.vehicle.pulses.by @ pulse])
         command = made["K"] @ corrected + made["Dw"] @ acting + added
         after = made["A"] @ corrected + made["Bw"] @ acting

@@ -54,9 +54,14 @@ class Variable:
 
 
 def input_variables(model: Model) -> list[Variable]:
-    """Torques, and motions that are imposed."""
+    """Torques, motions that are imposed, and pedals."""
     quantities, units = model.system.input_quantities, model.system.input_units
-    meaning = {name: f"{quantities[name]} on {part.on}" for part in model.system.inputs for name in (part.name,)}
+    meaning = {part.name: f"{quantities[part.name]} on {part.on}" for part in model.system.inputs}
+    meaning |= {
+        part.name: f"pedal, 0 to 1, of the torque map on {part.on}"
+        for part in model.system.inputs
+        if part.name in model.system.pedals
+    }
     for box in model.system.gearboxes:
         for gear, name in enumerate(box.capacities, 1):
             meaning[name] = f"torque that the clutch of gear {gear} of {box.name} can carry; below 0 counts as 0"
@@ -758,7 +763,11 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
         Variable(sensor, "input", unit, 0.0, "reading of the bed")
         for sensor, unit in zip(law.sensors, controller.units, strict=True)
     ]
-    known = [Variable(torque, "input", "N*m", 0.0, "torque, measured or demanded") for torque in law.known]
+    known = [
+        Variable(name, "input", "1", 0.0, "pedal, 0 to 1") if name in controller.pedals
+        else Variable(name, "input", "N*m", 0.0, "torque, measured or demanded")
+        for name in law.known
+    ]  # fmt: skip
     hold = [
         Variable(f"{dynamometer}.hold_speed", "input", "rad/s", 0.0, "speed that speed hold holds")
         for dynamometer in law.dynamometers
