@@ -475,8 +475,14 @@ def _driven(
     }
     return DriveResult(
         drive.title, drive.vehicle_speed, seconds, worst, errors, one_speed, (time, traces), played[0].torques,
-        tuple(drive.gears) if case.loop.specimen == KNOWN else (),
+        _held(case, drive),
     )  # fmt: skip
+
+
+def _held(case: Case, drive: Drive) -> tuple[str, ...]:
+    """Gearboxes that shift in a drive and that the controller's model holds in one gear."""
+    emulated = () if case.gearboxes is None else case.gearboxes.emulated
+    return tuple(name for name in drive.gears if name not in emulated) if case.loop.specimen == KNOWN else ()
 
 
 def stresses_beyond(case: Case, drives: Sequence[DriveResult]) -> list[str]:

@@ -82,7 +82,7 @@ def with_live_clutches(case: Case, drive: Drive, time: np.ndarray) -> tuple[Case
         need.
     """
     boxes = case.gearboxes
-    clutches = () if boxes is None else tuple(name for name in boxes.shared if name in drive.torques)
+    clutches = () if boxes is None else tuple(name for name in boxes.driven if name in drive.torques)
     torques = {name: one.torque(time) for name, one in drive.torques.items() if name not in clutches}
     if boxes is None or not clutches:
         return case, torques, 0.0
