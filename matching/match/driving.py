@@ -132,10 +132,14 @@ def at_speeds(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) ->
         noisy = any(
             value > most for value, most in zip(figures.command_noise.values(), required.command_noise, strict=True)
         )
-        stable = found.stable[1:]
+        stable, slips = found.stable[1:], np.array(True)
+        if law.slipping is not None:
+            slipping = without_limits(law.frozen(speed / radius, slipping=True))
+            slips = Judge(own, slipping, neutral_motions(linear_bed(own)), required).verdicts([{}, *values]).stable
         missed = [
             words for words, wrong in (
                 ("beds that are not stable", not found.stable.all()),
+                ("beds that are not stable while the emulated clutch slips", not slips.all()),
                 ("beds damped too little", not found.damped.all()),
                 ("the modulus margin", figures.modulus_margin < required.modulus_margin),
                 ("the roll-off", figures.largest_rolled_off > required.rolled_off),

@@ -109,9 +109,10 @@ class LiveClutches:
         made: np.ndarray = self.seen @ self.vehicle.by_cut
         return made
 
-    def free_slopes(self, steady: np.ndarray) -> np.ndarray:
-        """Derivatives (v, v) of the rates about a state (l,) of the locked vehicle, no clutch carrying anything."""
-        return self.vehicle.slope_at(self.locked @ steady)
+    def free_likeness(self, steady: np.ndarray) -> np.ndarray:
+        """Derivatives (l, l) of the locked vehicle's rates about a state of it, no clutch carrying anything."""
+        made: np.ndarray = self.seen @ self.vehicle.slope_at(self.locked @ steady) @ self.locked
+        return made
 
     def free_by_own(self, steady: np.ndarray) -> np.ndarray:
         """Rates (l, r) for 1 N·m of each own input there."""

@@ -252,11 +252,7 @@ class SteppedVehicle:
         pulses (v, m)."""
         zero = [np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned]
         by = [*(part.full() for part in self._derivatives(x, *zero)), self.pulses.by]
-        v, size = len(x), len(x) + sum(part.shape[1] for part in by[1:])
-        block = np.zeros((size, size))
-        block[:v] = np.hstack(by)
-        over = expm(block * self.sample_time)[:v]
-        on, by_cut, by_own, by_pulse = np.split(over, np.cumsum([part.shape[1] for part in by[:-1]]), axis=1)
+        on, by_cut, by_own, by_pulse = sampled(by, self.sample_time)
         return on, by_cut, by_own, by_pulse
 
     @cached_property
@@ -264,6 +260,14 @@ class SteppedVehicle:
         args = [ca.SX.sym(f"in{number}", self.rates.size1_in(number)) for number in range(4)]
         f = self.rates(*args)
         return ca.Function("derivatives", args, [ca.jacobian(f, each) for each in args[:3]])
+
+
+def sampled(rates: Sequence[np.ndarray], step: float) -> list[np.ndarray]:
+    """From sample to sample (s): rates by the states (v, v), then by what is held over a sample."""
+    v, size = len(rates[0]), sum(part.shape[1] for part in rates)
+    block = np.zeros((size, size))
+    block[:v] = np.hstack(rates)
+    return np.split(expm(block * step)[:v], np.cumsum([part.shape[1] for part in rates[:-1]]), axis=1)
 
 
 def stepped_vehicle(
@@ -768,18 +772,26 @@ class SteppedLaw:
             return _Design(self.vehicle.by_cut, clutches.seen, self.momentum, self.vehicle, None)
         return _Design(clutches.by_cut, clutches.seen, self.slipping.momentum, clutches.vehicle, clutches)
 
-    def frozen(self, speed: float, driven: bool = False) -> ControlLaw:
+    def frozen(self, speed: float, driven: bool = False, slipping: bool = False) -> ControlLaw:
         """The law and its vehicle about steady motion at one speed (rad/s) as one linear law.
 
         States [law (x); loads (k); vehicle (v)]; the angles that are taken back at standstill are left out. With
-        ``driven`` the pulses (m) and torques that are added to the commands (k) follow the known torques.
+        ``driven`` the pulses (m) and torques that are added to the commands (k) follow the known torques. Clutches of
+        the vehicle are locked; while they are ``slipping`` nothing passes them but what they carry.
         """
-        made, v, by_load = self.at(speed), self.vehicle_states, self.by_load
+        made, v, by_load = self.at(speed, slipping), self.vehicle_states, self.by_load
         q = by_load.shape[1]
         x, w, y = self.states, len(self.known), len(self.sensors)
         r, m, k = len(self.vehicle.inputs), self.vehicle.pulses.count, len(self.dynamometers)
         steady = np.array([np.interp(speed, self.speeds, each) for each in self.vehicle.steady.T])
+        slope, momentum = self.vehicle.slope_at(steady), self.momentum
         on, by_cut, by_own, by_pulse = self.vehicle.linear(steady)
+        if slipping:
+            assert self.slipping is not None
+            clutches, momentum = self.slipping.clutches, self.slipping.momentum
+            by_load, slope = clutches.by_cut, clutches.free_likeness(steady)
+            on, by_cut = sampled([slope, by_load], self.sample_time)
+            by_own, by_pulse = np.zeros_like(by_own), np.zeros_like(by_pulse)
         size = x + q + v
         # of [states; innovation; known; pulses; added]: corrected states and loads
         width = size + y + w + m + k
@@ -791,11 +803,11 @@ class SteppedLaw:
         corrected = state + made["L"] @ innovation
         corrected[self.observed] += found[:v]
         load = self.load_stays * np.eye(q, width, x) + found[v:]
-        remainder = (self.vehicle.slope_at(steady) - made["likeness"]) @ np.eye(v, width, x + q)
+        remainder = (slope - made["likeness"]) @ np.eye(v, width, x + q)
         acting = np.vstack([np.eye(w, width, size + y), remainder + by_load @ load + self.vehicle.pulses.by @ pulse])
         command = made["K"] @ corrected + made["Dw"] @ acting + added
         after = made["A"] @ corrected + made["Bw"] @ acting
-        torque = self.cut_torque @ (corrected + after) / 2 + self.momentum @ innovation / self.sample_time
+        torque = self.cut_torque @ (corrected + after) / 2 + momentum @ innovation / self.sample_time
         own = np.eye(r, width, size + y + w - r)
         vehicle = on @ np.eye(v, width, x + q) + by_cut @ torque + by_own @ own + by_pulse @ pulse
         rows = np.vstack([after, load, vehicle])
@@ -1065,7 +1077,7 @@ def _slipping(
     """A bed whose residual vehicle (its states from ``first`` on) has clutches that slip: what they carry is known."""
     A, B, by_shafts = space.space.A.copy(), space.space.B.copy(), space.shaft_torques.copy()
     onto = clutches.by_cut @ np.linalg.pinv(vehicle.by_cut)
-    A[first:, first:] = clutches.seen @ clutches.free_slopes(steady) @ clutches.locked
+    A[first:, first:] = clutches.free_likeness(steady)
     A[first:, :first], by_shafts[first:] = onto @ A[first:, :first], onto @ by_shafts[first:]
     by_own = clutches.free_by_own(steady)
     for column, name in enumerate(space.space.inputs):

@@ -8,6 +8,7 @@ from driving.own_clutch import CASE, EMULATION, HOLD, SIGNALS, STEP, Clutched, i
 from needs import compiles
 
 from matching.match.case_file import case_files, case_from_tables, load_case
+from matching.match.driving import at_speeds
 from matching.match.exported import exported_controller
 from modelling.bed.clutches import carried_torques
 from modelling.controller.batch import ControllerBatch
@@ -18,11 +19,13 @@ pytestmark = compiles
 OF_SHAFTS = [SIGNALS.index("input shaft"), SIGNALS.index("side shaft")]
 
 
-def case_of(dead_time=0.003):
+def case_of(dead_time=0.003, case=CASE, speeds=None):
     """With weights that a search begins at: none was tuned on the drives of these tests."""
-    data = read_toml(CASE)
+    data = read_toml(case)
     data["loop"]["dead_time"] = dead_time
-    case = case_from_tables(data, str(CASE))
+    if speeds is not None:
+        data["operating_range"]["vehicle_speed"] = speeds
+    case = case_from_tables(data, str(case))
     return replace(case, loop=case.loop.with_values(case.loop.structure.starts(case.rig, case.loop)[0]))
 
 
@@ -145,6 +148,18 @@ def test_pulling_away_on_a_slipping_clutch_and_a_shift(controller, beds):
         assert np.ptp(run.car[:, 6]) > 0, "it slips and sticks"
         for name, part in parts.items():
             assert run.errors(*part)[OF_SHAFTS].max() <= 0.015, name
+
+
+@pytest.mark.parametrize(("hub", "stable"), [(0.03, True), (0.01, False)])
+def test_a_hub_that_is_too_light_for_the_machine_is_found(hub, stable, tmp_path):
+    """With 0.01 kg·m² behind the open clutch, an eighth of the rotor, own simulations of drawn beds run away."""
+    for name in ("vehicle.toml", "rig.toml", "case.toml"):
+        text = (CASE.parent / name).read_text()
+        (tmp_path / name).write_text(text.replace("J = 0.03", f"J = {hub}") if name == "vehicle.toml" else text)
+    rows = at_speeds(case_of(case=tmp_path / "case.toml", speeds=["26 km/h", "31 km/h"]), 3)
+    missed = {what for row in rows for what in row.missed}
+    assert ("beds that are not stable while the emulated clutch slips" not in missed) is stable
+    assert "beds that are not stable" not in missed, "with the clutch locked they are"
 
 
 def drawn(dead_time, beds, seed, shifts=40, aways=12):
