@@ -246,7 +246,8 @@ def vehicle_rows(
     """
     vehicles, others = [perturbed_system(case.vehicle, row, case) for row in rows], case.vehicle_in_the_loop
     if others is None:
-        return BedRows(NonlinearBeds(vehicles, case.loop, steps=steps))
+        emulated = () if case.gearboxes is None else case.gearboxes.emulated
+        return BedRows(NonlinearBeds(vehicles, case.loop, steps=steps, sticking=emulated))
     residual, loop = case.residual_vehicle, case.loop
     specimens = [specimen_of(replace(residual, vehicle=vehicle)) for vehicle in vehicles]
     cuts = [residual.cut_at(one.follows) for one in loop.dynamometers]

@@ -145,7 +145,10 @@ def _drive(
     place, own = f"{where}: drives[{number}]", ("title", "vehicle_speed", "profile", "driver")
     for key in entry:
         if gearboxes is not None and key not in known and (role := gearboxes.alone(key)):
-            raise InputError(f"{place}.{key}", f"is a clutch of the {role} alone", "vehicle and rig shift alike")
+            right = "vehicle and rig shift alike"
+            if role == "vehicle":
+                right += "; beyond the cut, a clutch of one ratio without teeth, and without effects at its input"
+            raise InputError(f"{place}.{key}", f"is a clutch of the {role} alone", right)
         if key not in (*own, *known):
             raise unknown(str(key), [*own, *known], place)
     speed, low = to_si(entry.get("vehicle_speed", 0.0), "m/s", f"{place}.vehicle_speed"), min(about.lowest, 0.0)

@@ -77,11 +77,11 @@ def governed(of: Plant, speed: float) -> float:
     return float(np.interp(speed, points, (of.idle_torque, 0.0, -of.top_drag)))
 
 
-def held(of: Plant, speed: float) -> float:
-    """Torque of the engine, N·m, that holds a speed (m/s) on the level, the clutch locked."""
+def held(of: Plant, speed: float, road: float = 0.0) -> float:
+    """Torque of the engine, N·m, that holds a speed (m/s), the clutch locked; ``road`` (N·m) pushes each body."""
     wheel = speed / RADIUS
     engine = wheel * of.ratio
-    return 2 * of.drag_body * wheel / of.ratio + of.drag_engine * engine - governed(of, engine)
+    return 2 * (of.drag_body * wheel - road) / of.ratio + of.drag_engine * engine - governed(of, engine)
 
 
 def ramp(time, begin, rise):
@@ -124,14 +124,15 @@ class Clutched:
         subprocess.run(command, check=True)
         self._library = ctypes.CDLL(str(library))
 
-    def drive(self, controller, step, of: Plant, speed: float, u: np.ndarray, draw, bed: Plant | None = None) -> Driven:
+    def drive(self, controller, step, of: Plant, speed: float, u: np.ndarray, draw, road: float = 0.0) -> Driven:
         """From a steady speed (m/s), the clutch locked; u (n, 4): torques of engine and bodies beside those that hold
         the speed, and what the clutch can carry. ``step`` (readings, known, mode, speeds, life) gives commands, mode
         and fault."""
-        wheel, n, bed = speed / RADIUS, len(u), of if bed is None else bed
-        load, engine, demand = 2 * of.drag_body * wheel, wheel * of.ratio, held(of, speed)  # N·m at the differential
+        wheel, n = speed / RADIUS, len(u)
+        load, engine, demand = 2 * (of.drag_body * wheel - road), wheel * of.ratio, held(of, speed, road)
         u = np.array(u, float)
         u[:, 0] += demand
+        u[:, 1:3] += road
         s, seconds = np.zeros(14), ctypes.c_double(STEP)
         s[[0, 6, 13]], s[[1, 7, 8, 9, 10]] = engine, wheel
         s[2], s[3], s[4:6] = load / of.ratio / of.k_in, load / of.k_out, load / 2 / of.k_side
@@ -150,11 +151,11 @@ class Clutched:
         sent, shown = np.zeros((LONGEST, 3)), np.zeros((HELD + n, 4))
         commands, faults = np.zeros((HELD + n, 3)), np.zeros(HELD + n, int)
         for at in range(HELD + n):
-            self._library.show_bed(ctypes.byref(bed), _at(b), _at(shown[at]))
+            self._library.show_bed(ctypes.byref(of), _at(b), _at(shown[at]))
             readings = np.r_[b[16:19], b[[6, 9, 10]]] + noise[at]
             commands[at], _, faults[at] = step(readings, known[at], HOLD if at < HELD else EMULATION, hold, at)
             sent[1:], sent[0] = sent[:-1].copy(), commands[at]
-            self._library.step_bed(ctypes.byref(bed), _at(b), seconds, _at(sent))
+            self._library.step_bed(ctypes.byref(of), _at(b), seconds, _at(sent))
         return Driven(car, shown[HELD:], commands[HELD:], faults[HELD:])
 
 

@@ -4,15 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from driving.own_clutch import CASE, EMULATION, HOLD, SIGNALS, STEP, Clutched, in_c, plant, pull_away, shifted
+from driving.own_clutch import CASE, EMULATION, HOLD, SIGNALS, STEP, Clutched, Driven, in_c, plant, pull_away, shifted
 from needs import compiles
 
+from matching.match.case import Drive
 from matching.match.case_file import case_files, case_from_tables, load_case
-from matching.match.driving import at_speeds
+from matching.match.driving import DRIVING, at_speeds, driving, vehicles_in
 from matching.match.exported import exported_controller
+from matching.match.imperfections import Imperfection
+from matching.match.operating_range import at_speed
+from matching.match.shifts import with_live_clutches
 from modelling.bed.clutches import carried_torques
+from modelling.bed.manoeuvres import RecordedTorque
 from modelling.controller.batch import ControllerBatch
 from modelling.controller.law import FAULTS
+from modelling.errors import InputError
+from modelling.linear.steady_motion import torques_of
 from modelling.toml import read_toml
 
 pytestmark = compiles
@@ -24,7 +31,7 @@ def case_of(dead_time=0.003, case=CASE, speeds=None):
     data = read_toml(case)
     data["loop"]["dead_time"] = dead_time
     if speeds is not None:
-        data["operating_range"]["vehicle_speed"] = speeds
+        data["operating_range"]["vehicle_speed"], data["drives"] = speeds, data["drives"][:1]
     case = case_from_tables(data, str(case))
     return replace(case, loop=case.loop.with_values(case.loop.structure.starts(case.rig, case.loop)[0]))
 
@@ -62,7 +69,9 @@ def test_a_gearbox_of_two_ratios_or_beside_the_cut_stays_locked(tmp_path):
             'capacities = ["clutch_torque"]', 'capacities = ["clutch_torque", "other_torque"]'
         )
         (tmp_path / name).write_text(text + '\n[inputs.other_torque]\non = "engine"\n' * (name == "vehicle.toml"))
-    case = load_case(tmp_path / "case.toml")
+    with pytest.raises(InputError, match=r"clutch_torque: is a clutch of the vehicle alone; .* one ratio"):
+        load_case(tmp_path / "case.toml")
+    case = case_of(case=tmp_path / "case.toml", speeds=["0 km/h", "60 km/h"])
     assert not case.gearboxes.emulated
     assert any("gearboxes.clutch is in gear 1, its clutch locked" in note for note in case.notes)
 
@@ -160,6 +169,71 @@ def test_a_hub_that_is_too_light_for_the_machine_is_found(hub, stable, tmp_path)
     missed = {what for row in rows for what in row.missed}
     assert ("beds that are not stable while the emulated clutch slips" not in missed) is stable
     assert "beds that are not stable" not in missed, "with the clutch locked they are"
+
+
+ONE_BED = replace(DRIVING, drawn=1)
+
+
+def own_shift(case, seed):
+    """A shift as a drive of the case, and as the own car and bed play it."""
+    random, of = np.random.default_rng([seed, 4]), plant()
+    speed, u, parts = shifted(random, of)
+    time, road = np.arange(len(u)) * STEP, torques_of(at_speed(case, speed).vehicle)["road_left"]
+    torques = {"engine_torque": RecordedTorque.of(time, u[:, 0]), "clutch_torque": RecordedTorque.of(time, u[:, 3])}
+    drive = Drive("own shift", speed, torques, case.gearboxes.begun_in(torques, "drive"))
+    return (
+        drive,
+        parts["shift"],
+        time,
+        lambda beds, controller: beds.drive(
+            controller, in_c(ControllerBatch(controller, 1)), of, speed, u, random, road
+        ),
+    )
+
+
+TORQUES = {"input_torque": SIGNALS.index("input shaft"), "side_left_torque": SIGNALS.index("side shaft")}
+
+
+def of_car(run, signal, first, last):
+    """Less what it is as the drive begins."""
+    return run.car[first:last, Driven.OF_CAR[signal]] - run.car[0, Driven.OF_CAR[signal]]
+
+
+@pytest.mark.parametrize("seed", range(21, 24))
+def test_the_vehicle_of_a_drive_is_the_own_car(beds, controller, seed):
+    case = case_of()
+    drive, (first, last), time, play = own_shift(case, seed)
+    live, torques, steps = with_live_clutches(at_speed(case, drive.vehicle_speed), drive, time)
+    assert steps == 0, "a clutch that sticks needs no finer ones"
+    found, run = vehicles_in(live, torques, [Imperfection("")], list(TORQUES), steps), play(beds, controller)
+    for column, signal in enumerate(TORQUES.values()):
+        car = of_car(run, signal, first, last)
+        assert np.sqrt(np.mean((found[first:last, column, 0] - car) ** 2)) <= 0.005 * np.ptp(car)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(5, 14))
+def test_a_drive_is_judged_as_an_own_bed_shows_it(beds, controller, seed):
+    """Its error is that of the own bed, but for what the noise of each leaves."""
+    case = case_of()
+    drive, (first, last), _, play = own_shift(case, seed)
+    found = driving(replace(case, operating_range=replace(case.operating_range, drives=(drive,))), settings=ONE_BED)
+    (result,), run = found.drives, play(beds, controller)
+    assert not found.not_run
+    assert not result.errors.fault
+    assert not run.faults.any()
+    for name, signal in TORQUES.items():
+        vehicle, bed, _ = (each[first:last] for each in result.traces[1][name])
+        error = np.sqrt(np.mean((bed - vehicle) ** 2)) / np.ptp(of_car(run, signal, first, last))
+        assert error == pytest.approx(run.errors(first, last)[signal], rel=0.3, abs=0.005)
+
+
+def test_a_drive_names_a_clutch_that_is_closed_as_it_begins(tmp_path):
+    for name in ("vehicle.toml", "rig.toml", "case.toml"):
+        text = (CASE.parent / name).read_text().replace("{ to = 300, hold = 0.6 }", "{ to = 0, hold = 0.6 }")
+        (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=r"drives\[2\]: closes 0 clutches of gearboxes\.clutch"):
+        load_case(tmp_path / "case.toml")
 
 
 def drawn(dead_time, beds, seed, shifts=40, aways=12):
