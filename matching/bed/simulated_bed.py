@@ -674,7 +674,8 @@ def emulated_recording(
     # the bed holds a motor's torque over a sample; one of the road is only read by the controller, at the sample
     as_linear = np.where([name in plant.inputs for name in inputs], held_as_linear(torques), torques)
     acting = {name: torques[:, i] for i, name in enumerate(inputs) if name in plant.inputs}
-    told = {name: as_linear[:, i] for i, name in enumerate(inputs) if name in law.known}
+    told = {name: np.full(len(torques), most) for name, most in case.closed_clutches.items()}
+    told |= {name: as_linear[:, i] for i, name in enumerate(inputs) if name in law.known}
     asks = _Emulation(controller, tuple(law.sensors), tuple(law.known), np.full(len(commanded), speed), before, vehicle)
     found = run(plant, asks, acting, told, samples=len(torques), sample_time=step)
     sent, readings = found.commands[:, :, 0], found.readings[:, :, 0]

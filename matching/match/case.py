@@ -17,6 +17,7 @@ from matching.match.movable import movable, with_sizes
 from matching.match.vehicle_in_the_loop import VehicleInTheLoop
 from modelling import display
 from modelling.bed.bed import Loop
+from modelling.bed.clutches import CLOSED
 from modelling.bed.manoeuvres import Manoeuvre
 from modelling.bed.specimen import KNOWN
 from modelling.bed.vehicle import ResidualVehicle, TorqueCurve
@@ -190,6 +191,11 @@ class Case:
     def largest_torque(self) -> float:
         """Largest torque of the manoeuvre, N·m; 0 without one."""
         return max((drive.largest for drive in self.manoeuvre.values()), default=0.0)
+
+    @property
+    def closed_clutches(self) -> dict[str, float]:
+        """What clutches that the controller emulates can carry where nothing says so, N·m by input: they are closed."""
+        return {} if self.gearboxes is None else dict.fromkeys(self.gearboxes.emulated_clutches, CLOSED)
 
     @property
     def emulated_vehicle(self) -> System:

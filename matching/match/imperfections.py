@@ -12,7 +12,6 @@ from matching.match.box import of_system
 from matching.match.case import Case
 from matching.match.coupled import controller_rows, run_in_of
 from matching.match.loop import interface_speed, shaft_torque
-from modelling.bed.clutches import CLOSED
 from modelling.bed.nonlinear import BedHardware, NonlinearBeds
 from modelling.bed.vehicle import specimen_of
 from modelling.controller.law import ExportedController
@@ -407,8 +406,7 @@ def emulated(
 
 def known_at_operating_point(case: Case) -> dict[str, float]:
     """Torques of vehicle and rig at the operating point by input, N·m; clutches beyond the cut are closed."""
-    closed = {} if case.gearboxes is None else dict.fromkeys(case.gearboxes.emulated_clutches, CLOSED)
-    return {**closed, **torques_of(case.vehicle), **torques_of(case.rig)}
+    return {**case.closed_clutches, **torques_of(case.vehicle), **torques_of(case.rig)}
 
 
 def _waiting(torque: np.ndarray, before: int) -> np.ndarray:

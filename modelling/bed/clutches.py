@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -15,9 +15,6 @@ from modelling.errors import InputError
 from modelling.linear.elements import elements
 from modelling.system import Input, System
 from modelling.topology import connected_parts, joints, side
-
-if TYPE_CHECKING:
-    from modelling.bed.stepped import SteppedVehicle
 
 # --- Dry friction that sticks.
 #
@@ -73,13 +70,34 @@ CLOSED = 1e6  # N·m: more than any clutch has to carry
 ROUNDING = 1e-12  # of a speed over another
 
 
+class Stepped(Protocol):
+    """What is asked of a vehicle that is stepped: see :class:`modelling.bed.stepped.SteppedVehicle`."""
+
+    @property
+    def slip(self) -> np.ndarray:
+        """rad/s of each live clutch by state (c, v)."""
+
+    @property
+    def by_cut(self) -> np.ndarray:
+        """Rates (v, k) for 1 N·m at each cut."""
+
+    def slope_at(self, x: np.ndarray) -> np.ndarray:
+        """Derivatives (v, v) of the rates at a state."""
+
+    def rates_by_own(self, x: np.ndarray) -> np.ndarray:
+        """Rates (v, r) at a state for 1 N·m of each own input."""
+
+
+V = TypeVar("V", bound=Stepped)
+
+
 @dataclass(frozen=True)
-class LiveClutches:
+class LiveClutches(Generic[V]):
     """A vehicle with live clutches beside the same one with them locked; v and l states, c clutches.
 
     Attributes
     ----------
-    vehicle : SteppedVehicle
+    vehicle : modelling.bed.stepped.SteppedVehicle
         With live clutches. Its last inputs are what they can carry, N·m.
     seen : ndarray (l, v)
         States of the locked vehicle by those of this one.
@@ -87,7 +105,7 @@ class LiveClutches:
         States of this one while its clutches are locked.
     """
 
-    vehicle: SteppedVehicle
+    vehicle: V
     seen: np.ndarray
     locked: np.ndarray
 
@@ -143,16 +161,15 @@ def _signals(system: System, lift: np.ndarray) -> _Signals:
 
 
 def live_clutches(
-    live: ResidualVehicle, locked: ResidualVehicle, vehicle: SteppedVehicle,
-    lifts: Sequence[tuple[np.ndarray, np.ndarray]],
-) -> LiveClutches:  # fmt: skip
+    live: ResidualVehicle, locked: ResidualVehicle, vehicle: V, lifts: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> LiveClutches[V]:  # fmt: skip
     """Put both vehicles side by side.
 
     Parameters
     ----------
     live, locked : ResidualVehicle
         The same parts in the same order.
-    vehicle : SteppedVehicle
+    vehicle : modelling.bed.stepped.SteppedVehicle
         Of ``live``.
     lifts : sequence of (ndarray, ndarray)
         By part: all states of the model by those of the live vehicle, and of the locked one.

@@ -758,7 +758,13 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
         Variable(sensor, "input", unit, 0.0, "reading of the bed")
         for sensor, unit in zip(law.sensors, controller.units, strict=True)
     ]
-    known = [Variable(torque, "input", "N*m", 0.0, "torque, measured or demanded") for torque in law.known]
+    own = own_vehicle(law)
+    clutches = () if own is None else own.inputs[len(own.inputs) - len(own.slip) :]
+    known = [
+        Variable(name, "input", "N*m", 0.0, "what this clutch of the emulated vehicle can carry; 0: it is open"
+                 if name in clutches else "torque, measured or demanded")
+        for name in law.known
+    ]  # fmt: skip
     hold = [
         Variable(f"{dynamometer}.hold_speed", "input", "rad/s", 0.0, "speed that speed hold holds")
         for dynamometer in law.dynamometers
