@@ -432,7 +432,7 @@ def _values_on(
 
 
 def _lift(system: System) -> np.ndarray:
-    linear = linearise(system)
+    linear = linearise(system, {f"{effect.name}.amplitude": 0.0 for effect in pulses_in(system)})  # over an angle
     return deflated(linear, elements(linear.model, linear.p[None], linear.x0)).lift
 
 
