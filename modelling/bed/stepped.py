@@ -69,7 +69,7 @@ class SteppedSettings:
     clutch_change : float
         (rad/s per N·m)²: price of changes of the commands that known torques ask for, of a vehicle with live clutches.
         A clutch that sticks changes its torque at once, and free commands would make up for the dead time in one
-        sample. Chosen by trial on 42 drives at 8 ms: with 0, 10⁻⁹ or 10⁻⁷ one of them ended, near the clutch's capacity.
+        sample. Chosen by trial on 42 drives at 8 ms: with 0, 10⁻⁹ or 10⁻⁷ one of them ended, at the clutch's capacity.
     """
 
     load_drift: float = 300.0
