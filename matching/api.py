@@ -406,7 +406,7 @@ def response(model: System | File, frequencies: Sequence[float | str] | np.ndarr
     Returns
     -------
     Response
-        ``values`` (f, y, u), complex: the sensor's SI unit per N·m.
+        ``values`` (f, y, u), complex: the sensor's SI unit per N·m, or per pedal of a torque map.
 
     Examples
     --------

@@ -118,9 +118,10 @@ def _component(name: str) -> Schema:
 def _effect(kind: str) -> Schema:
     law = EFFECTS[kind]
     keys = {
-        key: {"type": "array", "items": quantity()} if key in law.arrays else quantity(law.parameters[key].unit or "")
+        key: {"type": "array", "items": {"type": "array", "items": quantity()}} if key in law.matrices
+        else {"type": "array", "items": quantity()} if key in law.arrays else quantity(law.parameters[key].unit or "")
         for key in law.file_keys
-    }
+    }  # fmt: skip
     return table({"kind": {"const": kind}, "at": {"anyOf": [TEXT, NAMES]}, **keys}, ("kind", "at"))
 
 

@@ -265,10 +265,14 @@ def _effect(table: dict, base: System, places_by_kind: dict[str, dict[str, None]
 
 
 def _separate(values: Mapping[str, Any], law: Kind, place: str) -> dict[str, Any]:
-    """Values by key, those of a list each by itself: ``key_1``, ``key_2``, …."""
+    """Values by key, those of a list each by itself: ``key_1``, ``key_2``, …; of rows ``key_1_1``, ``key_1_2``, …."""
     out: dict[str, Any] = {}
     for key, value in values.items():
-        if key not in law.arrays:
+        if key in law.matrices:
+            if not isinstance(value, list) or not value or not all(isinstance(row, list) for row in value):
+                raise InputError(f"{place}.{key}", "is no list of rows", f"write {key} = [[first, …], [second, …], …]")
+            out |= {f"{key}_{i}_{j}": each for i, row in enumerate(value, 1) for j, each in enumerate(row, 1)}
+        elif key not in law.arrays:
             out[key] = value
         elif isinstance(value, list):
             out |= {f"{key}_{i}": element for i, element in enumerate(value, 1)}
@@ -282,8 +286,13 @@ def _joined(effect: Effect) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for key, value in effect.parameters:
         array, _, number = key.rpartition("_")
+        matrix, _, row = array.rpartition("_")
         if array in effect.law.arrays and number.isdecimal():
             out.setdefault(array, []).append(value.written())
+        elif matrix in effect.law.matrices:
+            rows = out.setdefault(matrix, [])
+            rows.extend([] for _ in range(int(row) - len(rows)))
+            rows[int(row) - 1].append(value.written())
         else:
             out[key] = value.written()
     return out

@@ -14,9 +14,10 @@ from typing import Any
 from modelling import display
 from modelling.effects import EFFECTS
 from modelling.effects.effect import Kind, members, shared_place
+from modelling.effects.torque_map import PedalMap
 from modelling.errors import InputError, listed, unknown
 from modelling.topology import Joint, connected_parts, joints
-from modelling.units import GEARBOX_UNITS, INPUT_UNITS, QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
+from modelling.units import GEARBOX_UNITS, INPUT_UNITS, PEDAL_UNIT, QUANTITY_UNITS, SENSOR_UNITS, in_unit, to_si
 
 # --- A number in SI with the range it is known to lie in.
 
@@ -326,7 +327,8 @@ class PlanetaryGear:
 
 @dataclass(frozen=True)
 class Input:
-    """A torque (N·m) on the inertia ``on``; where an effect imposes its motion, its speed (rad/s) or angle (rad).
+    """A torque (N·m) on the inertia ``on``; where an effect imposes its motion, its speed (rad/s) or angle (rad); where
+    it has a torque map, a pedal (0 to 1).
 
     ``measures`` is ``torque``, ``speed`` or ``angle``; None is a torque, or the speed of an imposed motion.
     ``reference`` is the channel that the controller of the input follows, where there is one.
@@ -416,7 +418,7 @@ class OperatingPoint:
     speeds : tuple of (str, float)
         Speeds of inertias, rad/s; without any, the speed follows from the balance of torques.
     torques : tuple of (str, float)
-        Torques of inputs, N·m. Inputs that are not named are solved for.
+        Torques of inputs, N·m, of a pedal 0 to 1. Inputs that are not named are solved for.
     """
 
     speeds: tuple[tuple[str, float], ...] = ()
@@ -471,6 +473,14 @@ class Components:
         braked = {place for effect in self.effects if effect.law.brakes for place in effect.places}
         return tuple(part.name for part in self.inputs if f"inputs.{part.name}" in braked)
 
+    @functools.cached_property
+    def pedals(self) -> dict[str, PedalMap]:
+        """By input that is a pedal: its torque map."""
+        return {
+            place.removeprefix("inputs."): PedalMap.of({key: own.value for key, own in effect.parameters})
+            for effect in self.effects if effect.kind in EFFECTS and effect.law.pedal for place in effect.places
+        }  # fmt: skip
+
     @property
     def capacities(self) -> tuple[str, ...]:
         """Inputs that are the torque that a clutch can carry."""
@@ -478,15 +488,19 @@ class Components:
 
     @property
     def input_quantities(self) -> dict[str, str]:
-        """By input: ``torque``, or the ``speed`` or ``angle`` that it imposes."""
+        """By input: ``torque``, the ``speed`` or ``angle`` that it imposes, or ``pedal``."""
+        pedals = {place for effect in self.effects if effect.law.pedal for place in effect.places}
+        stated = {part.name: "pedal" for part in self.inputs if f"inputs.{part.name}" in pedals}
         return {
-            part.name: part.measures or ("speed" if part.name in self.imposed_by else "torque") for part in self.inputs
+            part.name: stated.get(part.name) or part.measures or ("speed" if part.name in self.imposed_by else "torque")
+            for part in self.inputs
         }
 
     @property
     def input_units(self) -> dict[str, str]:
         """SI unit of each input."""
-        return {name: INPUT_UNITS[quantity] for name, quantity in self.input_quantities.items()}
+        units = {**INPUT_UNITS, "pedal": PEDAL_UNIT}
+        return {name: units[quantity] for name, quantity in self.input_quantities.items()}
 
     @property
     def input_references(self) -> list[str]:
@@ -591,6 +605,7 @@ def check(system: Components) -> None:
     if system.reference and system.reference not in inertias:
         raise unknown(system.reference, list(inertias), "reference")
     _effects(system)
+    _pedals(system)
     for box in system.gearboxes:
         _gearbox(box, system, inertias)
     _connected(system, inertias)
@@ -735,6 +750,26 @@ def _imposed(system: Components) -> None:
         if source.on in driven:
             raise InputError(f"{where}.on", f"the motion of {source.on!r} is recorded twice", "one input for it")
         driven.add(source.on)
+
+
+def _pedals(system: Components) -> None:
+    """Check that a pedal is nothing else: no brake, no clutch, no imposed motion, no measured torque.
+
+    Raises
+    ------
+    InputError
+        Naming the input.
+    """
+    for part in system.inputs:
+        if part.name not in system.pedals:
+            continue
+        where = f"inputs.{part.name}"
+        if part.name in system.brakes or part.name in system.capacities:
+            wrong = "is a pedal with a torque map, and the torque of a brake or a clutch"
+            raise InputError(where, wrong, "give the torque map an input of its own")
+        if part.measures is not None or f"inertias.{part.on}" in system.held:
+            wrong = f"is a pedal with a torque map, and measures a {part.measures or 'speed'}"
+            raise InputError(where, wrong, "leave out measures, or the torque map")
 
 
 def _sensor(part: Sensor, known: Collection[str]) -> None:

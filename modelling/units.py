@@ -382,7 +382,8 @@ QUANTITY_UNITS = {
 }
 GEARBOX_UNITS = {"deflection": "rad", "settling": "s", "engages_below": "rad/s"}  # of a gearbox, next to its ratios
 SENSOR_UNITS = {"angle": "rad", "speed": "rad/s", "acceleration": "rad/s^2", "torque": "N*m"}
-INPUT_UNITS = {quantity: SENSOR_UNITS[quantity] for quantity in ("torque", "speed", "angle")}
+INPUT_UNITS = {quantity: SENSOR_UNITS[quantity] for quantity in ("torque", "speed", "angle")}  # that a file may state
+PEDAL_UNIT = "1"  # of an input with a torque map
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
 # The kind of every unit that a quantity of a model or case may be written in, by pint's name without prefix
@@ -485,6 +486,11 @@ def _to_base(name: str) -> float:
         return known.value
     units = registry()
     return float(units.Quantity(1.0, name).to_base_units().magnitude)
+
+
+def of_input(unit: str) -> str:
+    """What a response is per one of, by the SI unit of its input: ``N*m``, or ``pedal``."""
+    return "pedal" if unit == PEDAL_UNIT else unit
 
 
 def in_unit(unit: str) -> str:

@@ -32,7 +32,7 @@ def effects_page() -> str:
 def _section(kind: Kind) -> str:
     at = " or ".join(PLACES.get(table, table) for table in kind.tables)
     shared = " Several inputs or sensors may share it." if kind.shareable else ""
-    rows = [f"| `{key}` | {_unit(part)} | {_range(part)} |" for key, part in kind.parameters.items()]
+    rows = [f"| `{key}` | {_unit(kind.parameter(key))} | {_of(kind, key)} |" for key in kind.file_keys]
     lines = [
         f"## {kind.kind}", "", inspect.cleandoc(type(kind).__doc__ or ""), "", f"Stands at: {at}.{shared}", "",
         "| parameter | unit | range |", "|---|---|---|", *rows, "",
@@ -40,6 +40,14 @@ def _section(kind: Kind) -> str:
     if kind.in_recording:
         lines += [f"In a recording: {kind.in_recording}", ""]
     return "\n".join(lines)
+
+
+def _of(kind: Kind, key: str) -> str:
+    """The range of a parameter; of a list that of its elements, and how many there may be."""
+    part = kind.parameter(key)
+    if key in kind.arrays:
+        return f"list of up to {sum(name.rpartition('_')[0] == key for name in kind.parameters)}: {_ends(part)}"
+    return f"list of rows: {_ends(part)}" if key in kind.matrices else _range(part)
 
 
 def _unit(part: Parameter) -> str:
@@ -54,11 +62,14 @@ def _unit(part: Parameter) -> str:
 
 
 def _range(part: Parameter) -> str:
-    ends = (
+    return f"{_ends(part)}, optional" if part.optional else _ends(part)
+
+
+def _ends(part: Parameter) -> str:
+    return (
         "any"
         if math.isinf(part.lower) and math.isinf(part.upper)
         else f"from {part.lower:g}"
         if math.isinf(part.upper)
         else f"{part.lower:g} to {part.upper:g}"
     )
-    return f"{ends}, optional" if part.optional else ends

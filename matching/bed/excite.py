@@ -108,7 +108,17 @@ class RecordedBed:
 
 
 def bed_inputs(case: Case) -> tuple[str, ...]:
-    """Inputs (u) of a case's rig: the dynamometers', then the others."""
+    """Inputs (u) of a case's rig: the dynamometers', then the others.
+
+    Raises
+    ------
+    InputError
+        If one is a pedal: what is planned, measured and learned on a bed are torques.
+    """
+    if pedals := [part for part in case.rig.inputs if part.name in case.rig.pedals]:
+        wrong = "is a pedal with a torque map, and this command works with torques"
+        right = f"give the rig's file a torque on {pedals[0].on!r} in its place"
+        raise InputError(f"{case.path}: rig: inputs.{pedals[0].name}", wrong, right)
     return (*(dynamometer.torque_input for dynamometer in case.loop.dynamometers), *disturbing(case))
 
 

@@ -18,7 +18,7 @@ from matching.match.case import Case
 from matching.match.coupled import run_in_of
 from matching.match.driving import vehicles_in
 from matching.match.exported import exported_controller
-from matching.match.imperfections import Imperfection
+from matching.match.imperfections import Imperfection, known_at_operating_point
 from matching.match.learning import LEARNING, CutReadings, Learner, added_to, cut_readings
 from matching.match.operating_range import at_speed, body_speed
 from modelling.bed.bed import Dynamometer
@@ -474,7 +474,8 @@ def learn_on_bed(
     step = case.loop["sample_time"]
     duration = max(torque.duration for torque in case.manoeuvre.values())
     time = np.arange(round(duration / step) + 1) * step
-    held, turning, on = torques_of(own.rig), speeds_of(own.rig), {part.name: part.on for part in own.rig.inputs}
+    held, turning = known_at_operating_point(own), speeds_of(own.rig)
+    on = {part.name: part.on for part in own.rig.inputs}
     torques = [torque.torque(time) + held.get(name, 0.0) for name, torque in case.manoeuvre.items()]
     driven = tuple(case.manoeuvre), np.stack(torques, axis=1)
     speed = float(np.mean([turning[on[one.torque_input]] for one in own.loop.dynamometers]))

@@ -21,7 +21,7 @@ from matching.match.case import Case
 from matching.match.shifts import held_clutches
 from modelling.bed.bed import Dynamometer
 from modelling.bed.foreign_vehicle import ForeignVehicleLaw
-from modelling.bed.stepped import Law
+from modelling.bed.stepped import Law, SteppedLaw
 from modelling.controller.law import EMULATION, FAULTS, SPEED_HOLD, Answer, SupervisedController
 from modelling.effects.effect import shared_place
 from modelling.effects.friction_and_compliance import CoulombFriction, StribeckFriction
@@ -37,6 +37,7 @@ from modelling.effects.sensors_and_actuators import (
 )
 from modelling.effects.torques import ConstantTorque
 from modelling.errors import InputError
+from modelling.linear.steady_motion import torques_of
 from modelling.recordings.read import csv_text
 from modelling.recordings.readers import READERS
 from modelling.recordings.text import LARGEST_FILE, WINDOWS
@@ -674,8 +675,9 @@ def emulated_recording(
     # the bed holds a motor's torque over a sample; one of the road is only read by the controller, at the sample
     as_linear = np.where([name in plant.inputs for name in inputs], held_as_linear(torques), torques)
     acting = {name: torques[:, i] for i, name in enumerate(inputs) if name in plant.inputs}
-    told = {name: np.full(len(torques), most) for name, most in case.closed_clutches.items()}
-    told |= {name: as_linear[:, i] for i, name in enumerate(inputs) if name in law.known}
+    told = {name: as_linear[:, i] for i, name in enumerate(inputs) if name in law.known}
+    held_inputs = {**case.closed_clutches, **_held_pedals(case, law, speed)}
+    told |= {name: np.full(len(torques), value) for name, value in held_inputs.items() if name not in told}
     asks = _Emulation(controller, tuple(law.sensors), tuple(law.known), np.full(len(commanded), speed), before, vehicle)
     found = run(plant, asks, acting, told, samples=len(torques), sample_time=step)
     sent, readings = found.commands[:, :, 0], found.readings[:, :, 0]
@@ -690,6 +692,16 @@ def emulated_recording(
         raise Tripped((i - before) * step, FAULTS[asks.fault], getattr(replayed or controller, "reason", ""), text)
     held = np.hstack([as_linear, held_as_linear(sent)])[before:]
     return run_csv(case, bed, step, held, readings[before:], (*inputs, *commanded))
+
+
+def _held_pedals(case: Case, law: Law, speed: float) -> dict[str, float]:
+    """Pedals of the vehicle that hold the rotors' speed, rad/s, of a case at one speed that of its operating point."""
+    held = {name: pedal for name, pedal in torques_of(case.vehicle).items() if name in case.vehicle.pedals}
+    if isinstance(law, SteppedLaw):
+        rotor = speed * float(law.rotor_shares.sum())
+        own = zip(law.vehicle.inputs, law.vehicle.steady_own.T, strict=True)
+        held |= {name: float(np.interp(rotor, law.rotor_speeds, each)) for name, each in own if name in held}
+    return held
 
 
 @dataclass
@@ -728,8 +740,9 @@ class _Emulation:
 def run_csv(
     case: Case, bed: FmuBed, step: float, torques: np.ndarray, readings: np.ndarray, inputs: tuple[str, ...]
 ) -> str:
-    """Text of the CSV recording of a run: torques (t, u) and readings (t, y), SI."""
-    units = {sensor.name: sensor.unit for sensor in case.rig.sensors} | dict.fromkeys(inputs, "N*m")
+    """Text of the CSV recording of a run: torques and pedals (t, u), readings (t, y), SI."""
+    of_inputs = {**case.vehicle.input_units, **case.rig.input_units}
+    units = {sensor.name: sensor.unit for sensor in case.rig.sensors} | {name: of_inputs[name] for name in inputs}
     return csv_text(
         np.arange(len(torques)) * step, {**columns(inputs, torques), **columns(bed.sensors, readings)}, units
     )

@@ -27,15 +27,17 @@ BEGIN = 0.1  # s at the begin of a recording whose mean says how fast the rotors
 def reached_by_torques(case: Case) -> tuple[Case, list[str]]:
     """The case with those compared functions whose torque acts on its vehicle, and what is said of the others.
 
-    A vehicle of others has the rig's torques and those that the case connects to an input of its FMU.
+    A vehicle of others has the rig's torques and those that the case connects to an input of its FMU. A pedal is no
+    torque: a proof does not press it.
 
     Raises
     ------
     InputError
         If no compared torque acts on it.
     """
+    case, said = _without_pedals(case)
     if case.vehicle_in_the_loop is None:
-        return case, []
+        return case, said
     has = {part.name for part in case.rig.inputs} | set(dict(case.vehicle_in_the_loop.inputs))
     kept = tuple(pair for pair in case.compared if pair.input in has)
     missing = listed(list(dict.fromkeys(pair.input for pair in case.compared if pair.input not in has)))
@@ -45,8 +47,27 @@ def reached_by_torques(case: Case) -> tuple[Case, list[str]]:
             "compare a torque of the rig, or name the FMU's input in vehicle_in_the_loop.inputs",
         )  # fmt: skip
     if len(kept) == len(case.compared):
+        return case, said
+    more = f"the FMU of the vehicle has no input for {missing}: responses to this torque are not judged"
+    return replace(case, compared=kept), [*said, more]
+
+
+def _without_pedals(case: Case) -> tuple[Case, list[str]]:
+    """The case without compared functions of pedals, and what is said of them.
+
+    Raises
+    ------
+    InputError
+        If none is left.
+    """
+    kept = tuple(pair for pair in case.compared if pair.input not in case.vehicle.pedals)
+    if len(kept) == len(case.compared):
         return case, []
-    said = f"the FMU of the vehicle has no input for {missing}: responses to this torque are not judged"
+    pedals = listed(list(dict.fromkeys(pair.input for pair in case.compared if pair.input in case.vehicle.pedals)))
+    if not kept:
+        wrong = f"compares responses to {pedals} alone, a pedal, and on the bed torques are judged"
+        raise InputError(f"{case.path}: response.compare", wrong, "compare a torque of the road or of the rig, too")
+    said = f"{pedals} is a pedal, and on the bed torques are judged: responses to it are not"
     return replace(case, compared=kept), [said]
 
 

@@ -46,6 +46,7 @@ from modelling.recordings.readers import READERS
 from modelling.recordings.recording import Recording
 from modelling.recordings.text import read_csv
 from modelling.system import System
+from modelling.units import of_input
 
 # --- What recordings of the controlled bed show beside vehicle and prediction.
 
@@ -154,12 +155,13 @@ class RecordedFidelity:
 class FunctionCurves:
     """One compared function at frequencies (f,): measured with standard uncertainty of its modulus, and the others.
 
-    ``unit`` is the SI unit of the sensor, per N·m.
+    ``unit`` is the SI unit of the sensor, ``per`` what of the input it is per one of: ``N*m`` or ``pedal``.
     """
 
     input: str
     sensor: str
     unit: str
+    per: str
     frequencies: np.ndarray = field(repr=False)
     measured: np.ndarray = field(repr=False)
     uncertainty: np.ndarray = field(repr=False)
@@ -847,7 +849,10 @@ def judge(case: Case, recorded: BedRecordings, *, of_this_controller: bool = Tru
         for number, recording in enumerate(recorded.recordings)
     )
     states = [*(checked.status for checked in errors), *(checked.status for checked in mode_checks)]
-    curves = tuple(function.curves(units[function.sensor]) for function in shown.functions)
+    of_inputs = {**case.rig.input_units, **case.vehicle.input_units}
+    curves = tuple(
+        function.curves(units[function.sensor], of_input(of_inputs[function.input])) for function in shown.functions
+    )
     tracked = tracked_quantities(case, recorded.recordings)
     drifts = [quantity.advice for quantity in tracked if quantity.drifted]
     return BedVerification(
@@ -928,11 +933,11 @@ class _Function:
         figures = Figures.of(measured, self.vehicle, self.matched, self.band, drawn)
         return replace(figures, source=self.input, resolution=self.resolution)
 
-    def curves(self, unit: str) -> FunctionCurves:
+    def curves(self, unit: str, per: str) -> FunctionCurves:
         """What a figure of it draws."""
         measured = self.measured
         return FunctionCurves(
-            self.input, self.sensor, unit, measured.frequencies, measured.values, np.sqrt(measured.variances / 2),
+            self.input, self.sensor, unit, per, measured.frequencies, measured.values, np.sqrt(measured.variances / 2),
             self.vehicle, self.matched,
         )  # fmt: skip
 

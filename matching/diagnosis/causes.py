@@ -420,9 +420,11 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
     n, inputs = model.n, np.concatenate([segment.inputs for segment in segments])
     angles, speeds = (x[:, first : first + n] @ shares.T for first in (0, n))
     torques = np.array(model.shaft_torques.map(len(x))(x.T, inputs.T, p)).reshape(-1, len(x))
+    gear_torques = _gear_torques(fit, x, inputs, p)
     ends = np.cumsum([0, *(len(segment.time) for segment in segments)])
     parts = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
     time = np.concatenate([segment.time for segment in segments])
+    inputs = acting_torques(system, speeds, inputs)
     accelerations = np.concatenate([np.gradient(speeds[part], time[part], axis=0) for part in parts])
     names = [part.name for part in system.inertias]
     angle, speed, acceleration = (dict(zip(names, motion.T, strict=True)) for motion in (angles, speeds, accelerations))
@@ -436,7 +438,7 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
         {sensor.name: y[:, j] for j, sensor in enumerate(system.sensors)},
         {sensor.name: float(problem.data.noise[j]) for j, sensor in enumerate(system.sensors)},
         value, {shaft.name: shaft.between for shaft in system.shafts},
-        gear_torque=_gear_torques(fit, x, inputs, p), gear_ends={gear.name: gear.between for gear in system.gears},
+        gear_torque=gear_torques, gear_ends={gear.name: gear.between for gear in system.gears},
         recording=np.concatenate([np.full(len(segment.time), segment.recording) for segment in segments]),
         load={
             on: np.sum([inputs[:, j] for j, part in enumerate(system.inputs) if part.on == on], axis=0)
@@ -445,6 +447,17 @@ def simulated_motion(fit: Fit, balance: TorqueBalance | None = None) -> FittedMo
         reads={sensor.name: sensor.measures for sensor in system.sensors},
         sensor_of={sensor.name: sensor.of for sensor in system.sensors},
     )  # fmt: skip
+
+
+def acting_torques(system: System, speeds: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Inputs (t, u) with the torque, N·m, of every pedal in its place; ``speeds`` (t, i) of all inertias in rad/s."""
+    pedals, out = system.pedals, inputs
+    for j, part in enumerate(system.inputs):
+        if part.name in pedals:
+            i = next(i for i, inertia in enumerate(system.inertias) if inertia.name == part.on)
+            out = out.copy() if out is inputs else out
+            out[:, j] = pedals[part.name].torques_at(speeds[:, i], inputs[:, j])
+    return out
 
 
 def _begun_as_held(

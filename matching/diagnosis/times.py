@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 
-from matching.diagnosis.causes import LinearModel, inertia_shares, linear_model
+from matching.diagnosis.causes import LinearModel, acting_torques, inertia_shares, linear_model
 from matching.diagnosis.descent import Fit
 from matching.diagnosis.screening import without_effects
 from modelling.system import System
@@ -272,7 +272,10 @@ def _pairs(system: System, fit: Fit) -> Iterator[PairTime]:
     # as stated: a fit takes what it can of a wrong time
     value = {name: float(quantity.value) for name, quantity in plain.parameters.items()}
     models = [linear_model(plain, changed) for changed in _variants(plain, value)]
-    segments = [_even(segment.time, segment.inputs, segment.readings) for segment in fit.problem.data.segments]
+    segments = [
+        _even(segment.time, acting, segment.readings)
+        for segment, acting in zip(fit.problem.data.segments, _acting(system, fit), strict=True)
+    ]
     torques = [j for j, part in enumerate(system.inputs) if part.name not in system.imposed_by]
     on = [[part.name for part in system.inertias].index(system.inputs[j].on) for j in torques]
     segments = [(u[:, torques], y) for u, y in segments if len(y) >= FEWEST_OF_BLOCK]
@@ -287,6 +290,18 @@ def _pairs(system: System, fit: Fit) -> Iterator[PairTime]:
                 pair = _pair(of_source, target, segments, step, fit.problem.data.noise)
                 if pair is not None:
                     yield pair
+
+
+def _acting(system: System, fit: Fit) -> list[np.ndarray]:
+    """Inputs (t, u) of every segment, the torque of each pedal in its place as the fit has it."""
+    segments = fit.problem.data.segments
+    if not system.pedals:
+        return [segment.inputs for segment in segments]
+    model = fit.problem.model
+    values = dict(zip(model.parameters, (float(value) for value in fit.problem.unpack(fit.v)[0]), strict=True))
+    shares = inertia_shares(system, model.coordinates, values)
+    speeds = (x[:, model.n : 2 * model.n] @ shares.T for x in fit.problem.states(fit.v))
+    return [acting_torques(system, each, part.inputs) for each, part in zip(speeds, segments, strict=True)]
 
 
 def _variants(system: System, value: dict[str, float]) -> list[dict[str, float]]:

@@ -166,7 +166,7 @@ class ProposedManoeuvre:
     ----------
     input, waveform : str
     amplitude : float
-        N·m.
+        N·m; of a pedal from 0 to 1.
     duration : float
         s.
     separation : float
@@ -180,10 +180,12 @@ class ProposedManoeuvre:
     duration: float
     separation: float
     sensor: str
+    pedal: bool = False
 
     def sentence(self, cause: str, rival: str) -> str:
         """What to record, in words."""
-        what = f"{self.waveform} of {self.amplitude:.3g} N·m on {self.input} for {self.duration:g} s"
+        size = f"{self.amplitude:.3g}" if self.pedal else f"{self.amplitude:.3g} N·m"
+        what = f"{self.waveform} of {size} on {self.input} for {self.duration:g} s"
         if self.separation < 1:
             return (
                 f"no torque on the inputs tells {cause} from {rival}: at best {self.separation:.2g} times the noise "
@@ -224,7 +226,7 @@ def propose_manoeuvre(hypothesis: Hypothesis, rival: Hypothesis) -> ProposedMano
             for factor in FACTORS:
                 amplitude = factor * float(largest[i])
                 torque = np.zeros((len(time), len(model.inputs)))
-                torque[:, i] = amplitude * shape
+                torque[:, i] = amplitude * (np.maximum(shape, 0.0) if name in model.system.pedals else shape)
                 readings = _readings(hypothesis, time, torque)
                 difference = readings - _readings(rival, time, torque)
                 separation = np.sqrt(np.mean((difference / data.noise) ** 2, axis=0))
@@ -233,8 +235,9 @@ def propose_manoeuvre(hypothesis: Hypothesis, rival: Hypothesis) -> ProposedMano
                 j = int(np.argmax(separation))
                 if best is None or separation[j] > CLEARLY_BETTER * best.separation:
                     best = ProposedManoeuvre(
-                        name, waveform, amplitude, DURATION, float(separation[j]), model.sensors[j]
-                    )
+                        name, waveform, amplitude, DURATION, float(separation[j]), model.sensors[j],
+                        name in model.system.pedals,
+                    )  # fmt: skip
                 break
     return best
 

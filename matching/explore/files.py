@@ -292,11 +292,20 @@ class ModelDocument(Document):
             at = effect["at"]
             place = shared_place(at) if isinstance(at, list) else at
             if name.startswith(f"{place}.{effect['kind']}."):
-                return ("effects", number, name.removeprefix(f"{place}.{effect['kind']}."))
+                return ("effects", number, *_in_lists(effect, name.removeprefix(f"{place}.{effect['kind']}.")))
         table, part, key = name.split(".", 2)
         if table == "gearboxes" and key.startswith("ratio_"):
             return table, part, "ratios", int(key.removeprefix("ratio_")) - 1
         return table, part, key
+
+
+def _in_lists(effect: Mapping[str, Any], key: str) -> Keys:
+    """Where a parameter of an effect stands in its table: ``torque_2_3`` in the third place of the second row."""
+    for name, value in effect.items():
+        numbers = key.removeprefix(f"{name}_").split("_")
+        if isinstance(value, list) and key.startswith(f"{name}_") and all(each.isdecimal() for each in numbers):
+            return (name, *(int(each) - 1 for each in numbers))
+    return (key,)
 
 
 def part_of(name: str) -> str:

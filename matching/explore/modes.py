@@ -47,6 +47,7 @@ from matching.report.drivetrain import LEGEND, Sketch, case_drawings, drawing, m
 from modelling.effects.effect import members
 from modelling.errors import InputError
 from modelling.escape import html
+from modelling.units import of_input
 
 # --- Drawings of the open models; those of a case with what the case says of them.
 
@@ -453,7 +454,8 @@ class ModesTab:
         figures.show(figures.now, now.frequencies, now[pair])
         figures.show_measured(self.measured, *pair)
         of_sensor = next(part for part in self.trial.document.system.sensors if part.name == pair[0])
-        figures.modulus.yaxis.axis_label = f"modulus [{of_sensor.unit} / N·m]"
+        per = unit(of_input(self.trial.document.system.input_units[pair[1]]))
+        figures.modulus.yaxis.axis_label = f"modulus [{of_sensor.unit} / {per}]"
 
     def _measured(self) -> MeasuredCurves | None:
         for path in self.workspace.recordings:

@@ -56,8 +56,9 @@ class OrdersView:
         )  # fmt: skip
 
     def model_changed(self) -> None:
-        """Offer the first input of another model."""
-        inputs = [part.name for part in self.workspace.models[self._role()].system.inputs]
+        """Offer the first torque of another model."""
+        system = self.workspace.models[self._role()].system
+        inputs = [part.name for part in system.inputs if part.name not in system.pedals]
         if self.torques.value.partition(":")[0] not in inputs:
             self.torques.value = FIRST_TORQUE.format(inputs[0]) if inputs else ""
         self._name_commands()

@@ -92,9 +92,12 @@ def estimator_bound(case: Case) -> float | None:
     and commands that cost nothing; no bed but the one as planned counts. None where the design has no solution.
     """
     on_rig = {part.name for part in case.rig.inputs}
-    ranges = [np.ptp(torque.torque(torque.time())) for torque in case.manoeuvre.values()]
-    driving = [np.ptp(torque.torque(torque.time())) for name, torque in case.manoeuvre.items() if name in on_rig]
-    structure, size = Observer(), float(max(driving or ranges))
+    ranges = {
+        name: float(np.ptp(case.torque_made(name, torque.torque(torque.time()))))
+        for name, torque in case.manoeuvre.items()
+    }
+    driving = [size for name, size in ranges.items() if name in on_rig]
+    structure, size = Observer(), max(driving or ranges.values())
     weights = {name: quantity.lower for name, quantity in structure.quantities.items()}
     weights |= {name: 1.0 for name in weights if name.endswith(("sensor_noise", "speed_noise"))}
     weights |= {"torque_drift": size * np.sqrt(2 * case.band[1]), "command_weight": FREE_COMMAND_WEIGHT}

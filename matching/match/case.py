@@ -22,6 +22,7 @@ from modelling.bed.manoeuvres import Manoeuvre
 from modelling.bed.specimen import KNOWN
 from modelling.bed.vehicle import ResidualVehicle, TorqueCurve
 from modelling.errors import InputError, unknown
+from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.system import System
 from modelling.units import to_si
 
@@ -190,7 +191,21 @@ class Case:
     @property
     def largest_torque(self) -> float:
         """Largest torque of the manoeuvre, N·m; 0 without one."""
-        return max((drive.largest for drive in self.manoeuvre.values()), default=0.0)
+        made = (self.torque_made(name, drive.torque(drive.time())) for name, drive in self.manoeuvre.items())
+        return max((float(np.abs(torque).max()) for torque in made), default=0.0)
+
+    def torque_made(self, name: str, values: np.ndarray) -> np.ndarray:
+        """Torque (t,), N·m, less that of the operating point, for values (t,) of an input less its own there.
+
+        That of a pedal is what its map has at the speed of the operating point.
+        """
+        for system in (self.rig, self.vehicle):
+            if name in system.pedals:
+                on = next(part.on for part in system.inputs if part.name == name)
+                held, own = torques_of(system)[name], system.pedals[name]
+                torque: np.ndarray = own.torques_at(np.full(len(values), speeds_of(system)[on]), held + values)
+                return torque - own.torque(speeds_of(system)[on], held)
+        return values
 
     @property
     def closed_clutches(self) -> dict[str, float]:

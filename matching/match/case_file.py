@@ -67,13 +67,14 @@ def case_files(case: Case) -> dict[str, str]:
     if boxes is not None:
         vehicle, rig = boxes.as_in_files(vehicle, rig)
     files = {"case.toml": case_text(case), "vehicle.toml": dumps(vehicle), "rig.toml": dumps(rig)}
+    units = {**rig.input_units, **vehicle.input_units}
     for name, torque in case.manoeuvre.items():
         if isinstance(torque, RecordedTorque):
-            files[_trace_file(name)] = torque.csv(name)
+            files[_trace_file(name)] = torque.csv(name, units[name])
     for number, drive in enumerate(case.operating_range.drives if case.operating_range else (), 1):
         for name, torque in drive.torques.items():
             if isinstance(torque, RecordedTorque):
-                files[trace_file(number, name)] = torque.csv(name)
+                files[trace_file(number, name)] = torque.csv(name, units[name])
     if case.simple_vehicle is not None:
         files[OWN_RESIDUAL_VEHICLE] = dumps(own_part(case.simple_vehicle, case.residual_vehicle))
     parts = case.residual_vehicle.parts
@@ -305,6 +306,9 @@ def _dynamometers(data: Mapping[str, Any], rig: System, residual: ResidualVehicl
         for key, value in texts.items():
             if value not in choices[key]:
                 raise unknown(value, choices[key], f"{where}: {place}.{key}")
+        if texts["torque_input"] in rig.pedals:
+            wrong = f"{texts['torque_input']!r} is a pedal with a torque map"
+            raise InputError(f"{where}: {place}.torque_input", wrong, "a dynamometer is commanded a torque")
         for key, measures in (("torque_sensor", "torque"), ("speed_sensor", "speed")):
             if key in texts and sensors[value := texts[key]].measures != measures:
                 raise InputError(
@@ -620,7 +624,7 @@ def _bodies(vehicle: System, near: set[str]) -> list[str]:
 
 
 def _stated(table: Mapping[str, Any], vehicle: System, place: str) -> tuple[dict[str, float], dict[str, float]]:
-    """Speeds of inertias (rad/s) and torques of inputs (N·m) that stand under their names."""
+    """Speeds of inertias (rad/s) and torques (N·m) or pedals of inputs that stand under their names."""
     inertias, inputs = ([part.name for part in parts] for parts in (vehicle.inertias, vehicle.inputs))
     speeds, torques = {}, {}
     for key, value in table.items():
@@ -631,7 +635,7 @@ def _stated(table: Mapping[str, Any], vehicle: System, place: str) -> tuple[dict
         if key in inertias:
             speeds[key] = to_si(value, "rad/s", f"{place}.{key}")
         elif key in inputs:
-            torques[key] = to_si(value, "N*m", f"{place}.{key}")
+            torques[key] = to_si(value, vehicle.input_units[key], f"{place}.{key}")
         else:
             raise unknown(key, [*KEYS, *inertias, *inputs], place)
     return speeds, torques
@@ -970,7 +974,8 @@ def _manoeuvre(
 ) -> dict[str, Manoeuvre]:
     tables = table_of(data, "manoeuvre", where)
     driven = {dyno.torque_input for dyno in loop.dynamometers} | {cut.torque for cut in residual.interfaces}
-    known = [part.name for system in (rig, *residual.parts) for part in system.inputs if part.name not in driven]
+    units = {name: unit for system in (rig, *residual.parts) for name, unit in system.input_units.items()}
+    known = [name for name in units if name not in driven]
     if not tables:
         raise InputError(
             f"{where}: manoeuvre",
@@ -982,7 +987,7 @@ def _manoeuvre(
             raise unknown(name, known, f"{where}: manoeuvre")
     folder, held = Path(where).parent, torques_of(residual.vehicle)
     read = {
-        name: read_manoeuvre(entry, name, f"{where}: manoeuvre.{name}", folder, held.get(name, 0.0))
+        name: read_manoeuvre(entry, name, f"{where}: manoeuvre.{name}", folder, held.get(name, 0.0), units[name])
         for name, entry in tables.items()
     }
     if not any(one.amplitude for one in read.values()):

@@ -455,7 +455,7 @@ def _driven(
     case: Case, drive: Drive, controllers: tuple[ExportedController, ExportedController], seed: int,
     settings: DrivingSettings,
 ) -> DriveResult:  # fmt: skip
-    own, step = at_speed(in_gears(case, drive.gears), drive.vehicle_speed), case.loop["sample_time"]
+    own, step = at_speed(in_gears(case, drive.gears), drive.vehicle_speed, held=False), case.loop["sample_time"]
     seconds = max(torque.duration for torque in drive.torques.values())
     time = np.arange(round(seconds / step) + 1) * step
     own, torques, steps = with_live_clutches(own, drive, time)

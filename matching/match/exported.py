@@ -273,14 +273,26 @@ def _torque_steps(case: Case, bed: WatchedBed, scale: float) -> BedEvents:
 
 
 def torque_sizes(case: Case, bed: WatchedBed, scale: float) -> dict[str, float]:
-    """N·m by which each torque steps: over the manoeuvre, or what balances flange torques of ``scale``, if larger."""
+    """N·m by which each torque steps: over the manoeuvre, or what balances flange torques of ``scale``, if larger.
+
+    A pedal steps over its whole way, 1.
+    """
     balance = bed.balancing()
-    sizes = {}
+    sizes, pedals = {}, pedals_of(case)
     for name in (*balance, *bed.law.known):
         manoeuvre = case.manoeuvre.get(name)
         planned = 0.0 if manoeuvre is None else abs(manoeuvre.amplitude)
-        sizes[name] = max(planned, scale * float(np.abs(balance[name]).sum()) if name in balance else scale)
+        sizes[name] = (
+            1.0
+            if name in pedals
+            else max(planned, scale * float(np.abs(balance[name]).sum()) if name in balance else scale)
+        )
     return sizes
+
+
+def pedals_of(case: Case) -> set[str]:
+    """Inputs of the rig and of the vehicle that are pedals."""
+    return {*case.rig.pedals, *case.vehicle.pedals}
 
 
 # --- Which shafts' opening the exported controller notices within five samples, by what, and from which torque on.
@@ -495,6 +507,7 @@ def exported_controller(case: Case) -> ExportedController:
         delivery=_rotors(case),
         tracking=_tracking(case),
         may_shift=case.loop.specimen == UNKNOWN,
+        pedals=tuple(name for name in law.known if name in pedals_of(case)),
     )
 
 

@@ -188,14 +188,14 @@ def lash_runs(
 def pulse_at_hardest(case: Case, torques: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
     """A pulse (t,) at the input of the rig that a manoeuvre drives hardest; empty without such an input."""
     driven = {dynamometer.torque_input for dynamometer in case.loop.dynamometers}
-    sizes = {
-        part.name: float(np.abs(torques.get(part.name, np.zeros(1))).max())
-        for part in case.rig.inputs if part.name not in driven
-    }  # fmt: skip
+    made = {name: float(np.abs(case.torque_made(name, torque)).max()) for name, torque in torques.items()}
+    sizes = {part.name: made.get(part.name, 0.0) for part in case.rig.inputs if part.name not in driven}
     if not sizes:
         return {}
     name, time = max(sizes, key=lambda name: sizes[name]), np.arange(count) * case.loop["sample_time"]
-    size = sizes[name] or max(float(np.abs(torque).max()) for torque in torques.values())
+    size = max(made.values()) if not sizes[name] else sizes[name]
+    if name in case.rig.pedals:  # as pressed in the manoeuvre, else the whole way
+        size = float(np.abs(torques[name]).max()) if sizes[name] else 1.0
     return {name: size * ((time >= FREE_PLAY.pulse[0]) & (time < FREE_PLAY.pulse[1]))}
 
 

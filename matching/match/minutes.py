@@ -472,14 +472,11 @@ def _pulse(
     case: Case, drives: Sequence[str], start: int, length: int, samples: int, settings: MinuteSettings
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """A pulse (t,) of the manoeuvre's largest torque, and its opposite, where the manoeuvre drives hardest."""
-    largest = {
-        name: float(np.abs(torque.torque(torque.time())).max())
-        for name, torque in case.manoeuvre.items() if name in drives
-    }  # fmt: skip
-    if not largest:
+    driven = {name: one.torque(one.time()) for name, one in case.manoeuvre.items() if name in drives}
+    if not driven:
         return {}
-    name = max(largest, key=lambda one: largest[one])
-    made = np.zeros(samples)
-    made[start : start + length] = settings.pulse_share * largest[name]
-    made[start + length : start + 2 * length] = -settings.pulse_share * largest[name]
+    name = max(driven, key=lambda one: float(np.abs(case.torque_made(one, driven[one])).max()))
+    size, made = settings.pulse_share * float(np.abs(driven[name]).max()), np.zeros(samples)
+    made[start : start + length] = size
+    made[start + length : start + 2 * length] = -size
     return {name: made}

@@ -16,13 +16,13 @@ from matching.match.loop import linear_bed
 from matching.match.requirements import requirements
 from modelling.bed.bed import Loop
 from modelling.bed.foreign_vehicle import foreign_vehicle_law
-from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque, read_manoeuvre
+from modelling.bed.manoeuvres import TORQUE_UNIT, Manoeuvre, RecordedTorque, read_manoeuvre
 from modelling.bed.profile import DrivenTorques, read_driver, read_speed_profile
 from modelling.bed.pulse_following import pulse_following
 from modelling.bed.stepped import SteppedLaw, SteppedVehicle, stepped_law, stepped_vehicle
 from modelling.bed.vehicle import ResidualVehicle, cut
 from modelling.errors import InputError, unknown
-from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
+from modelling.linear.steady_motion import operating_motion, pedals_too_short, speeds_of, torques_of
 from modelling.system import OperatingPoint, System
 from modelling.units import to_si
 
@@ -157,8 +157,10 @@ def _drive(
             f"{place}.vehicle_speed", f"{speed:g} m/s is not in the range", f"{low:g} … {about.highest:g} m/s is needed"
         )
     folder, brakes = Path(where).parent, vehicle.brakes
+    units = vehicle.input_units  # without those of clutches, which are torques
     given = {
-        name: read_manoeuvre(entry[name], name, f"{place}.{name}", folder) for name in known if name in entry
+        name: read_manoeuvre(entry[name], name, f"{place}.{name}", folder, unit=units.get(name, TORQUE_UNIT))
+        for name in known if name in entry
     }  # fmt: skip
     torques: Mapping[str, Manoeuvre] = given
     if "profile" in entry:
@@ -166,7 +168,9 @@ def _drive(
         speed = to_si(entry.get("vehicle_speed", float(profile.speed[0])), "m/s", f"{place}.vehicle_speed")
         begin = at_vehicle_speed(vehicle, rig, about, speed)
         driver = read_driver(entry.get("driver"), [name for name in known if name not in brakes], brakes, place)
-        turning = speeds_of(at_vehicle_speed(vehicle, rig, about, about.highest)) if driver.brakes else {}
+        turning = {}
+        if driver.brakes:
+            turning = speeds_of(at_vehicle_speed(vehicle, rig, about, about.highest, held=True))
         torques = DrivenTorques(
             profile, driver, begin, loop, about.bodies, about.rolling_radius, turning, given
         )  # fmt: skip
@@ -181,7 +185,23 @@ def _drive(
         raise InputError(
             f"{place}.profile", "shifts", "a driver drives in the gear of the case: leave out the clutches"
         )
+    if vehicle.pedals and not gears:
+        _check_held(vehicle, rig, about, speed, place)
     return Drive(str(entry.get("title", f"drive {number}")), speed, torques, gears)
+
+
+def _check_held(vehicle: System, rig: System, about: OperatingRange, speed: float, place: str) -> None:
+    """Check that a pedal holds the speed (m/s) at which a drive begins.
+
+    Raises
+    ------
+    InputError
+        If none does.
+    """
+    try:
+        at_vehicle_speed(vehicle, rig, about, speed)
+    except InputError as fault:
+        raise InputError(f"{place}.vehicle_speed", fault.wrong, "begin at a speed that a pedal holds") from None
 
 
 def range_tables(about: OperatingRange) -> dict[str, Any]:
@@ -230,14 +250,15 @@ def ends_of(case: Case) -> list[float]:
     return [float(each[at]) for each in (speeds[speeds < 0], speeds[speeds > 0]) if len(each) for at in (0, -1)]
 
 
-def at_speed(case: Case, speed: float) -> Case:
+def at_speed(case: Case, speed: float, *, held: bool = True) -> Case:
     """The case with its operating point at a speed of the vehicle, m/s, at rest without one at 0; no targets.
 
-    The drives' torques there are those that hold the speed; what acts beyond the cut is as the vehicle has it.
+    The drives' torques there are those that hold the speed; what acts beyond the cut is as the vehicle has it. Where
+    no pedal holds it, the motion is ``held`` as in :func:`in_steady_motion`, or refused.
     """
     about = case.operating_range
     assert about is not None
-    vehicle = at_vehicle_speed(case.vehicle, case.rig, about, speed)
+    vehicle = at_vehicle_speed(case.vehicle, case.rig, about, speed, held=held)
     emulated = vehicle
     if case.simple_vehicle is not None:
         ends = [(one.vehicle_end, one.vehicle_end) for one in case.residual_vehicle.interfaces]
@@ -260,11 +281,14 @@ def at_speed(case: Case, speed: float) -> Case:
     )  # fmt: skip
 
 
-def at_vehicle_speed(vehicle: System, rig: System, about: OperatingRange, speed: float) -> System:
-    """The vehicle with its operating point at a speed, m/s; at rest at 0."""
+def at_vehicle_speed(
+    vehicle: System, rig: System, about: OperatingRange, speed: float, *, held: bool = False
+) -> System:  # fmt: skip
+    """The vehicle with its operating point at a speed, m/s; at rest at 0. ``held`` as in :func:`in_steady_motion`."""
     if not speed:
         return replace(vehicle, operating_point=None)
-    return in_steady_motion(vehicle, rig, dict.fromkeys(about.bodies, speed / about.rolling_radius), {})
+    bodies = dict.fromkeys(about.bodies, speed / about.rolling_radius)
+    return in_steady_motion(vehicle, rig, bodies, {}, held=held)
 
 
 def rotor_speed(rig: System, loop: Loop) -> float:
@@ -276,12 +300,13 @@ def rotor_speed(rig: System, loop: Loop) -> float:
 
 
 def in_steady_motion(
-    vehicle: System, rig: System, speeds: Mapping[str, float], torques: Mapping[str, float]
+    vehicle: System, rig: System, speeds: Mapping[str, float], torques: Mapping[str, float], *, held: bool = False
 ) -> System:  # fmt: skip
     """The vehicle at an operating point with these speeds (rad/s) and torques (N·m): the drives' torques follow.
 
     Drives are inputs that the rig has too; nothing acts at others that are not named. Where there are no drives the
-    others' torques follow; without a speed none do.
+    pedals that hold the speed follow, without pedals the others' torques; without a speed none do. Where no pedal
+    holds a speed (an engine creeps faster, or is too weak), the motion may be ``held`` by the others' torques.
 
     Raises
     ------
@@ -292,9 +317,14 @@ def in_steady_motion(
     open_ones = [part.name for part in vehicle.inputs if part.name not in torques]
     drives = [name for name in open_ones if name in on_rig]
     loads = [name for name in open_ones if name not in on_rig and name not in vehicle.brakes]
-    free = (drives or loads) if speeds else []
+    pedals = [name for name in loads if name in vehicle.pedals]
+    free = (drives or pedals or loads) if speeds else []
     stated = {**torques, **{name: 0.0 for name in open_ones if name not in free}}
     vehicle = replace(vehicle, operating_point=OperatingPoint(tuple(speeds.items()), tuple(stated.items())))
+    if held and pedals and not drives and (short := pedals_too_short(vehicle)):
+        nearest = {name: one.nearest for name, one in short.items()}
+        kept = {name: torque for name, torque in stated.items() if name not in loads} | nearest
+        vehicle = replace(vehicle, operating_point=OperatingPoint(tuple(speeds.items()), tuple(kept.items())))
     operating_motion(vehicle)
     return vehicle
 

@@ -18,7 +18,7 @@ from matching.match.minutes import Minutes
 from matching.match.responses import ResponseError, Responses, SimpleVehicle
 from matching.match.verify import MatchFidelity, Verification, match_fidelity
 from modelling.display import Displayed
-from modelling.linear.steady_motion import speeds_of, torques_of
+from modelling.linear.steady_motion import acting_torques_of, speeds_of
 from modelling.modal.result import Mode
 
 
@@ -315,7 +315,7 @@ class MatchResult(Displayed):
             "spectral_abscissa": checks.spectral_abscissa,
             "response_error": self.response_error.to_dict(),
             "operating_point": speeds_of(self.tuned.rig),
-            "operating_torques": torques_of(self.tuned.rig),
+            "operating_torques": acting_torques_of(self.tuned.rig),
             "fidelity": None if self.fidelity is None else self.fidelity.to_dict(),
             "in_time": self.in_time.to_dict() | {"open_lash": None if self.lash is None else self.lash.to_dict()},
             "minutes": self.minutes.to_dict(),

@@ -50,7 +50,7 @@ def curve_data(curves: Sequence[FunctionCurves]) -> str:
     frequencies = np.unique(np.concatenate([curve.frequencies for curve in curves])) if curves else np.empty(0)
     columns = {"frequency [Hz]": frequencies}
     for curve in curves:
-        name, per = f"{curve.sensor} / {curve.input}", f"{unit(curve.unit)} per N·m"
+        name, per = f"{curve.sensor} / {curve.input}", f"{unit(curve.unit)} per {unit(curve.per)}"
         own: dict[str, np.ndarray] = {}
         for who in ("vehicle", "predicted", "measured"):
             values = getattr(curve, who)
@@ -103,7 +103,7 @@ def _panel(ax: Any, curve: FunctionCurves) -> None:
               zorder=3, label="measured on the bed")  # fmt: skip
     ax.set_xlim(f[0], f[-1])
     ax.set_title(f"{spaced(curve.input)} → {spaced(curve.sensor)}", fontsize=8)
-    ax.set_ylabel(f"{unit(curve.unit)} per N·m")
+    ax.set_ylabel(f"{unit(curve.unit)} per {unit(curve.per)}")
 
 
 # --- The report of a bed's verification: measured errors with their uncertainty, and what to do.

@@ -374,8 +374,8 @@ def plain_logarithms(fig: Figure) -> None:
 DOTS = ("", "\u0307", "\u0308")  # combining marks above a letter, by number of derivatives
 TIMES = '<mo lspace="0" rspace="0.17em">&InvisibleTimes;</mo>'  # apart: a subscript ran into the next factor
 LEGEND = (
-    "J inertia, b drag, c stiffness, d damping, i ratio, φ angle of an inertia, M torque of an input; a dot is a "
-    "derivative with respect to time."
+    "J inertia, b drag, c stiffness, d damping, i ratio, φ angle of an inertia, M torque of an input, "
+    "p pedal of a torque map M; a dot is a derivative with respect to time."
 )
 
 
@@ -414,6 +414,11 @@ class _Printer(MathMLPresentationPrinter):
         """MathML of an expression, without the enclosing element."""
         written = self._print(expr).toxml().replace("<mo>-</mo>", "<mo>−</mo>")
         return written.replace("<mo>&InvisibleTimes;</mo>", TIMES)
+
+    def _print_MapTorque(self, expr: sm.Expr) -> Any:
+        written = self._print_Function(sm.Function("M")(*expr.args[:2]))
+        written.replaceChild(self._leaf("mi", "M"), written.firstChild)
+        return written
 
     def _print_Symbol(self, sym: sm.Symbol, style: str = "plain") -> Any:
         if sym not in self._signs:

@@ -467,7 +467,8 @@ def _notes(system: System) -> dict[str, list[str]]:
     notes: dict[str, list[str]] = {}
     of_box = {name: f"gearboxes.{box.name}" for box in system.gearboxes for name in box.capacities}
     for source in system.inputs:
-        notes.setdefault(of_box.get(source.name, f"inertias.{source.on}"), []).append(f"{ARROW} {spaced(source.name)}")
+        named = spaced(source.name) + (" (pedal)" if source.name in system.pedals else "")
+        notes.setdefault(of_box.get(source.name, f"inertias.{source.on}"), []).append(f"{ARROW} {named}")
     for sensor in system.sensors:
         table = "shafts" if sensor.measures == "torque" else "inertias"
         notes.setdefault(f"{table}.{sensor.of}", []).append(f"{LETTERS[sensor.measures]}: {spaced(sensor.name)}")

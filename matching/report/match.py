@@ -68,7 +68,7 @@ from matching.report.page import (
 from modelling.bed.bed import HARDWARE
 from modelling.bed.controllers import STRUCTURES
 from modelling.modal.result import Mode
-from modelling.units import SENSOR_UNITS
+from modelling.units import SENSOR_UNITS, of_input
 
 # --- Response errors over the drawn beds that judged an observer, as a distribution.
 
@@ -575,7 +575,13 @@ def shade(axes: Any, band: tuple[float, float]) -> None:
 def magnitude_label(result: MatchResult, pair: Compared) -> str:
     """Quantity and unit of a compared function."""
     sensor = next(part for part in result.case.vehicle.sensors if part.name == pair.sensor)
-    return f"{sensor.measures.capitalize()} in {unit(SENSOR_UNITS[sensor.measures])} per N·m"
+    per = unit(of_input(_input_units(result)[pair.input]))
+    return f"{sensor.measures.capitalize()} in {unit(SENSOR_UNITS[sensor.measures])} per {per}"
+
+
+def _input_units(result: MatchResult) -> dict[str, str]:
+    """SI unit of every input of rig and vehicle."""
+    return {**result.case.rig.input_units, **result.case.vehicle.input_units}
 
 
 def _error(result: MatchResult, index: int) -> str:
@@ -983,7 +989,8 @@ def _evidence(result: MatchResult, content: Mapping[str, Any]) -> list[Fold]:
         ]),
         Fold("What the manoeuvre needs, and the limits", [
             Table([_need(need) for need in needs(result)], "Absolute peaks of the simulated manoeuvre: "
-                  + sentence([_manoeuvre(name, torque) for name, torque in result.tuned.manoeuvre.items()])
+                  + sentence([_manoeuvre(name, torque, _input_units(result)[name])
+                              for name, torque in result.tuned.manoeuvre.items()])
                   + f". Operating point: {operating_point(content)}."),
             Show("manoeuvre"),
         ]),
@@ -1192,15 +1199,21 @@ def _standstill(truth: InTime) -> str:
 
 
 def _residual(result: MatchResult) -> list[dict[str, str]]:
-    """Rows of the residual vehicle; one of the case's own next to what its file says, else next to the vehicle."""
+    """Rows of the residual vehicle; one of the case's own next to what its file says, else next to the vehicle.
+
+    Of a torque map, which has hundreds of values, those that differ.
+    """
     simple = result.simple_vehicle
     rows = []
     for part in result.tuned.residual_vehicle.parts:
+        maps = {effect.name for effect in part.effects if effect.law.pedal}
         for name, quantity in part.parameters.items():
             before = result.case.vehicle.parameters[name].value if simple is None else quantity.value
             if simple is not None:
                 before, _ = simple.values.get(name, (before, before))
             same = abs(quantity.value - before) <= SAME_RELATIVE * abs(before)
+            if same and name.rpartition(".")[0] in maps:
+                continue
             if quantity.value or before:
                 rows.append({"residual vehicle": component(name), "value": amount(quantity.value, part.units[name], 5),
                              "in the vehicle" if simple is None else "as written": "same" if same
@@ -1208,8 +1221,8 @@ def _residual(result: MatchResult) -> list[dict[str, str]]:
     return rows
 
 
-def _manoeuvre(name: str, torque: Any) -> str:
-    return f"{torque.words} of {number(torque.amplitude)} N·m on {spaced(name)}"
+def _manoeuvre(name: str, torque: Any, si: str) -> str:
+    return f"{torque.words} of {amount(torque.amplitude, si)} on {spaced(name)}"
 
 
 def _equations(result: MatchResult) -> list[Markup]:
@@ -1226,10 +1239,12 @@ def curve_data(result: MatchResult) -> dict[str, str]:
     """CSV texts by the name of the figure whose curves they hold."""
     head, columns = ["frequency [Hz]"], [result.curves.frequencies]
     units = {sensor.name: unit(SENSOR_UNITS[sensor.measures]) for sensor in result.case.vehicle.sensors}
+    inputs = _input_units(result)
     for index, pair in enumerate(result.case.compared):
         for who, values in curves_of(result, index).items():
             name = f"{pair.sensor} / {pair.input}, {who}"
-            head += [f"{name}, modulus [{units[pair.sensor]} per N·m]", f"{name}, phase [deg]"]
+            per = unit(of_input(inputs[pair.input]))
+            head += [f"{name}, modulus [{units[pair.sensor]} per {per}]", f"{name}, phase [deg]"]
             columns += [np.abs(values), np.degrees(np.angle(values))]
     tables = {"responses": csv_table(head, zip(*columns, strict=True))}
     if drawn := signals(result):

@@ -15,6 +15,7 @@ from modelling import display
 from modelling.linear.state_space import Response
 from modelling.recordings.read import csv_text
 from modelling.simulation.stepping import Simulation
+from modelling.units import of_input
 
 # --- Views of frequency responses: amplitude and phase, and where each is largest.
 
@@ -33,7 +34,8 @@ def plot_response(response: Response) -> Figure:
                 phase.semilogx(response.frequencies, np.degrees(np.unwrap(np.angle(values))), **look)
             amplitude.set_title(f"to {spaced(source)}", fontsize=9)
             phase.set_xlabel("frequency in Hz")
-        grid[0, 0].set_ylabel("amplitude in SI unit\nof the sensor per N·m")
+        per = " or ".join(dict.fromkeys(unit(of_input(response.units[name])) for name in response.inputs))
+        grid[0, 0].set_ylabel(f"amplitude in SI unit\nof the sensor per {per}")
         grid[1, 0].set_ylabel("phase in °")
         fig.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=7)
     return fig

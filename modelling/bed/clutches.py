@@ -81,11 +81,11 @@ class Stepped(Protocol):
     def by_cut(self) -> np.ndarray:
         """Rates (v, k) for 1 N·m at each cut."""
 
-    def slope_at(self, x: np.ndarray) -> np.ndarray:
-        """Derivatives (v, v) of the rates at a state."""
+    def slope_at(self, x: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Derivatives (v, v) of the rates at a state and own inputs (r,)."""
 
-    def rates_by_own(self, x: np.ndarray) -> np.ndarray:
-        """Rates (v, r) at a state for 1 N·m of each own input."""
+    def rates_by_own(self, x: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Rates (v, r) at a state and own inputs (r,) for one more of each."""
 
 
 V = TypeVar("V", bound=Stepped)
@@ -127,14 +127,15 @@ class LiveClutches(Generic[V]):
         made: np.ndarray = self.seen @ self.vehicle.by_cut
         return made
 
-    def free_likeness(self, steady: np.ndarray) -> np.ndarray:
-        """Derivatives (l, l) of the locked vehicle's rates about a state of it, no clutch carrying anything."""
-        made: np.ndarray = self.seen @ self.vehicle.slope_at(self.locked @ steady) @ self.locked
+    def free_likeness(self, steady: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Derivatives (l, l) of the locked vehicle's rates about a state of it and own inputs (r,), no clutch carrying
+        anything."""
+        made: np.ndarray = self.seen @ self.vehicle.slope_at(self.locked @ steady, own) @ self.locked
         return made
 
-    def free_by_own(self, steady: np.ndarray) -> np.ndarray:
-        """Rates (l, r) for 1 N·m of each own input there."""
-        made: np.ndarray = self.seen @ self.vehicle.rates_by_own(self.locked @ steady)
+    def free_by_own(self, steady: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Rates (l, r) for one more of each own input there."""
+        made: np.ndarray = self.seen @ self.vehicle.rates_by_own(self.locked @ steady, own)
         return made
 
 

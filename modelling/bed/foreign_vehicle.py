@@ -111,7 +111,7 @@ class ForeignVehicleLaw(SteppedLaw):
     catches : ndarray (d, late · k, k)
         The same of the speeds that are expected of the samples since, the oldest first.
     by_own : ndarray (d, v, r)
-        Rates of the design vehicle for torques of its own that act as it moves (brakes), 0 of plain ones.
+        Rates of the design vehicle for inputs of its own that act as it moves (brakes, pedals), 0 of plain torques.
     run_in : RunIn
     """
 
@@ -251,8 +251,7 @@ def foreign_vehicle_law(law: SteppedLaw, timing: VehicleTiming, run_in: RunIn) -
     for one, speed in zip(law.laws, law.designed, strict=True):
         on, of_loads = one.A[law.observed, law.observed], one.Bw[law.observed, w:] @ load_rates
         filters = _filters(on, of_loads, vehicle.wheel, law.sample_time, timing, law.settings)
-        steady = np.array([np.interp(speed, law.speeds, each) for each in vehicle.steady.T])
-        kept.append((*filters, vehicle.by_own(steady)))
+        kept.append((*filters, vehicle.by_own(*vehicle.steady_at(float(speed), law.speeds))))
     prompt, late, catches, own = (np.stack(each) for each in zip(*kept, strict=True))
     given = {name: getattr(law, name) for name in SteppedLaw.__dataclass_fields__ if name != "by_wheel"}
     return ForeignVehicleLaw(

@@ -16,26 +16,27 @@ from modelling.recordings.read import read_signals
 from modelling.recordings.recording import Recording
 from modelling.system import System
 from modelling.toml import no_pipe
-from modelling.units import in_unit, to_si
+from modelling.units import PEDAL_UNIT, in_unit, to_si
 
 # --- Shapes of a torque over time, by name, as drivability is tested.
 
+TORQUE_UNIT = "N*m"  # of what a manoeuvre changes, unless its input is a pedal
 UNITS = {
-    "amplitude": "N*m", "offset": "N*m", "creep": "N*m", "at": "s", "rise_time": "s", "duration": "s",
+    "amplitude": TORQUE_UNIT, "offset": TORQUE_UNIT, "creep": TORQUE_UNIT, "at": "s", "rise_time": "s", "duration": "s",
     "hold": "s", "first_frequency": "Hz", "last_frequency": "Hz",
 }  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Manoeuvre:
-    """A torque over time.
+    """A torque over time, or of a pedal its position.
 
     Attributes
     ----------
     amplitude : float
-        N·m, by which the torque changes.
+        N·m, by which the torque changes; of a pedal from 0 to 1.
     offset : float
-        N·m, before it begins.
+        N·m or a pedal, before it begins.
     at : float
         s, when it begins.
     duration : float
@@ -64,7 +65,7 @@ class Manoeuvre:
             )
 
     def torque(self, time: np.ndarray) -> np.ndarray:
-        """Torque (t,) in N·m at times (t,) in s."""
+        """Torque (t,) in N·m, or pedal, at times (t,) in s."""
         return self.offset + self.amplitude * self.shape(np.asarray(time, dtype=float) - self.at)
 
     def shape(self, since: np.ndarray) -> np.ndarray:
@@ -286,15 +287,20 @@ class RecordedTorque(Manoeuvre):
         """See :attr:`Manoeuvre.words`."""
         return f"recorded torque over {self.duration:.4g} s with a range"
 
-    def csv(self, name: str) -> str:
-        """The record as a CSV file with the input's name."""
+    def csv(self, name: str, unit: str = TORQUE_UNIT) -> str:
+        """The record as a CSV file with the input's name and SI unit."""
         rows = (f"{time!r},{torque!r}" for time, torque in zip(self.times, self.torques, strict=True))
-        return "\n".join([f"time [s],{name} [N*m]", *rows, ""])
+        return "\n".join([f"time [s],{name} [{unit}]", *rows, ""])
 
 
 # --- Manoeuvres from the entries of a case file: a shape by name, a list of segments, or a file with a recorded torque.
 
-RAMP = {"to": "N*m", "over": "s", "hold": "s"}
+RAMP = {"to": TORQUE_UNIT, "over": "s", "hold": "s"}
+
+
+def _of_input(unit: str, quantity: str) -> str:
+    """The unit of a quantity of a manoeuvre on an input of a unit."""
+    return unit if quantity == TORQUE_UNIT else quantity
 
 
 def driven(system: System, torques: Mapping[str, Manoeuvre], rate: float = 1000.0) -> Recording:
@@ -327,7 +333,9 @@ def driven(system: System, torques: Mapping[str, Manoeuvre], rate: float = 1000.
     return Recording(time, {name: torques[name].torque(time) if name in torques else still for name in names})
 
 
-def read_manoeuvre(entry: Any, name: str, where: str, folder: Path, held: float = 0.0) -> Manoeuvre:
+def read_manoeuvre(
+    entry: Any, name: str, where: str, folder: Path, held: float = 0.0, unit: str = TORQUE_UNIT
+) -> Manoeuvre:  # fmt: skip
     """A manoeuvre on the input ``name``.
 
     Parameters
@@ -338,21 +346,28 @@ def read_manoeuvre(entry: Any, name: str, where: str, folder: Path, held: float 
     folder : Path
         Where the case file stands.
     held : float
-        N·m, the input's torque at the operating point: subtracted from a recorded torque that is absolute.
+        N·m or pedal, the input's value at the operating point: subtracted from a recording that is absolute.
+    unit : str
+        SI unit of the input.
 
     Raises
     ------
     InputError
         Naming the key that is wrong.
     """
+    made: Manoeuvre
     if isinstance(entry, Sequence) and not isinstance(entry, str):
-        return _segments(entry, where)
-    if isinstance(entry, Mapping) and "file" in entry:
-        return _recorded(entry, name, where, folder, held)
-    return from_table(entry, where)
+        made = _segments(entry, where, unit)
+    elif isinstance(entry, Mapping) and "file" in entry:
+        made = _recorded(entry, name, where, folder, held, unit)
+    else:
+        made = from_table(entry, where, unit)
+    if unit == PEDAL_UNIT and made.largest > 1:
+        raise InputError(where, f"reaches {made.largest:.4g}, and a pedal is 0 to 1", 'write 0.5 or "50 %"')
+    return made
 
 
-def from_table(table: Mapping[str, Any], where: str) -> Manoeuvre:
+def from_table(table: Mapping[str, Any], where: str, unit: str = TORQUE_UNIT) -> Manoeuvre:
     """A manoeuvre from a table of a case file: ``kind``, ``amplitude`` and what else the kind has.
 
     Raises
@@ -376,15 +391,21 @@ def from_table(table: Mapping[str, Any], where: str) -> Manoeuvre:
             raise unknown(str(key), list(known), f"{where} ({kind})")
     for key, entry in known.items():
         if entry.default is dataclasses.MISSING and key not in table:
-            raise InputError(f"{where} ({kind})", f"{key!r} is missing", f"give a number{in_unit(UNITS[key])}")
-    values = {key: to_si(value, UNITS[key], f"{where}.{key}") for key, value in table.items() if key != "kind"}
+            raise InputError(
+                f"{where} ({kind})", f"{key!r} is missing", f"give a number{in_unit(_of_input(unit, UNITS[key]))}"
+            )
+    values = {
+        key: to_si(value, _of_input(unit, UNITS[key]), f"{where}.{key}")
+        for key, value in table.items()
+        if key != "kind"
+    }
     try:
         return cls(**values)
     except InputError as fault:
         raise InputError(f"{where}.{fault.where}", fault.wrong, fault.right) from None
 
 
-def _segments(entries: Sequence[Any], where: str) -> Segments:
+def _segments(entries: Sequence[Any], where: str, unit: str) -> Segments:
     """Segments one after the other; a ramp begins at the torque where the segment before it ends."""
     if not entries:
         raise InputError(
@@ -394,25 +415,29 @@ def _segments(entries: Sequence[Any], where: str) -> Segments:
     for number, entry in enumerate(entries, 1):
         place = f"{where}[{number}]"
         if isinstance(entry, Mapping) and "kind" not in entry:
-            made.append(_ramp(entry, made[-1].end if made else 0.0, place))
+            made.append(_ramp(entry, made[-1].end if made else 0.0, place, unit))
         else:
-            made.append(from_table(entry, place))
+            made.append(from_table(entry, place, unit))
     return Segments.of(made)
 
 
-def _ramp(entry: Mapping[str, Any], begin: float, where: str) -> TipIn:
+def _ramp(entry: Mapping[str, Any], begin: float, where: str, of_input: str) -> TipIn:
     for key in entry:
         if key not in RAMP:
             raise unknown(str(key), [*RAMP, "kind"], where)
     if "to" not in entry:
-        raise InputError(where, "'to' is missing", "give the torque in N*m that the ramp ends at")
-    to, over, hold = (to_si(entry.get(key, 0.0), unit, f"{where}.{key}") for key, unit in RAMP.items())
+        raise InputError(where, "'to' is missing", f"give where the ramp ends, a number{in_unit(of_input)}")
+    to, over, hold = (
+        to_si(entry.get(key, 0.0), _of_input(of_input, unit), f"{where}.{key}") for key, unit in RAMP.items()
+    )
     if min(over, hold) < 0 or not over + hold > 0:
         raise InputError(where, "takes no time", "give over and hold in s")
     return TipIn(amplitude=to - begin, offset=begin, at=0.0, rise_time=over, duration=over + hold)
 
 
-def _recorded(entry: Mapping[str, Any], name: str, where: str, folder: Path, held: float) -> RecordedTorque:
+def _recorded(
+    entry: Mapping[str, Any], name: str, where: str, folder: Path, held: float, of_input: str
+) -> RecordedTorque:  # fmt: skip
     for key in entry:
         if key not in ("file", "absolute"):
             raise unknown(str(key), ["file", "absolute"], where)
@@ -425,7 +450,7 @@ def _recorded(entry: Mapping[str, Any], name: str, where: str, folder: Path, hel
     if name not in recording.channels:
         raise InputError(f"{where}.file", f"{file} has no column {name!r}", "call its torque as the input is called")
     if unit := recording.units.get(name):
-        to_si(f"1 {unit}", "N*m", f"{where}.file: {name}")
+        to_si(f"1 {unit}", of_input, f"{where}.file: {name}")
     return RecordedTorque.of(recording.time, recording[name] - (held if absolute else 0.0))
 
 

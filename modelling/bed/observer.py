@@ -22,6 +22,7 @@ from modelling.bed.bed import (
 from modelling.bed.specimen import KnownPart, part_of, torques_of_rest
 from modelling.bed.vehicle import ResidualVehicle
 from modelling.errors import InputError, NoDesign
+from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.modal.modes import damped_modes
 from modelling.system import Sensor, System
 
@@ -177,7 +178,8 @@ def observer_model(
     driven = {dynamometer.torque_input for dynamometer in loop.dynamometers}
     on_rig = [part.name for part in rig.inputs if part.name not in driven]
     known = tuple(name for name in model.measured if name in loop.measured or name not in on_rig)
-    columns = [part.ratios.get(name, 1.0) * model.space.input(name) for name in on_rig]
+    torques = pedal_torques(rig)
+    columns = [part.ratios.get(name, 1.0) / torques.get(name, 1.0) * model.space.input(name) for name in on_rig]
     columns += [*model.rotor_torques.T, *model.shaft_torques.T]
     columns += [model.space.input(name) for name in known]
     size, first = len(model.space.A), model.rig_states + loop.lag_states
@@ -211,6 +213,25 @@ def observer_model(
         tuple(dynamometer.name for dynamometer in loop.dynamometers), step, sizes, of_drifts,
         further.shape[1],
     )  # fmt: skip
+
+
+def pedal_torques(rig: System) -> dict[str, float]:
+    """By input of the rig that is a pedal: its torque, N·m, over the pedal about the operating point.
+
+    Raises
+    ------
+    InputError
+        If its map is level there: no pedal makes a torque.
+    """
+    if not rig.pedals:
+        return {}
+    speeds, held, on = speeds_of(rig), torques_of(rig), {part.name: part.on for part in rig.inputs}
+    found = {name: own.slope(speeds[on[name]], held[name]) for name, own in rig.pedals.items()}
+    for name, slope in found.items():
+        if not slope:
+            wrong = f"is level at a pedal of {held[name]:.3g} and {speeds[on[name]]:.4g} rad/s, the operating point"
+            raise InputError(f"inputs.{name}: torque_map", wrong, "give the map another value there")
+    return found
 
 
 def dynamometer_sizes(rig: System, loop: Loop) -> np.ndarray:

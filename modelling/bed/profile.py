@@ -13,7 +13,9 @@ import numpy as np
 from modelling.bed.bed import Loop
 from modelling.bed.manoeuvres import Manoeuvre, RecordedTorque
 from modelling.bed.nonlinear import NonlinearBeds
+from modelling.effects.torque_map import PedalMap
 from modelling.errors import InputError, unknown
+from modelling.linear.steady_motion import speeds_of
 from modelling.recordings.read import read_signals
 from modelling.running.beds import BedRows
 from modelling.running.run import run
@@ -28,6 +30,8 @@ GRAVITY = 9.81  # m/s²
 @dataclass(frozen=True)
 class Driver:
     """A driver: PI on the vehicle's speed, which gives the torque of one input, and with brakes pulls these below 0.
+
+    If the input is a pedal, he takes the one with which its map gives the torque, and brakes below what that can.
 
     Attributes
     ----------
@@ -185,17 +189,22 @@ class DrivenTorques(Mapping[str, Manoeuvre]):
         time = np.arange(round(float(profile.time[-1]) / step) + 1) * step
         wanted = np.interp(time, profile.time, profile.speed) / self.radius
         torques = _of_grade(np.interp(time, profile.time, profile.grade), self.vehicle, self.bodies, self.radius)
-        sensors = tuple(Sensor(f"driven_speed_{name}", "speed", name) for name in self.bodies)
+        pedal = self.vehicle.pedals.get(driver.input)
+        engine = [part.on for part in self.vehicle.inputs if part.name == driver.input and pedal is not None]
+        sensors = tuple(Sensor(f"driven_speed_{name}", "speed", name) for name in (*self.bodies, *engine))
         vehicle = replace(self.vehicle, sensors=(*self.vehicle.sensors, *sensors))
         plant = BedRows(NonlinearBeds([vehicle], self.loop), [sensor.name for sensor in sensors],
                         held=(driver.input, *driver.brakes))  # fmt: skip
         trim = plant.idle()[:, 0]
-        at_wheel = _Following(driver, wanted, self._shares(), trim[0], step, plant.sensors)
+        held = float(trim[0])
+        if pedal is not None:
+            held = pedal.torque(speeds_of(self.vehicle)[engine[0]], held)
+        at_wheel = _Following(driver, wanted, self._shares(), held, step, plant.sensors, pedal=pedal)
         found = run(plant, at_wheel, torques, samples=len(time), keep=plant.sensors)
         if found.lost.any():
             raise SimulationError("drives", "the vehicle's motion grows out of bounds", "check it")
         torques |= {name: found[name][:, 0] - at for name, at in zip(plant.commands, trim, strict=True)}
-        apart = self.radius * np.abs(found.readings[:, :, 0].mean(axis=1) - wanted)
+        apart = self.radius * np.abs(found.readings[:, : len(self.bodies), 0].mean(axis=1) - wanted)
         worst = int(apart.argmax())
         driven = {name: RecordedTorque.of(time, torque) for name, torque in torques.items()}
         return driven, (float(apart[worst]), float(time[worst]))
@@ -209,7 +218,8 @@ class DrivenTorques(Mapping[str, Manoeuvre]):
 
 @dataclass
 class _Following:
-    """A driver as a controller: torque of its input, then of its brakes (N·m), for the speeds of the bodies."""
+    """A driver as a controller: torque or pedal of its input, then torques of its brakes (N·m), for the speeds of the
+    bodies and, if its input is a ``pedal``, that of its inertia."""
 
     driver: Driver
     wanted: np.ndarray
@@ -218,15 +228,23 @@ class _Following:
     span: float
     sensors: tuple[str, ...]
     known: tuple[str, ...] = ()
+    pedal: PedalMap | None = None
 
     def step(self, sample: int, readings: np.ndarray, known: np.ndarray) -> np.ndarray:
         """See :class:`modelling.running.plant.Controller`."""
-        driver, error = self.driver, float(self.wanted[sample] - readings.mean())
+        driver, bodies, turning = self.driver, readings, 0.0
+        least, most = 0.0 if len(self.shares) else -driver.largest, driver.largest  # of the input itself
+        if self.pedal is not None:
+            bodies, turning = readings[:-1], float(readings[-1].mean())
+            over = self.pedal.over_pedal(turning)
+            least, most = float(over.min()), min(most, float(over.max()))
+        error = float(self.wanted[sample] - bodies.mean())
         asked = driver.proportional * error + self.integral
-        given = min(max(asked, -driver.largest), driver.largest)
+        given = min(max(asked, -driver.largest if len(self.shares) else least), most)
         self.integral += driver.integral * self.span * error if given == asked else 0.0
-        own = max(given, 0.0) if len(self.shares) else given
-        return np.concatenate([[own], max(-given, 0.0) * self.shares])[:, None]
+        own = max(given, least)
+        own = own if self.pedal is None else self.pedal.pedal(turning, own)
+        return np.concatenate([[own], max(least - given, 0.0) * self.shares])[:, None]
 
 
 def _of_grade(grade: np.ndarray, vehicle: System, bodies: Sequence[str], radius: float) -> dict[str, np.ndarray]:

@@ -28,7 +28,7 @@ from modelling.equations.casadi_code import Model, compiled
 from modelling.equations.lagrange import CREEP, STICK_SPEED
 from modelling.linear.elements import elements
 from modelling.linear.linearise import deflated, linearise
-from modelling.linear.steady_motion import operating_motion, speeds_of
+from modelling.linear.steady_motion import operating_motion, speeds_of, torques_of
 from modelling.system import Input, System
 
 # --- The law.
@@ -113,10 +113,10 @@ class SteppedVehicle:
         Speed of the vehicle by state, rad/s.
     radius : float
         m of the rolling tyre: distance over the body's angle.
-    steady : ndarray (g, v)
-        States of steady motion at speeds of the vehicle.
+    steady, steady_own : ndarray (g, v), (g, r)
+        States of steady motion at speeds of the vehicle, and its own inputs there.
     inputs, tyres : tuple of str (r), (t)
-        Torques of its own; shafts whose tyres slip.
+        Torques and pedals of its own; shafts whose tyres slip.
     nonlinear : ndarray (r,)
         1 of an input whose effect depends on the motion, or on the input itself; 0 of a plain torque.
     pieces : int
@@ -140,6 +140,7 @@ class SteppedVehicle:
     body: np.ndarray
     radius: float
     steady: np.ndarray
+    steady_own: np.ndarray
     inputs: tuple[str, ...]
     nonlinear: np.ndarray
     tyres: tuple[str, ...]
@@ -203,7 +204,9 @@ class SteppedVehicle:
     @cached_property
     def by_clutch(self) -> np.ndarray:
         """Rates (v, c) for 1 N·m that each clutch carries."""
-        return self.rates_by_own(np.zeros(len(self.body)))[:, len(self.inputs) - len(self.slip) :]
+        return self.rates_by_own(np.zeros(len(self.body)), np.zeros(len(self.inputs)))[
+            :, len(self.inputs) - len(self.slip) :
+        ]
 
     def drive(self, x: np.ndarray, torques: np.ndarray, own: np.ndarray, road: np.ndarray) -> np.ndarray:
         """States (n + 1, v) sample after sample as by :meth:`step`, under torques (n, k) and own inputs (n, r)."""
@@ -225,22 +228,27 @@ class SteppedVehicle:
             x = x + h * (1.5 * first + 0.5 * (inverse @ second))
         return ca.Function("one", args, [x])
 
-    def slope_at(self, x: np.ndarray) -> np.ndarray:
-        """Derivatives (v, v) of the rates at a state, no torque acting, as planned."""
-        slopes: np.ndarray = self.slopes(
-            x, np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned
-        ).full()  # fmt: skip
+    def steady_at(self, speed: float, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """States (v,) and own inputs (r,) of steady motion at a speed, straight between those at ``speeds`` (g,)."""
+        states, own = (
+            np.array([np.interp(speed, speeds, each) for each in rows.T]) for rows in (self.steady, self.steady_own)
+        )
+        return states, own
+
+    def slope_at(self, x: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Derivatives (v, v) of the rates at a state and own inputs (r,), no torque at the cuts, as planned."""
+        slopes: np.ndarray = self.slopes(x, np.zeros(self.rates.size1_in(1)), own, self.as_planned).full()
         return slopes
 
-    def rates_by_own(self, x: np.ndarray) -> np.ndarray:
-        """Rates (v, r) at a state for 1 N·m of each own input."""
-        at = x, np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned
-        by: np.ndarray = self._derivatives(*at)[2].full()
+    def rates_by_own(self, x: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Rates (v, r) at a state and own inputs (r,) for one more of each."""
+        by: np.ndarray = self._derivatives(x, np.zeros(self.rates.size1_in(1)), own, self.as_planned)[2].full()
         return by
 
-    def by_own(self, x: np.ndarray) -> np.ndarray:
-        """Rates (v, r) at a state for 1 N·m of an own input whose effect depends on the motion, 0 of a plain one."""
-        return self.rates_by_own(x) * self.nonlinear
+    def by_own(self, x: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Rates (v, r) at a state and own inputs (r,) for one more of an own input whose effect depends on the motion
+        or on itself, 0 of a plain torque."""
+        return self.rates_by_own(x, own) * self.nonlinear
 
     def by_tyres(self, x: np.ndarray) -> np.ndarray:
         """The part (v, v) of the rates' derivatives at a state that the slope of the tyres makes."""
@@ -252,10 +260,12 @@ class SteppedVehicle:
         firm, none = (self.slopes(slid, *zero, each).full() for each in (road, loose))
         return firm - none
 
-    def linear(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Matrices of a sample at one state (v,): (v, v), by torques at the cuts (v, k), by own inputs (v, r) and by
-        pulses (v, m)."""
-        zero = [np.zeros(self.rates.size1_in(1)), np.zeros(len(self.inputs)), self.as_planned]
+    def linear(
+        self, x: np.ndarray, own: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """Matrices of a sample at one state (v,) and own inputs (r,): (v, v), by torques at the cuts (v, k), by own
+        inputs (v, r) and by pulses (v, m)."""
+        zero = [np.zeros(self.rates.size1_in(1)), own, self.as_planned]
         by = [*(part.full() for part in self._derivatives(x, *zero)), self.pulses.by]
         on, by_cut, by_own, by_pulse = sampled(by, self.sample_time)
         return on, by_cut, by_own, by_pulse
@@ -366,6 +376,8 @@ def stepped_vehicle(
         np.concatenate([lift.T @ operating_motion(system).state for system, lift in zip(one.parts, lifts, strict=True)])
         for one in residuals
     ]  # fmt: skip
+    acting = [{name: value for part in one.parts for name, value in torques_of(part).items()} for one in residuals]
+    steady_own = np.array([[each.get(name, 0.0) for name in own] for each in acting]).reshape(len(residuals), len(own))
     wheel = np.zeros((len(cuts), starts[-1]))
     for j, cut in enumerate(cuts):
         number, row = speeds_by_name[cut.vehicle_end]
@@ -402,7 +414,8 @@ def stepped_vehicle(
         ca.Function("vehicle_rates", arguments, [ca.cse(every)]),
         ca.Function("vehicle_slopes", arguments, [ca.cse(ca.densify(ca.jacobian(every, motion)))]),
         ca.Function("vehicle_outputs", arguments, [ca.cse(ca.densify(ca.vertcat(*slips, *torques, *steepness)))]),
-        by_cut, by_body, wheel, np.concatenate(body) / max(len(bodies), 1), radius, np.stack(steady), own, nonlinear,
+        by_cut, by_body, wheel, np.concatenate(body) / max(len(bodies), 1), radius, np.stack(steady),
+        steady_own, own, nonlinear,
         tuple(at.removeprefix("shafts.") for at in tyres), max(int(np.ceil(step / settings.sub_steps - 1e-9)), 1), step,
         pulses, len(locked), slip,
     )  # fmt: skip
@@ -788,13 +801,13 @@ class SteppedLaw:
         q = by_load.shape[1]
         x, w, y = self.states, len(self.known), len(self.sensors)
         r, m, k = len(self.vehicle.inputs), self.vehicle.pulses.count, len(self.dynamometers)
-        steady = np.array([np.interp(speed, self.speeds, each) for each in self.vehicle.steady.T])
-        slope, momentum = self.vehicle.slope_at(steady), self.momentum
-        on, by_cut, by_own, by_pulse = self.vehicle.linear(steady)
+        steady, held = self.vehicle.steady_at(speed, self.speeds)
+        slope, momentum = self.vehicle.slope_at(steady, held), self.momentum
+        on, by_cut, by_own, by_pulse = self.vehicle.linear(steady, held)
         if slipping:
             assert self.slipping is not None
             clutches, momentum = self.slipping.clutches, self.slipping.momentum
-            by_load, slope = clutches.by_cut, clutches.free_likeness(steady)
+            by_load, slope = clutches.by_cut, clutches.free_likeness(steady, held)
             on, by_cut = sampled([slope, by_load], self.sample_time)
             by_own, by_pulse = np.zeros_like(by_own), np.zeros_like(by_pulse)
         size = x + q + v
@@ -940,7 +953,7 @@ def stepped_law(
     found = [
         _design(
             rigs[number], residuals[number], momentum, vehicle, loop, weights, modes[nearest[number]], settings, slope,
-            vehicle.steady[number],
+            (vehicle.steady[number], vehicle.steady_own[number]),
         )
         for number, slope in places
     ]  # fmt: skip
@@ -949,12 +962,12 @@ def stepped_law(
     if live is not None:
         clutches = _with_live_clutches(live, residuals, vehicle, loop, bodies, radius, settings)
         free = [_free_modes(live, rig, loop, each) for rig, each in zip(rigs, modes, strict=True)]
-        slips = clutches, vehicle.steady[about]
+        slips = clutches, (vehicle.steady[about], vehicle.steady_own[about])
         of_slips = _momentum(rigs[about], residuals[about], vehicle, loop, weights, free[nearest[about]], slips)
         made = [
             _design(
                 rigs[number], residuals[number], of_slips, vehicle, loop, weights, free[nearest[number]], settings,
-                slope, vehicle.steady[number], clutches,
+                slope, (vehicle.steady[number], vehicle.steady_own[number]), clutches,
             )
             for number, slope in places
         ]  # fmt: skip
@@ -996,7 +1009,8 @@ def _with_live_clutches(
     stepped = stepped_vehicle([live], loop, bodies, radius, settings)
     lifts = [(_lift(opened(ours)), _lift(theirs)) for ours, theirs in zip(live.parts, residuals[0].parts, strict=True)]
     made = live_clutches(live, residuals[0], stepped, lifts)
-    return replace(made, vehicle=replace(stepped, steady=vehicle.steady @ made.locked.T))
+    steady = vehicle.steady @ made.locked.T
+    return replace(made, vehicle=replace(stepped, steady=steady, steady_own=vehicle.steady_own))
 
 
 def _free_modes(
@@ -1016,18 +1030,19 @@ def _free_modes(
 def _design(
     rig: System, residual: ResidualVehicle, momentum: np.ndarray, vehicle: SteppedVehicle, loop: Loop,
     weights: Mapping[str, float], modes: Sequence[complex], settings: SteppedSettings, slope: float,
-    steady: np.ndarray, clutches: LiveClutches[SteppedVehicle] | None = None,
+    steady: tuple[np.ndarray, np.ndarray], clutches: LiveClutches[SteppedVehicle] | None = None,
 ) -> tuple[ControlLaw, np.ndarray, np.ndarray]:  # fmt: skip
     """The observer at one speed, its vehicle (v, v), and its correction by wheel speeds (v + k, k).
 
-    Its tyres have a ``slope`` of that at small slips. With ``clutches`` these slip.
+    Its tyres have a ``slope`` of that at small slips; ``steady`` are its states and own inputs. With ``clutches`` these
+    slip.
     """
     space = bed_model(rig, residual, loop)
     first = space.rig_states + loop.lag_states
-    by_cut, by_tyres = vehicle.by_cut, vehicle.by_tyres(steady) if slope < 1 else 0.0
+    by_cut, by_tyres = vehicle.by_cut, vehicle.by_tyres(steady[0]) if slope < 1 else 0.0
     if clutches is not None:
         if slope < 1:
-            by_tyres = clutches.seen @ clutches.vehicle.by_tyres(clutches.locked @ steady) @ clutches.locked
+            by_tyres = clutches.seen @ clutches.vehicle.by_tyres(clutches.locked @ steady[0]) @ clutches.locked
         by_cut, space = clutches.by_cut, _slipping(space, first, vehicle, clutches, steady)
     if slope < 1:
         A = space.space.A.copy()
@@ -1059,10 +1074,10 @@ def _design(
 
 def _momentum(
     rig: System, residual: ResidualVehicle, vehicle: SteppedVehicle, loop: Loop, weights: Mapping[str, float],
-    modes: Sequence[complex], slips: tuple[LiveClutches[SteppedVehicle], np.ndarray] | None = None,
+    modes: Sequence[complex], slips: tuple[LiveClutches[SteppedVehicle], tuple[np.ndarray, np.ndarray]] | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """N·m·s into the vehicle at each cut for a reading that is off by 1 (k, y); with ``slips``, clutches and the steady
-    state (v,), while these slip.
+    """N·m·s into the vehicle at each cut for a reading that is off by 1 (k, y); with ``slips``, clutches and the states
+    and own inputs of steady motion, while these slip.
 
     A reading that is off says that the torques before it were, too. Most of what they did has gone on into the vehicle;
     what of the filter's correction is left in the inertias at the cuts is made up for. All of their momentum would push
@@ -1078,14 +1093,15 @@ def _momentum(
 
 
 def _slipping(
-    space: BedModel, first: int, vehicle: SteppedVehicle, clutches: LiveClutches[SteppedVehicle], steady: np.ndarray
-) -> BedModel:
+    space: BedModel, first: int, vehicle: SteppedVehicle, clutches: LiveClutches[SteppedVehicle],
+    steady: tuple[np.ndarray, np.ndarray],
+) -> BedModel:  # fmt: skip
     """A bed whose residual vehicle (its states from ``first`` on) has clutches that slip: what they carry is known."""
     A, B, by_shafts = space.space.A.copy(), space.space.B.copy(), space.shaft_torques.copy()
     onto = clutches.by_cut @ np.linalg.pinv(vehicle.by_cut)
-    A[first:, first:] = clutches.free_likeness(steady)
+    A[first:, first:] = clutches.free_likeness(*steady)
     A[first:, :first], by_shafts[first:] = onto @ A[first:, :first], onto @ by_shafts[first:]
-    by_own = clutches.free_by_own(steady)
+    by_own = clutches.free_by_own(*steady)
     for column, name in enumerate(space.space.inputs):
         if name in vehicle.inputs:
             B[first:, column] = by_own[:, vehicle.inputs.index(name)]

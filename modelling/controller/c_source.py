@@ -113,7 +113,7 @@ def _header(controller: ExportedController) -> str:
             loads=law.by_load.shape[1] if isinstance(law, SteppedLaw) else 0,
             tyres=[c_comment(name) for name in tyres_of(controller)],
             readings=[c_comment(reading) for reading in readings],
-            known=[c_comment(name) for name in law.known],
+            known=[c_comment(f"{name}, pedal 0 to 1" if name in controller.pedals else name) for name in law.known],
             dynamometers=[c_comment(name) for name in law.dynamometers],
             kept=KEPT_TORQUES,
             sent_kept=controller.rotors.kept,

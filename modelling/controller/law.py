@@ -865,6 +865,8 @@ class ExportedController:
         How their drifts are tracked, and from where on one is a warning.
     may_shift : bool
         The law knows nothing of the specimen, which may shift: its FMU can be told when.
+    pedals : tuple of str
+        Known inputs that are pedals, 0 to 1, and no torques.
     """
 
     title: str
@@ -880,6 +882,7 @@ class ExportedController:
     delivery: Rotors | None = None
     tracking: Tracking | None = None
     may_shift: bool = False
+    pedals: tuple[str, ...] = ()
 
     @property
     def rotors(self) -> Rotors:

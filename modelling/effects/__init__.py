@@ -4,7 +4,14 @@ A new kind is a class derived from :class:`modelling.effects.effect.Kind` in one
 equations, simulation, fit, diagnosis and report read all they need from ``EFFECTS``.
 """
 
-from modelling.effects import drifts, friction_and_compliance, sensors_and_actuators, torques, turning_sensors
+from modelling.effects import (
+    drifts,
+    friction_and_compliance,
+    sensors_and_actuators,
+    torque_map,
+    torques,
+    turning_sensors,
+)
 from modelling.effects.effect import Kind, Parameter
 
 __all__ = [
@@ -14,6 +21,7 @@ __all__ = [
     "drifts",
     "friction_and_compliance",
     "sensors_and_actuators",
+    "torque_map",
     "torques",
     "turning_sensors",
 ]

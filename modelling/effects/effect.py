@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -630,8 +630,12 @@ class Kind:
         The two sides of its shaft may turn apart for ever: an inertia behind it need not follow.
     brakes : bool
         Its input is the torque of a brake: 0 or more, and against the motion.
+    pedal : bool
+        Its input is a pedal, 0 to 1. It comes before all other effects at the input.
     arrays : tuple of str
         Keys that files write as lists; their values are the parameters ``key_1``, ``key_2``, ….
+    matrices : tuple of str
+        Keys that files write as lists of rows; their values are the parameters ``key_1_1``, ``key_1_2``, ….
     zero_mean : tuple of str
         Parameters that scale a torque whose mean over a turn is zero; a steady state leaves them out.
     """
@@ -663,7 +667,9 @@ class Kind:
     slips: ClassVar[bool] = False
     sought: ClassVar[bool] = True
     brakes: ClassVar[bool] = False
+    pedal: ClassVar[bool] = False
     arrays: ClassVar[tuple[str, ...]] = ()
+    matrices: ClassVar[tuple[str, ...]] = ()
     zero_mean: ClassVar[tuple[str, ...]] = ()
 
     def shaft(self, law: ShaftLaw, p: Symbols, assembly: EquationBuilder) -> None:
@@ -767,7 +773,13 @@ class Kind:
     @property
     def file_keys(self) -> list[str]:
         """Keys of its parameters in model files."""
-        return [*self.arrays, *(key for key in self.parameters if key.rpartition("_")[0] not in self.arrays)]
+        lists = {*self.arrays, *self.matrices}
+        return [*self.arrays, *self.matrices, *(key for key in self.parameters if not _elements_of(lists, key))]
+
+    def parameter(self, key: str) -> Parameter:
+        """What is known of the parameter at a key of a model file; of a list, of its first element."""
+        end = "_1" if key in self.arrays else "_1_1" if key in self.matrices else ""
+        return self.parameters[f"{key}{end}"]
 
     def fault(self, at: str, values: Mapping[str, float]) -> str:
         """What is wrong with parameters (SI) of a model file that are each within their bounds; empty if nothing."""
@@ -823,6 +835,12 @@ class Kind:
         for sensor in system.sensors:
             groups.setdefault(sensor.measures, []).append(f"sensors.{sensor.name}")
         return [shared_place(group) for group in groups.values() if len(group) > 1] if len(groups) > 1 else []
+
+
+def _elements_of(lists: Collection[str], key: str) -> bool:
+    """Whether a parameter is an element of one of the lists, or lists of rows."""
+    ahead, _, _ = key.rpartition("_")
+    return ahead in lists or ahead.rpartition("_")[0] in lists
 
 
 # --- Table

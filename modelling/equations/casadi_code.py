@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import casadi as ca
 import numpy as np
 import sympy as sm
 
+from modelling.effects.torque_map import MapTorque
 from modelling.equations.lagrange import SIMULATION_DEFAULTS, Equations, derive
 from modelling.errors import InputError, unknown
 from modelling.system import System
@@ -93,6 +95,8 @@ def _translated(node: sm.Basic, done: Mapping[sm.Basic, ca.SX]) -> ca.SX:
         return ca.logic_not(*parts)
     if node.func is sm.atan2:
         return ca.atan2(*parts)
+    if node.func is MapTorque:
+        return _map_torque(parts[0], parts[1], int(node.args[2]), parts[3:])
     raise NotImplementedError(f"no translation to CasADi for {node.func.__name__}: {node}")
 
 
@@ -106,6 +110,39 @@ def _piecewise(parts: list[ca.SX]) -> ca.SX:
     for value, condition in reversed(list(zip(parts[::2], parts[1::2], strict=True))):
         out = value if condition.is_constant() and float(condition) == 1 else ca.if_else(condition, value, out)
     return out
+
+
+BEYOND = 1e-9  # of an axis, beyond whose ends a map is held: at a pedal of 0 it has the slope of one that is pressed
+
+
+def _map_torque(speed: ca.SX, pedal: ca.SX, rows: int, points: Sequence[ca.SX]) -> ca.SX:
+    """A torque over speed and pedal, bilinear between points [speeds; pedals; torques row by row], held beyond them."""
+    columns = (len(points) - rows) // (rows + 1)
+    speeds, pedals, torques = points[:rows], points[rows : rows + columns], points[rows + columns :]
+    at_speed = _shares(speed, speeds)
+    over_pedal = [_between(torques[j::columns], at_speed) for j in range(columns)]
+    return _between(over_pedal, _shares(pedal, pedals))
+
+
+def _shares(x: ca.SX, points: Sequence[ca.SX]) -> list[ca.SX]:
+    """How far x is on its way through each interval of the points, 0 before it and 1 beyond it."""
+    first, last = points[0], points[-1]
+    over = BEYOND * (last - first)
+    held = ca.fmax(ca.fmin(x, last + over), first - over)
+    shares = []
+    for number, (low, high) in enumerate(itertools.pairwise(points), 1):
+        from_low = ca.fabs(held - low) if number > 1 else held - low
+        to_high = ca.fabs(held - high) if number < len(points) - 1 else high - held
+        shares.append((from_low - to_high + high - low) / (2 * (high - low)))
+    return shares
+
+
+def _between(values: Sequence[ca.SX], shares: Sequence[ca.SX]) -> ca.SX:
+    """Linear between values at the points whose intervals have these shares."""
+    total = values[0]
+    for (first, last), share in zip(itertools.pairwise(values), shares, strict=True):
+        total = total + (last - first) * share
+    return total
 
 
 # --- Sparse symbolic matrices, and long products of ratios translated once.

@@ -449,7 +449,7 @@ class Assembly:
             place = f"inputs.{source.name}"
             symbol = sm.Symbol(f"u({source.name})", real=True)
             path = self.inputs[source.name] = InputPath(place, source.on, symbol, sm.Integer(0))
-            for kind, p in by_place.get(place, ()):
+            for kind, p in sorted(by_place.get(place, ()), key=lambda each: not each[0].pedal):
                 kind.input(path, p, self)
         for part in system.inertias:
             place, motion = f"inertias.{part.name}", self.motions[part.name]
@@ -674,7 +674,7 @@ def _impose(a: Assembly, mass: dict[tuple[int, int], list[sm.Expr]], force: list
 # --- The symbols of an equation as a reader knows them: letter, number of time derivatives, and what it belongs to.
 
 LETTERS = {"J": "J", "drag": "b", "stiffness": "c", "damping": "d", "ratio": "i"}
-ANGLE, TORQUE, STATE = "φ", "M", "z"
+ANGLE, TORQUE, PEDAL, STATE = "φ", "M", "p", "z"
 
 
 @dataclass(frozen=True)
@@ -697,7 +697,8 @@ class Sign:
 
 
 def signs(equations: Equations) -> dict[sm.Symbol, Sign]:
-    """The sign of every symbol: J and b of inertias, c and d of shafts, i of ratios, φ of coordinates, M of inputs."""
+    """The sign of every symbol: J and b of inertias, c and d of shafts, i of ratios, φ of coordinates, M of inputs,
+    p of pedals."""
     assembly = equations.assembly
     signs_by_symbol: dict[sm.Symbol, Sign] = {}
     for derivatives, symbols in enumerate((assembly.q, assembly.qd, assembly.qdd)):
@@ -711,7 +712,10 @@ def signs(equations: Equations) -> dict[sm.Symbol, Sign]:
         signs_by_symbol[symbol] = Sign(LETTERS.get(quantity, quantity) if len(parts) == 3 else quantity, component)
     signs_by_symbol |= {symbol: Sign("k", str(number)) for number, symbol in enumerate(assembly.abbreviations, 1)}
     signs_by_symbol |= {symbol: Sign(STATE, _state_of(name)) for name, (symbol, _) in assembly.states.items()}
-    signs_by_symbol |= {sm.Symbol(f"u({name})", real=True): Sign(TORQUE, name) for name in assembly.inputs}
+    pedals = assembly.system.pedals
+    signs_by_symbol |= {
+        sm.Symbol(f"u({name})", real=True): Sign(PEDAL if name in pedals else TORQUE, name) for name in assembly.inputs
+    }
     return signs_by_symbol
 
 

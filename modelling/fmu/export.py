@@ -54,9 +54,14 @@ class Variable:
 
 
 def input_variables(model: Model) -> list[Variable]:
-    """Torques, and motions that are imposed."""
+    """Torques, motions that are imposed, and pedals."""
     quantities, units = model.system.input_quantities, model.system.input_units
-    meaning = {name: f"{quantities[name]} on {part.on}" for part in model.system.inputs for name in (part.name,)}
+    meaning = {part.name: f"{quantities[part.name]} on {part.on}" for part in model.system.inputs}
+    meaning |= {
+        part.name: f"pedal, 0 to 1, of the torque map on {part.on}"
+        for part in model.system.inputs
+        if part.name in model.system.pedals
+    }
     for box in model.system.gearboxes:
         for gear, name in enumerate(box.capacities, 1):
             meaning[name] = f"torque that the clutch of gear {gear} of {box.name} can carry; below 0 counts as 0"
@@ -761,8 +766,9 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
     own = own_vehicle(law)
     clutches = () if own is None else own.inputs[len(own.inputs) - len(own.slip) :]
     known = [
-        Variable(name, "input", "N*m", 0.0, "what this clutch of the emulated vehicle can carry; 0: it is open"
-                 if name in clutches else "torque, measured or demanded")
+        Variable(name, "input", "1", 0.0, "pedal, 0 to 1") if name in controller.pedals
+        else Variable(name, "input", "N*m", 0.0, "what this clutch of the emulated vehicle can carry; 0: it is open"
+                      if name in clutches else "torque, measured or demanded")
         for name in law.known
     ]  # fmt: skip
     hold = [

@@ -16,6 +16,7 @@ from modelling.linear.elements import elements
 from modelling.linear.linearise import Linear, deflated, deflated_states, linear_sets, linearise
 from modelling.linear.steady_motion import reference_motions, without_ripple
 from modelling.system import System
+from modelling.units import of_input
 
 # --- A linear system from sample to sample, exactly: inputs that are held, and inputs that grow evenly.
 
@@ -137,8 +138,8 @@ class Response(Displayed):
         return self.values[:, _index_of(sensor, self.sensors), _index_of(source, self.inputs)]
 
     def unit(self, sensor: str, source: str) -> str:
-        """SI unit of a response, such as ``rad/s per N*m``."""
-        return f"{self.units[sensor]} per {self.units[source]}"
+        """SI unit of a response, such as ``rad/s per N*m`` or ``rad/s per pedal``."""
+        return f"{self.units[sensor]} per {of_input(self.units[source])}"
 
     def to_dict(self) -> dict[str, dict[str, np.ndarray]]:
         """``{sensor: {input: (f,)}}``."""

@@ -7,8 +7,10 @@ Damped Newton steps of least norm, because angles of a free drivetrain and torqu
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +30,7 @@ BALANCE_TOLERANCE = 1e-9  # of the largest torque in the balance, and of the lar
 
 @dataclass(frozen=True)
 class SteadyMotion:
-    """State (x,) and inputs (u,) in N·m of a steady motion, and how exactly they balance.
+    """State (x,) and inputs (u,), in N·m or a pedal, of a steady motion, and how exactly they balance.
 
     ``error`` is the largest residual in times :data:`BALANCE_TOLERANCE` of the torques and speeds that balance: the
     motion is steady if it is at most 1.
@@ -43,7 +45,8 @@ class SteadyMotion:
 class _Problem:
     """What is fixed: parameters (p,), rows of locked twists (l, n), rows (c, n) and values (c,) of wanted speeds.
 
-    ``free`` are the inputs to solve for; ``common`` (n, a) the coordinate accelerations that are allowed.
+    ``free`` are the inputs to solve for, pedals among them within ``ends`` (u, 2); ``common`` (n, a) the coordinate
+    accelerations that are allowed.
     """
 
     model: Model
@@ -53,10 +56,12 @@ class _Problem:
     speed_rows: np.ndarray
     speeds: np.ndarray
     free: Sequence[int]
+    ends: np.ndarray
     common: np.ndarray
 
 
 NO_BOUND = 1e30  # of a rate, SI
+PEDALS = (0.5, 0.1, 0.9)  # of its range, from which a pedal is sought
 
 
 def steady_motion(
@@ -80,7 +85,8 @@ def steady_motion(
     speeds : mapping, optional
         Wanted speeds by inertia, rad/s; without, they follow from the balance of torques.
     free : sequence of int
-        Inputs whose torque is to be found. Where more are free than the balance needs, the least torques are taken.
+        Inputs whose torque, or pedal within its map, is to be found. Where more are free than the balance needs, the
+        least torques are taken.
     accelerating : bool
         Let the parts that no shaft holds accelerate together.
 
@@ -105,16 +111,36 @@ def steady_motion(
         np.array([turns[parts.masses.index(f"inertias.{name}")] for name in speeds or ()]).reshape(-1, model.n),
         np.array([float(value) for value in (speeds or {}).values()]),
         list(free),
+        _ends(model),
         _untwisted(locked) if accelerating else np.zeros((model.n, 0)),
     )
     # lash may lie on either flank; from a high speed Newton runs down to a balance that friction near rest would hide
     starts = [(1.0, 0.0), (-1.0, 0.0)] + ([] if speeds else [(1.0, HIGH_SPEED), (-1.0, -HIGH_SPEED)])
+    shares = PEDALS if any(np.isfinite(problem.ends[i]).all() for i in problem.free) else PEDALS[:1]
     tried = []
-    for flank, speed in starts:
-        tried.append(_solve(problem, flank, speed, np.asarray(u, float)))
+    for share, (flank, speed) in itertools.product(shares, starts):
+        tried.append(_solve(problem, flank, speed, _begun(problem, np.asarray(u, float), share)))
         if tried[-1].error <= 1.0:
             break
     return min(tried, key=lambda motion: motion.error)
+
+
+def _ends(model: Model) -> np.ndarray:
+    """Ends (u, 2) of every input: those of the map of a pedal, of others none."""
+    ends = np.tile([-np.inf, np.inf], (len(model.inputs), 1))
+    for name, own in model.system.pedals.items():
+        ends[model.inputs.index(name)] = own.pedals[[0, -1]]
+    return ends
+
+
+def _begun(problem: _Problem, u: np.ndarray, share: float) -> np.ndarray:
+    """Inputs (u,) with which a search begins: pedals that are free at a share of their range."""
+    begun = u.copy()
+    for i in problem.free:
+        low, high = problem.ends[i]
+        if np.isfinite(high):
+            begun[i] = low + share * (high - low)
+    return begun
 
 
 def _untwisted(locked: np.ndarray) -> np.ndarray:
@@ -167,6 +193,7 @@ def _solve(problem: _Problem, flank: float, speed: float, u: np.ndarray) -> Stea
         for length in 0.5 ** np.arange(12):
             new_x, new_u = x + length * step[: len(x)], u.copy()
             new_u[problem.free] += length * step[len(x) : len(x) + len(problem.free)]
+            new_u[problem.free] = np.clip(new_u[problem.free], *problem.ends[problem.free].T)
             new_acceleration = acceleration + length * step[len(x) + len(problem.free) :]
             new, new_scale = _residual(problem, new_x, new_u, new_acceleration)
             if np.isfinite(new).all() and np.linalg.norm(new / scale) < np.linalg.norm(residual / scale):
@@ -258,7 +285,7 @@ def _error(residual: np.ndarray, scale: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class ReferenceMotion:
-    """State (x,) and torques of the inputs (u,) in N·m, SI; angles whose speed is not 0 are those at time 0."""
+    """State (x,) and torques or pedals of the inputs (u,), SI; angles whose speed is not 0 are those at time 0."""
 
     state: np.ndarray
     inputs: np.ndarray
@@ -334,8 +361,17 @@ def speeds_of(system: System) -> dict[str, float]:
 
 
 def torques_of(system: System) -> dict[str, float]:
-    """Torque of every input at the operating point, N·m; 0 without one."""
+    """Torque (N·m) or pedal of every input at the operating point; 0 without one."""
     return dict(zip(compiled(system).inputs, operating_motion(system).inputs.tolist(), strict=True))
+
+
+def acting_torques_of(system: System) -> dict[str, float]:
+    """Torque of every input at the operating point, N·m, of a pedal that of its map; 0 without an operating point."""
+    held = torques_of(system)
+    if not system.pedals:
+        return held
+    speeds, on = speeds_of(system), {part.name: part.on for part in system.inputs}
+    return held | {name: own.torque(speeds[on[name]], held[name]) for name, own in system.pedals.items()}
 
 
 def _solved(model: Model, p: np.ndarray) -> ReferenceMotion:
@@ -355,7 +391,56 @@ def _solved_at(model: Model, values: bytes) -> ReferenceMotion:
         raise InputError(
             "operating_point",
             f"{model.system.title or 'the model'!r} has no steady motion with these speeds and torques "
-            f"(the balance misses by {missed:.2g} of its torques)",
+            f"(the balance misses by {missed:.2g} of its torques){_of_pedals(model, free)}",
             "leave a torque or a speed open, or give another one",
         )
     return ReferenceMotion(motion.state, motion.inputs)
+
+
+def _of_pedals(model: Model, free: Sequence[int]) -> str:
+    """What free pedals would have to give, and what their maps do; empty where that is not the reason."""
+    try:
+        short = pedals_too_short(model.system)
+    except InputError:  # nor would any torque hold it
+        return ""
+    return "".join(
+        f": no pedal holds it, for {one.needed:.4g} N·m are needed at inputs.{name}, and its torque map "
+        f"gives {one.least:.4g} to {one.most:.4g} N·m at {one.speed:.4g} rad/s"
+        for name, one in short.items()
+        if model.inputs.index(name) in free
+    )
+
+
+class TooShort(NamedTuple):
+    """What a pedal would have to give, N·m, the least and most that its map has, N·m, at that speed, rad/s, and the
+    pedal that comes nearest."""
+
+    needed: float
+    least: float
+    most: float
+    speed: float
+    nearest: float
+
+
+def pedals_too_short(system: System) -> dict[str, TooShort]:
+    """By input: pedals that an operating point leaves open, and whose maps lack the torque that it needs.
+
+    Raises
+    ------
+    InputError
+        If no torque in their place would hold it.
+    """
+    point = system.operating_point
+    stated = dict(point.torques) if point else {}
+    maps = {name: own for name, own in system.pedals.items() if name not in stated}
+    if not maps:
+        return {}
+    plain = replace(system, effects=tuple(each for each in system.effects if not each.law.pedal))
+    held, speeds, on = torques_of(plain), speeds_of(plain), {part.name: part.on for part in system.inputs}
+    found = {}
+    for name, own in maps.items():
+        speed, needed = speeds[on[name]], held[name]
+        over = own.over_pedal(speed)
+        if not over.min() <= needed <= over.max():
+            found[name] = TooShort(needed, float(over.min()), float(over.max()), speed, own.pedal(speed, needed))
+    return found

@@ -279,6 +279,10 @@ def check_acting(system: System, torques: Mapping[tuple[str, float], Any]) -> No
     for name, order in torques:
         if name not in inputs:
             raise unknown(name, inputs, "torques")
+        if name in system.pedals:
+            on = next(part.on for part in system.inputs if part.name == name)
+            wrong = f"{name} is a pedal, and orders are torques"
+            raise InputError("torques", wrong, f'name a torque on the same inertia: [inputs.pulses] with on = "{on}"')
         if not order > 0:
             raise InputError("torques", f"{order:g} is no order", "give a number above 0")
     if not torques:
@@ -488,7 +492,7 @@ def _without_swinging(linear: Linear, transfer: Transfer) -> np.ndarray:
     forces = forces - mass @ free @ np.linalg.solve(free.T @ mass @ free, free.T @ forces)
     K = held.T @ parts.stiffness_matrix()[0] @ held
     readings = linear.C[:, :n] @ held @ np.linalg.solve(K, held.T @ forces)
-    acts = [quantity == "torque" for quantity in linear.model.system.input_quantities.values()]
+    acts = [name not in linear.model.system.imposed_by for name in linear.model.inputs]
     return np.asarray(np.where(acts, readings, 0.0).T)
 
 

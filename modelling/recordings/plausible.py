@@ -40,14 +40,16 @@ def as_one_rigid_body(time: np.ndarray, channels: Mapping[str, np.ndarray], syst
             continue
         ratios = speed_ratios(sensor.of, joints(system))
         inertia = sum(part.J.value * ratios[part.name] ** 2 for part in system.inertias if part.name in ratios)
-        torque = sum((ratios[part.on] * channels[part.name] for part in system.inputs if part.on in ratios), 0 * time)
         motion = channels[sensor.name]
         if inertia <= 0 or not np.isfinite(motion).all():
             continue
-        if sensor.measures == "speed":
-            yield RigidBody(inertia, torque, motion, 1)
-        else:
-            yield RigidBody(inertia, torque, np.gradient(motion, time), 2)
+        order = 1 if sensor.measures == "speed" else 2
+        speed = motion if order == 1 else np.gradient(motion, time)
+        torque = 0 * time
+        for part in (part for part in system.inputs if part.on in ratios):
+            acting, own = channels[part.name], system.pedals.get(part.name)
+            torque += ratios[part.on] * (acting if own is None else own.torques_at(ratios[part.on] * speed, acting))
+        yield RigidBody(inertia, torque, speed, order)
 
 
 # --- Whether a column of time can be in the unit it is read in: by the model's frequencies, and by the recorded motion.
@@ -237,6 +239,32 @@ def _shown_inertia(time: np.ndarray, channels: Mapping[str, np.ndarray], system:
             inertia, certainty = _fitted_inertia(time, body.torque, body.speed, count)
             found.append((inertia / body.inertia, certainty))
     return max(found, key=lambda each: each[1])
+
+
+# --- Pedals.
+
+PEDAL_NOISE = 0.2  # beyond the ends of a pedal: noise, or a zero that is off
+
+
+def check_pedals(system: System, time: np.ndarray, inputs: Mapping[str, np.ndarray], source: str = "") -> None:
+    """Check that pedals (t,) at times (t,) in s lie between 0 and 1.
+
+    Raises
+    ------
+    InputError
+        If one does not, as a pedal in per cent, or a torque.
+    """
+    for name in system.pedals:
+        pedal = inputs.get(name)
+        if pedal is None:
+            continue
+        beyond = np.flatnonzero((pedal < -PEDAL_NOISE) | (pedal > 1 + PEDAL_NOISE))
+        if len(beyond):
+            raise InputError(
+                f"{source}: column {name!r}" if source else f"inputs.{name}",
+                f"is {pedal[beyond[0]]:.4g} at {time[beyond[0]]:g} s: a pedal is 0 to 1",
+                f"give it as a share, or with its unit: {name} [%]",
+            )
 
 
 # --- A recording in which nothing moves.

@@ -25,7 +25,7 @@ from modelling.recordings.corrections import (
     without_overrange,
 )
 from modelling.recordings.frames import table_of_frame
-from modelling.recordings.plausible import check_columns, check_seconds, standstill_notes
+from modelling.recordings.plausible import check_columns, check_pedals, check_seconds, standstill_notes
 from modelling.recordings.readers import read_table
 from modelling.recordings.recording import (
     GAP_STEPS,
@@ -517,6 +517,7 @@ def recording_from_table(table: Table, system: System, source: str) -> Recording
     channels = {name: values[complete] for name, values in columns.items()}
     notes += check_seconds(time, channels, system, source, table["time"].unit)
     check_columns(time, channels, system, source)
+    check_pedals(system, time, channels, source)
     notes += standstill_notes(channels, system)
     for name in dict.fromkeys([*(sensor.name for sensor in system.sensors), *_references(table, system)]):
         if name in channels:

@@ -514,7 +514,7 @@ def check_exchanged(model: System | Model, recording: Recording) -> None:
     as_read = max(_misfits(model, recording, sensors), default=0.0)
     if as_read <= FAR_OFF:
         return
-    for name in model.inputs:
+    for name in (each for each in model.inputs if each not in model.system.pedals):  # 0 to 1, else it was refused
         for sensor in sensors:
             if not np.isfinite(recording[sensor]).all():
                 continue

@@ -11,6 +11,7 @@ from modelling.equations.casadi_code import Model
 from modelling.equations.lagrange import STICK_SPEED, Assembly
 from modelling.errors import InputError, listed, unknown
 from modelling.linear.steady_motion import steady_motion, without_rate_bounds
+from modelling.recordings.plausible import check_pedals
 from modelling.simulation.stepping import STABLE_STEP, rates_at_rest, steps_per_second
 
 # --- Inputs of a simulation, checked and brought into arrays.
@@ -19,12 +20,12 @@ Inputs = Mapping[str, np.ndarray] | np.ndarray
 
 
 def checked(model: Model, time: np.ndarray, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
-    """Time (t,) in s and inputs (t, u) in N·m, contiguous and checked.
+    """Time (t,) in s and inputs (t, u) in SI, contiguous and checked.
 
     Raises
     ------
     InputError
-        If time does not rise, an input is missing or of another length, or a value is not finite.
+        If time does not rise, an input is missing or of another length, a value is not finite, or a pedal is none.
     """
     time = np.ascontiguousarray(time, dtype=float)
     if time.ndim != 1 or len(time) < 2:
@@ -39,6 +40,7 @@ def checked(model: Model, time: np.ndarray, inputs: Inputs) -> tuple[np.ndarray,
         raise InputError(
             f"inputs.{model.inputs[column]}", f"is not finite at {time[sample]:g} s", "fill or cut the gap"
         )
+    check_pedals(model.system, time, dict(zip(model.inputs, u.T, strict=True)))
     return time, np.ascontiguousarray(_with_possible_brakes(model, time, u))
 
 

@@ -13,7 +13,7 @@ def test_the_band_is_the_uncertainty_and_no_wider_than_is_drawn():
     """A modulus of 2 with a small, an unknown and a huge uncertainty."""
     f, uncertainty = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.1, 0.1, np.nan, 50.0])
     ones = np.ones(4, complex)
-    curve = FunctionCurves("motor", "speed", "rad/s", f, 2 * ones, uncertainty, ones, ones)
+    curve = FunctionCurves("motor", "speed", "rad/s", "N*m", f, 2 * ones, uncertainty, ones, ones)
     drawn = responses(SimpleNamespace(curves=(curve,)))
     assert check(drawn, hertz=(1, 4)) == 1  # as the axis says
     axes = drawn.axes[0]

@@ -1,8 +1,8 @@
 /* A car with an engine and its axle bed side by side, the bed under an exported controller: equations of this file alone.
  *
  * Nothing of rigmatch is used but the controller under test. Runge and Kutta's classical method, 24 steps a millisecond;
- * noise, lags, a dead time that is no whole number of samples. The engine gives its demand, pulses over its own angle and
- * drag; below idle a governor adds torque. Tyres: contact patch with a relaxation length under the Magic Formula
+ * noise, lags, a dead time that is no whole number of samples. The engine gives its demand, or what its torque map has for
+ * a pedal, pulses over its own angle and drag; below idle a governor adds torque. Tyres: contact patch with a relaxation length under the Magic Formula
  * (Pacejka, Tire and Vehicle Dynamics, 3rd ed. 2012, sections 4.3, 7.2). Values come from Python, which reads the files. */
 #include <math.h>
 #include <string.h>
@@ -12,6 +12,7 @@
 #define SHAPE 1.65
 #define PIECES 24
 #define LONGEST 64 /* samples of dead time at most */
+#define MOST 8
 #define TWO_PI 6.283185307179586
 
 typedef struct {
@@ -20,6 +21,7 @@ typedef struct {
     double order, pulse, phase, idle_full, idle_none, idle_torque, top, top_drag;
     double J_in, drag_in, J_adapter, J_rotor, drag_rotor, k_flange, c_flange;
     double inverter[3], gain[3], lag[3], delay, noise_torque[3], noise_speed[3];
+    double speeds, pedals, map_speed[MOST], map_pedal[MOST], map[MOST * MOST]; /* of a torque map; none with 0 speeds */
 } plant;
 
 enum { GEAR, DIFF, IN, OUT, SIDE, FRONT = SIDE + 2 };
@@ -51,12 +53,32 @@ static double governed(const plant *p, double speed)
     return -p->top_drag * (speed < p->top ? (speed - p->idle_none) / (p->top - p->idle_none) : 1.0);
 }
 
+/* where a value lies between two points of an axis, held at its ends */
+static double between(const double *axis, int count, double at, int *low)
+{
+    int i = 0;
+    while (i < count - 2 && at > axis[i + 1]) i++;
+    *low = i;
+    const double share = (at - axis[i]) / (axis[i + 1] - axis[i]);
+    return share < 0.0 ? 0.0 : share > 1.0 ? 1.0 : share;
+}
+
+/* what the engine gives for its demand: itself, or the torque that its map has for a pedal */
+static double given(const plant *p, double demand, double speed)
+{
+    if (p->speeds < 1) return demand;
+    int i, j;
+    const double a = between(p->map_speed, (int)p->speeds, speed, &i), b = between(p->map_pedal, (int)p->pedals, demand, &j);
+    const double *low = p->map + i * (int)p->pedals + j, *high = low + (int)p->pedals;
+    return (1 - a) * ((1 - b) * low[0] + b * low[1]) + a * ((1 - b) * high[0] + b * high[1]);
+}
+
 static void car_rates(const plant *p, const double *s, const double *u, double *d, double *in)
 {
     double side[2];
     front(p, s, s[ENGINE], s + WHEEL, d, in, side);
     d[TURNED] = s[ENGINE];
-    d[ENGINE] = (u[0] + governed(p, s[ENGINE]) + p->pulse * sin(p->order * s[TURNED] + p->phase) - p->drag_engine * s[ENGINE] - *in) / p->J_engine;
+    d[ENGINE] = (given(p, u[0], s[ENGINE]) + governed(p, s[ENGINE]) + p->pulse * sin(p->order * s[TURNED] + p->phase) - p->drag_engine * s[ENGINE] - *in) / p->J_engine;
     for (int i = 0; i < 2; i++) {
         const double body = s[BODY + i], v = fabs(body), slid = s[WHEEL + i] - body;
         const double rate = (p->slip * slid - v * p->k_car * s[Z + i]) / (p->slip + v * p->c_car);

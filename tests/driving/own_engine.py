@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 from needs import compiler
+from scipy.optimize import brentq
 
 from modelling.controller.c_source import c_sources
 
 HERE = Path(__file__).parent
 CASE = HERE / "engine" / "case.toml"
 ONE, THREE = ctypes.c_double, ctypes.c_double * 3
+MOST = 8  # speeds, and pedals, of a torque map
 STEP, HELD, RADIUS = 1e-3, 1500, 0.3  # s, samples of speed hold, m
+SHAPE = 1.65  # of a tyre's curve, as in the C
 NOISE = (0.2, 0.35, 0.35), (0.05, 0.05, 0.05)  # N·m, rad/s of the machines
 NAMES = (
     *("J_engine", "drag_engine", "J_gear", "J_diff", "ratio", "k_in", "c_in", "k_out", "c_out", "k_side", "c_side"),
@@ -28,7 +31,8 @@ class Plant(ctypes.Structure):
 
     _fields_ = [
         *((name, ONE) for name in NAMES), ("inverter", THREE), ("gain", THREE), ("lag", THREE), ("delay", ONE),
-        ("noise_torque", THREE), ("noise_speed", THREE),
+        ("noise_torque", THREE), ("noise_speed", THREE), ("speeds", ONE), ("pedals", ONE),
+        *((name, ctypes.c_double * MOST) for name in ("map_speed", "map_pedal")), ("map", ctypes.c_double * MOST**2),
     ]  # fmt: skip
 
 
@@ -75,6 +79,24 @@ def plant(draw=None, dead_time=0.003, **changed) -> Plant:
     return made
 
 
+def with_map(plant: Plant, speeds, pedals, torques) -> Plant:
+    """The same with a torque map: speeds (n,) in rad/s, pedals (m,), torques (n, m) in N·m; nothing else governs it."""
+    plant.speeds, plant.pedals = len(speeds), len(pedals)
+    for field, values in (("map_speed", speeds), ("map_pedal", pedals), ("map", np.ravel(torques))):
+        getattr(plant, field)[: len(values)] = [float(value) for value in values]
+    for name in ("pulse", "idle_torque", "top_drag"):
+        setattr(plant, name, 0.0)
+    return plant
+
+
+def pedal_for(plant: Plant, speed: float, torque: float) -> float:
+    """The pedal with which the map gives a torque at a speed."""
+    n, m = int(plant.speeds), int(plant.pedals)
+    speeds, pedals, rows = plant.map_speed[:n], plant.map_pedal[:m], np.reshape(plant.map[: n * m], (n, m))
+    over = [np.interp(speed, speeds, column) for column in rows.T]
+    return float(brentq(lambda pedal: np.interp(pedal, pedals, over) - torque, pedals[0], pedals[-1]))
+
+
 def governed(plant: Plant, speed: float) -> float:
     """As in the C, N·m."""
     points = plant.idle_full, plant.idle_none, plant.top
@@ -103,14 +125,19 @@ class Engine:
     def drive(self, plant: Plant, speed: float, torque: np.ndarray, draw, road: float = 0.0):
         """From a steady speed (m/s): the car's and the bed's rows, and where emulation ended (-1: nowhere).
 
-        ``torque`` (n,) in N·m is added to the engine's, which holds the speed, ``road`` to each body from then on.
+        ``torque`` (n,) in N·m, with a map a pedal, is added to the engine's, which holds the speed, ``road`` to each
+        body from then on.
         """
         wheel, n = speed / RADIUS, len(torque)
-        load = 2 * plant.drag_body * wheel  # N·m at the differential
+        carried = SHAPE * plant.peak * np.tan(np.arcsin(plant.drag_body * wheel / plant.peak) / SHAPE)
+        body = wheel / (1 + carried / plant.slip)  # its tyres slip
+        load = 2 * plant.drag_body * body  # N·m at the differential
         engine = wheel * plant.ratio
         demand = load / plant.ratio + plant.drag_engine * engine - governed(plant, engine)
+        if plant.speeds:
+            demand = pedal_for(plant, engine, load / plant.ratio + plant.drag_engine * engine)
         s = np.zeros(14)
-        s[[0, 6]], s[[1, 8, 9, 10, 11]] = engine, wheel
+        s[[0, 6]], s[[1, 8, 9]], s[10:12], s[12:14] = engine, wheel, body, carried / plant.k_car
         s[2], s[3], s[4:6] = load / plant.ratio / plant.k_in, load / plant.k_out, load / 2 / plant.k_side
         u = np.zeros((n, 3))
         u[:, 0], u[:, 1:] = demand + torque, road
@@ -119,7 +146,7 @@ class Engine:
         b = np.zeros(21)
         b[[0, 6]], b[[1, 8, 9, 10, 11]] = engine, wheel
         known = np.zeros((HELD + n, self._library.known_torques()))
-        column = self.known.index("engine_torque")
+        column = self.known.index("pedal" if plant.speeds else "engine_torque")
         known[:, column] = demand
         known[HELD:, column] += torque
         for side in ("left", "right"):

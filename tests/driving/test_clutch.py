@@ -102,7 +102,7 @@ def test_the_vehicle_alone_locks_when_momentum_says(controller):
     vehicle = controller.law.stepped
     x = np.zeros(len(vehicle.body))
     engine, hub, into, torque, capacity = 0.15, 0.03, -40.0, 20.0, 90.0
-    turned = vehicle.rates_by_own(x)[:, vehicle.inputs.index("engine_torque")] * engine
+    turned = vehicle.rates_by_own(x, np.zeros(4))[:, vehicle.inputs.index("engine_torque")] * engine
     x[np.argmax(turned)] = 300.0  # rad/s of the engine, the hub at rest
     own, carried, slips = np.array([torque, 0.0, 0.0, capacity]), np.zeros(1), []
     for _ in range(600):

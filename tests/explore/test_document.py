@@ -107,3 +107,29 @@ def test_any_table_is_edited_by_its_keys(tmp_path):
     budget = Document(path)
     budget.change(("list", 1, "x"), 3)
     assert budget.text == "[inputs.a]\nvalue = 1 # one\n[[list]]\nx = 1\n[[list]]\nx = 3 # two\n"
+
+
+MAP = """
+[inputs.pedal]
+on = "motor"
+
+[[effects]]
+kind = "torque_map"
+at = "inputs.pedal"
+speed = ["0 1/min", "3000 1/min"]
+pedal = [0, "50 %", 1]
+torque = [[0, 60, 100], [-20, 50, 90]]   # of the engine
+"""
+
+
+def test_an_element_of_a_list_is_changed_where_it_stands(tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text(TEXT + MAP)
+    model = ModelDocument(path)
+    model.set_text("inputs.pedal.torque_map.torque_2_3", "95")
+    model.set_text("inputs.pedal.torque_map.pedal_2", "40 %")
+    assert "torque = [[0, 60, 100], [-20, 50, 95]]   # of the engine" in model.text
+    assert 'pedal = [0, "40 %", 1]' in model.text
+    assert model.system.parameters["inputs.pedal.torque_map.torque_2_3"].value == 95
+    with pytest.raises(InputError, match="the values of pedal do not increase"):
+        model.set_text("inputs.pedal.torque_map.pedal_2", "1")

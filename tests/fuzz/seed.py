@@ -77,6 +77,8 @@ def every_effect() -> bytes:
             at = [f"inertias.i{n}", f"inertias.i{n + 1}"]
         if "twist" in law.arrays:
             at, values = f"shafts.s{n}", {"twist": [-0.1, 0.0, 0.1], "torque": [-1.0, 0.0, 2.0]}
+        elif law.pedal:
+            values = {"speed": [0.0, 100.0], "pedal": [0.0, 1.0], "torque": [[10.0, 60.0], [-10.0, 50.0]]}
         elif law.arrays:
             values = {key: [0.5, 0.25] for key in law.arrays}
         data["effects"].append({"kind": kind, "at": at} | values)

@@ -47,6 +47,13 @@ KINDS = {
     "table": (
         "b", {"speed_1": -3.0, "torque_1": 2.0, "speed_2": 1.0, "torque_2": 0.5, "speed_3": 4.0, "torque_3": -2.0},
     ),
+    "torque_map": (
+        "u", {
+            "speed_1": 0.0, "speed_2": 4.0, "speed_3": 9.0, "pedal_1": 0.05, "pedal_2": 0.4, "pedal_3": 0.9,
+            "torque_1_1": 1.0, "torque_1_2": 5.0, "torque_1_3": 7.0, "torque_2_1": -2.0, "torque_2_2": 3.0,
+            "torque_2_3": 9.0, "torque_3_1": -4.0, "torque_3_2": 1.0, "torque_3_3": 6.0,
+        },
+    ),
     "torque_ripple": ("a", {"order": 3.0, "amplitude": 0.8, "phase": 0.3}),
     "tyre_slip": ("shaft", {"slip_stiffness": 300.0, "peak": 8.0}),
     "warming_friction": ("b", {"torque": 2.0, "change": -0.6, "time_constant": 0.8}),
@@ -108,7 +115,10 @@ def drawn(name: str, count: int, seed: int, step: float = 1e-3, seconds: float =
     fixed = ("efficiency", "efficiency_reverse", "order", "phase")
     narrow = 1.2 if kind in ("table", "gain_drift", "parameter_drift") else SPREAD
     base = {key: some(value) for key, value in BASE.items()}
-    values = {key: np.full(count, value) if key in fixed else some(value, narrow) for key, value in p.items()}
+    values = {
+        key: np.full(count, value) if key in fixed or key.startswith(("pedal_", "speed_2")) else some(value, narrow)
+        for key, value in p.items()
+    }
     if kind == "stribeck_friction":
         values["breakaway"] = values["torque"] * (1.2 + 0.6 * random.uniform(size=count))
 
@@ -123,6 +133,8 @@ def drawn(name: str, count: int, seed: int, step: float = 1e-3, seconds: float =
         )
 
     u, v = torque(4.0), torque(1.0)
+    if kind == "torque_map":  # a pedal
+        u = np.clip(0.4 + u / 20, -0.1, 1.1)
     if kind == "brake":
         v = 3 * np.maximum(v, 0.0)
     if kind == "imposed_motion":  # a speed, which begins at rest
@@ -194,6 +206,8 @@ def readings(of: Drawn, pieces: int) -> dict[str, np.ndarray]:
             on_b = on_b - v / p["deflection"] * (x[5] + 0.002 * d[5])
         elif kind != "imposed_motion":
             on_b = on_b + v
+        if kind == "torque_map":
+            on_a = on_a - u + _bilinear(p, x[0], u)
         if kind == "constant_torque":
             on_b = on_b - p["torque"]
         elif kind == "quadratic_drag":
@@ -273,6 +287,16 @@ def _interpolated(p, axis, at):
         np.interp(at[j], [p[f"{axis}_{i}"][j] for i in order], [p[f"torque_{i}"][j] for i in order])
         for j in range(len(at))
     ])  # fmt: skip
+
+
+def _bilinear(p, speed, pedal):
+    """The torque (b,) of a map of three speeds and three pedals, constant beyond them."""
+    made = np.empty(len(speed))
+    for j in range(len(speed)):
+        speeds, pedals = ([p[f"{axis}_{i}"][j] for i in (1, 2, 3)] for axis in ("speed", "pedal"))
+        over = [np.interp(pedal[j], pedals, [p[f"torque_{i}_{k}"][j] for k in (1, 2, 3)]) for i in (1, 2, 3)]
+        made[j] = np.interp(speed[j], speeds, over)
+    return made
 
 
 def _input(of, fine, h):

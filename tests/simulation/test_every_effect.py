@@ -63,6 +63,8 @@ def parameters(kind: str, place: str) -> Iterator[dict]:
     if kind == "table":
         for axis in AXES[place.split(".")[0]]:
             yield {axis: [-0.1, 0, 0.2], "torque": [-1, 0, 3]}
+    elif law.pedal:
+        yield {"speed": [-2, 0, 5], "pedal": [0, 0.5, 1], "torque": [[1, 2, 4], [0, 2, 3], [-1, 1, 2]]}
     elif law.arrays:
         yield {key: [0.4] for key in law.arrays}
     else:
@@ -117,9 +119,9 @@ PLAIN = {
 }
 
 
-def recording(samples: int = 12) -> Recording:
+def recording(samples: int = 12, size: float = 1.0) -> Recording:
     t = np.arange(samples) / 200
-    return Recording(t, {"t": 1 + np.sin(9 * t), "w": 0.1 + t, "phi": 0.3 + t**2 / 2, "m": np.cos(9 * t)})
+    return Recording(t, {"t": size * (1 + np.sin(9 * t)), "w": 0.1 + t, "phi": 0.3 + t**2 / 2, "m": np.cos(9 * t)})
 
 
 @pytest.fixture
@@ -135,7 +137,7 @@ def answers(system, data, folder) -> None:
     assert np.isfinite([mode.frequency for mode in rm.modes(system)]).all()
     assert np.isfinite([mode.frequency for mode in rm.modes(system, damped=True)]).all()
     for start in ("rest", "steady"):
-        done = rm.simulate(system, recording(), start=start)
+        done = rm.simulate(system, recording(size=0.5 if system.pedals else 1.0), start=start)
         assert np.isfinite(done.states).all()
         assert np.abs(done.states).max() < 1e3, start
     (folder / "model.toml").write_text(toml(data))
@@ -193,9 +195,10 @@ def test_every_effect_at_every_place_through_every_command(tmp_path, capsys, mon
     monkeypatch.setenv("RIGMATCH_COMPILE", compiler)
     build.compiler.cache_clear()
     monkeypatch.chdir(tmp_path)
-    seen = recording(40)
-    rows = np.column_stack([seen.time, *(seen[name] for name in ["t", "w", "phi", "m"])])
-    np.savetxt("run.csv", rows, "%.6f", ",", header="time [s],t,w [rad/s],phi [rad],m", comments="")
+    for file, size in (("run.csv", 1.0), ("pedal.csv", 0.5)):
+        seen = recording(40, size)
+        rows = np.column_stack([seen.time, *(seen[name] for name in ["t", "w", "phi", "m"])])
+        np.savetxt(file, rows, "%.6f", ",", header="time [s],t,w [rad/s],phi [rad],m", comments="")
     failed = []
     for name, whole in [*models(every_place=True)][part::4]:
         data = shape(whole)
@@ -203,7 +206,8 @@ def test_every_effect_at_every_place_through_every_command(tmp_path, capsys, mon
         commands = [["modes", "model.toml", "--json"], ["modes", "model.toml", "--damped", "--json"]]
         commands += [["export", "model.toml", "--fmu", "model.fmu"]]
         if "sensors" in data:
-            commands += [["simulate", "model.toml", "run.csv", "--out", "o", "--json", "--start", how] for how in START]
+            run = "pedal.csv" if name.startswith("torque_map") else "run.csv"
+            commands += [["simulate", "model.toml", run, "--out", "o", "--json", "--start", how] for how in START]
         for command in commands:
             code, told = main(command), capsys.readouterr()
             if code:

@@ -38,6 +38,22 @@ PLACES = EFFECTS | {
     "hum": ("sensors.motor_speed", {"amplitude": 0.2, "frequency": 50.0, "phase": 0.3}),
     "sensor_ripple": ("sensors.motor_speed", {"order": 3.0, "amplitude": 0.01, "phase": 0.3}),
     "gear_loss": ("shafts.link", {"efficiency": 0.3}),  # three times that is below 1
+    "torque_map": (
+        "inputs.motor_torque",
+        {
+            "speed_1": 0.0,
+            "speed_2": 4.0,
+            "pedal_1": 0.0,
+            "pedal_2": 0.5,
+            "pedal_3": 1.0,
+            "torque_1_1": -1.0,
+            "torque_1_2": 4.0,
+            "torque_1_3": 9.0,
+            "torque_2_1": -3.0,
+            "torque_2_2": 1.0,
+            "torque_2_3": 6.0,
+        },
+    ),
     "table": ("shafts.link", {"twist_1": -0.02, "torque_1": -1.0, "twist_2": 0.02, "torque_2": 1.0}),
 }
 TIME = np.arange(101) * 1e-3
@@ -52,13 +68,17 @@ def drawn(kinds, body, seed):
     tables["shafts"]["link"]["stiffness"] *= BODIES[body].get("stiffness", 1.0)
     tables["effects"] = [
         {"kind": kind, "at": PLACES[kind][0]}
-        | {name: value * SPREAD ** generator.uniform(-1, 1) for name, value in PLACES[kind][1].items()}
+        | {
+            name: value if name.startswith(("speed_", "pedal_")) else value * SPREAD ** generator.uniform(-1, 1)
+            for name, value in PLACES[kind][1].items()
+        }
         for kind in kinds
     ]
     motor = 6 * np.sin(2 * np.pi * generator.uniform(3, 12) * TIME + generator.uniform(0, 6))
     motor += 3 * np.sign(np.sin(2 * np.pi * generator.uniform(5, 9) * TIME + 0.3))
     brake = 2 * np.sin(2 * np.pi * generator.uniform(2, 6) * TIME)
     brake = np.abs(brake) if "brake" in kinds else brake  # which is 0 or more
+    motor = 0.5 + motor / 20 if "torque_map" in kinds else motor  # a pedal
     return from_dict(tables, "drawn"), {"motor_torque": motor, "brake_torque": brake}
 
 

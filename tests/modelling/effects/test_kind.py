@@ -39,6 +39,7 @@ VALUES = {
     "geared_ripple": {"order": 6, "amplitude": 2.0, "phase": 0.4},
     "recording_friction": {"torque": [2.0, 4.0]},
     "table": {"speed": [-3.0, -1.0, 0.0, 2.0], "torque": [5.0, 1.0, 0.0, -3.0]},
+    "torque_map": {"speed": [-3.0, 0.0, 2.0], "pedal": [0.0, 0.4, 1.0], "torque": [[1, 4, 6], [0, 3, 5], [-2, 2, 3]]},
     "tyre_slip": {"slip_stiffness": 60.0, "peak": 12.0},
     "torque_ripple": {"order": 6, "amplitude": 2.0, "phase": 0.4}, "wrong_parameter": {"value": 3.3},
 }  # fmt: skip
