@@ -325,6 +325,41 @@ def test_a_drive_names_a_clutch_that_is_closed_as_it_begins(tmp_path):
         load_case(tmp_path / "case.toml")
 
 
+MAP = """
+[[effects]]
+kind = "torque_map"
+at = "inputs.engine_torque"
+speed = ["800 1/min", "2000 1/min", "6000 1/min"]
+pedal = [0, 0.3, 1]
+torque = [[10, 60, 160], [-15, 50, 180], [-40, 20, 170]]
+"""
+
+
+@pytest.mark.long
+def test_a_driver_has_a_pedal_and_a_clutch(tmp_path):
+    """An engine by its map in place of idle speed control: opened, and closed again, by pedal and capacity."""
+    for name in ("vehicle.toml", "rig.toml", "case.toml"):
+        text = (CASE.parent / name).read_text()
+        if name == "vehicle.toml":
+            before, governor = text.split("# Idle speed control", 1)
+            text = before + MAP + governor[governor.index("[gearboxes.clutch]") :]
+        (tmp_path / name).write_text(text)
+    data = read_toml(tmp_path / "case.toml")
+    data["operating_range"]["vehicle_speed"], data["manoeuvre"]["engine_torque"]["amplitude"] = (
+        ["20 km/h", "60 km/h"],
+        0.3,
+    )
+    data["drives"] = data["drives"][1:2]
+    for segment in data["drives"][0]["engine_torque"]:
+        segment["to"] /= 200
+    case = case_from_tables(data, str(tmp_path / "case.toml"))
+    case = replace(case, loop=case.loop.with_values(case.loop.structure.starts(case.rig, case.loop)[0]))
+    assert exported_controller(case).pedals == ("engine_torque",)
+    (drive,) = driving(case, settings=replace(DRIVING, drawn=3)).drives
+    assert drive.errors.stayed == 3
+    assert drive.errors.planned <= 0.015
+
+
 def drawn(dead_time, beds, seed, shifts=40, aways=12):
     """Largest errors of the shafts in every drawn shift and part of a pull-away, and what ended emulation."""
     controller, found, faults = exported_controller(case_of(dead_time)), {}, []
