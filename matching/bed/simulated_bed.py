@@ -676,8 +676,8 @@ def emulated_recording(
     as_linear = np.where([name in plant.inputs for name in inputs], held_as_linear(torques), torques)
     acting = {name: torques[:, i] for i, name in enumerate(inputs) if name in plant.inputs}
     told = {name: as_linear[:, i] for i, name in enumerate(inputs) if name in law.known}
-    pedals = _held_pedals(case, law, speed)
-    told |= {name: np.full(len(torques), pedal) for name, pedal in pedals.items() if name not in told}
+    held_inputs = {**case.closed_clutches, **_held_pedals(case, law, speed)}
+    told |= {name: np.full(len(torques), value) for name, value in held_inputs.items() if name not in told}
     asks = _Emulation(controller, tuple(law.sensors), tuple(law.known), np.full(len(commanded), speed), before, vehicle)
     found = run(plant, asks, acting, told, samples=len(torques), sample_time=step)
     sent, readings = found.commands[:, :, 0], found.readings[:, :, 0]

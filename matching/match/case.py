@@ -17,6 +17,7 @@ from matching.match.movable import movable, with_sizes
 from matching.match.vehicle_in_the_loop import VehicleInTheLoop
 from modelling import display
 from modelling.bed.bed import Loop
+from modelling.bed.clutches import CLOSED
 from modelling.bed.manoeuvres import Manoeuvre
 from modelling.bed.specimen import KNOWN
 from modelling.bed.vehicle import ResidualVehicle, TorqueCurve
@@ -205,6 +206,11 @@ class Case:
                 torque: np.ndarray = own.torques_at(np.full(len(values), speeds_of(system)[on]), held + values)
                 return torque - own.torque(speeds_of(system)[on], held)
         return values
+
+    @property
+    def closed_clutches(self) -> dict[str, float]:
+        """What clutches that the controller emulates can carry where nothing says so, N·m by input: they are closed."""
+        return {} if self.gearboxes is None else dict.fromkeys(self.gearboxes.emulated_clutches, CLOSED)
 
     @property
     def emulated_vehicle(self) -> System:

@@ -521,8 +521,8 @@ def at_operating_point(data: Mapping[str, Any], vehicle: System, rig: System, wh
 
 def _in_one_gear(
     data: Mapping[str, Any], vehicle: System, rig: System, where: str
-) -> tuple[Mapping[str, Any], System, System, Gearboxes | None, list[str]]:
-    """Gearboxes in the gear whose clutch has a torque at the operating point, the first without one; notes on it.
+) -> tuple[Mapping[str, Any], System, System, Gearboxes | None]:
+    """Gearboxes in the gear whose clutch has a torque at the operating point, the first without one.
 
     The tables come back without these torques: the clutches are locked. Models without gearboxes come back as they are.
 
@@ -533,9 +533,9 @@ def _in_one_gear(
     """
     stated, place = data.get("operating_point"), f"{where}: operating_point"
     table = stated if isinstance(stated, Mapping) else {}
-    held, notes = list[System](), list[str]()
+    held = list[System]()
     held_in, stated_torques = dict[str, int](), dict[str, float]()
-    for role, system in (("vehicle", vehicle), ("rig", rig)):
+    for system in (vehicle, rig):
         gears: dict[str, int] = {}
         for box in system.gearboxes:
             torques = {name: to_si(table.get(name, 0.0), "N*m", f"{place}.{name}") for name in box.capacities}
@@ -545,7 +545,6 @@ def _in_one_gear(
                 wrong = f"closes the clutches of {len(closed)} gears of gearboxes.{box.name}"
                 raise InputError(place, wrong, "state a torque for the clutch of one gear")
             gears[box.name] = closed[0] if closed else 1
-            notes.append(f"{role}: gearboxes.{box.name} is in gear {gears[box.name]}, its clutch locked")
         held.append(system.in_gear(gears))
         held_in |= gears
     clutches = {*vehicle.capacities, *rig.capacities}
@@ -554,7 +553,15 @@ def _in_one_gear(
         data = {key: value for key, value in data.items() if key != "operating_point"}
         data |= {"operating_point": rest} if rest else {}
     gearboxes = Gearboxes(vehicle, rig, held_in, stated_torques) if held_in else None
-    return data, held[0], held[1], gearboxes, notes
+    return data, held[0], held[1], gearboxes
+
+
+def _of_gearboxes(gearboxes: Gearboxes | None) -> list[str]:
+    """Notes on gearboxes of vehicle and rig."""
+    if gearboxes is None:
+        return []
+    roles = (("vehicle", gearboxes.vehicle), ("rig", gearboxes.rig))
+    return [gearboxes.note(box.name, role) for role, system in roles for box in system.gearboxes]
 
 
 def rig_at_operating_point(vehicle: System, rig: System, residual: ResidualVehicle, loop: Loop, where: str) -> System:
@@ -700,7 +707,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     check_file(data, TOP, where, "case")
     data = with_point_in_range(data, where)
     vehicle, rig = (_named_model(data, key, path) for key in ("vehicle", "rig"))
-    data, vehicle, rig, gearboxes, in_gear = _in_one_gear(data, vehicle, rig, where)
+    data, vehicle, rig, gearboxes = _in_one_gear(data, vehicle, rig, where)
     _check_not_swapped(data, vehicle, rig, where)
     rig, late = _without_late_dynamometers(data, rig)
     unlike = _unlike(vehicle, rig, where)
@@ -722,6 +729,8 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
     loop, of_dynamometers = _with_late_dynamometers(loop, late)
     loop, of_specimen = _before_the_specimen(loop, rig, residual)
     rig = rig_at_operating_point(vehicle, rig, residual, loop, where)
+    if gearboxes is not None and "operating_range" in data and simple is None and "vehicle_in_the_loop" not in data:
+        gearboxes = gearboxes.emulating({part.name for system in residual.parts for part in system.inertias})
     covered = read_range(data, vehicle, rig, loop, vehicle_inertias(vehicle, rig), gearboxes, where)
     band = _band(data, where)
     limits, curve = read_limits(data, rig, where)
@@ -747,7 +756,7 @@ def case_from_tables(data: Mapping[str, Any], where: str) -> Case:
         vehicle_in_the_loop=read_vehicle_in_the_loop(data, vehicle, rig, loop, where),
         gearboxes=gearboxes,
         notes=(
-            *in_gear,
+            *_of_gearboxes(gearboxes),
             *unlike,
             *dict.fromkeys([*vehicle.doubts, *rig.doubts]),
             *one_of_two(moves, movable(rig, residual, loop), rig, vehicle),

@@ -132,10 +132,14 @@ def at_speeds(case: Case, seed: int = 0, settings: DrivingSettings = DRIVING) ->
         noisy = any(
             value > most for value, most in zip(figures.command_noise.values(), required.command_noise, strict=True)
         )
-        stable = found.stable[1:]
+        stable, slips = found.stable[1:], np.array(True)
+        if law.slipping is not None:
+            slipping = without_limits(law.frozen(speed / radius, slipping=True))
+            slips = Judge(own, slipping, neutral_motions(linear_bed(own)), required).verdicts([{}, *values]).stable
         missed = [
             words for words, wrong in (
                 ("beds that are not stable", not found.stable.all()),
+                ("beds that are not stable while the emulated clutch slips", not slips.all()),
                 ("beds damped too little", not found.damped.all()),
                 ("the modulus margin", figures.modulus_margin < required.modulus_margin),
                 ("the roll-off", figures.largest_rolled_off > required.rolled_off),
@@ -475,8 +479,14 @@ def _driven(
     }
     return DriveResult(
         drive.title, drive.vehicle_speed, seconds, worst, errors, one_speed, (time, traces), played[0].torques,
-        tuple(drive.gears) if case.loop.specimen == KNOWN else (),
+        _held(case, drive),
     )  # fmt: skip
+
+
+def _held(case: Case, drive: Drive) -> tuple[str, ...]:
+    """Gearboxes that shift in a drive and that the controller's model holds in one gear."""
+    emulated = () if case.gearboxes is None else case.gearboxes.emulated
+    return tuple(name for name in drive.gears if name not in emulated) if case.loop.specimen == KNOWN else ()
 
 
 def stresses_beyond(case: Case, drives: Sequence[DriveResult]) -> list[str]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from modelling.bed.clutches import CLOSED
 from modelling.bed.manoeuvres import Manoeuvre
 from modelling.bed.vehicle import without_exact_delays
 from modelling.errors import InputError
@@ -32,12 +33,47 @@ class Gearboxes:
         Gear of the case by gearbox, 1 the first.
     closed : mapping of str to float
         N·m by input: the clutches that the case's operating point names.
+    emulated : tuple of str
+        Gearboxes of the vehicle that the controller emulates with live clutches: all else in the case has them locked.
     """
 
     vehicle: System
     rig: System
     gears: Mapping[str, int]
     closed: Mapping[str, float]
+    emulated: tuple[str, ...] = ()
+
+    @property
+    def emulated_clutches(self) -> tuple[str, ...]:
+        """Inputs of clutches that the controller emulates live."""
+        return tuple(name for box in self.vehicle.gearboxes if box.name in self.emulated for name in box.capacities)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Inputs of clutches that a drive may name."""
+        return (*self.shared, *self.emulated_clutches)
+
+    def emulating(self, beyond: Collection[str]) -> Gearboxes:
+        """With live clutches among inertias beyond the cut: of one ratio, dry friction, no effect at the capacity."""
+        late = {place for effect in self.vehicle.effects for place in effect.places}
+        live = tuple(
+            box.name for box in self.vehicle.gearboxes
+            if {*box.between} <= {*beyond} and len(box.ratios) == 1 and box.engages_below is None
+            and box.converter is None and f"inputs.{box.capacities[0]}" not in late
+        )  # fmt: skip
+        return replace(self, emulated=live)
+
+    def emulated_vehicle(self, vehicle: System) -> System:
+        """The vehicle of the case with the clutches live that the controller emulates."""
+        return replace(vehicle, operating_point=None).shifting(
+            self.vehicle, dict.fromkeys(self.emulated_clutches, CLOSED)
+        )
+
+    def note(self, box: str, role: str) -> str:
+        """What linear models make of a gearbox of the ``vehicle`` or ``rig``."""
+        if role == "vehicle" and box in self.emulated:
+            return f"vehicle: gearboxes.{box} slips and opens in the emulated vehicle; linear models have it locked"
+        return f"{role}: gearboxes.{box} is in gear {self.gears[box]}, its clutch locked"
 
     @property
     def shared(self) -> tuple[str, ...]:
@@ -70,7 +106,8 @@ class Gearboxes:
             If not just one clutch of a gearbox is closed where a drive begins at speed, or one carries less than 0.
         """
         gears = {}
-        for box in self.rig.gearboxes:
+        emulated = (box for box in self.vehicle.gearboxes if box.name in self.emulated)
+        for box in (*self.rig.gearboxes, *emulated):
             named = [name for name in box.capacities if name in torques]
             if not named:
                 continue

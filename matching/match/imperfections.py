@@ -245,7 +245,8 @@ def vehicle_rows(
     """
     vehicles, others = [perturbed_system(case.vehicle, row, case) for row in rows], case.vehicle_in_the_loop
     if others is None:
-        return BedRows(NonlinearBeds(vehicles, case.loop, steps=steps))
+        emulated = () if case.gearboxes is None else case.gearboxes.emulated
+        return BedRows(NonlinearBeds(vehicles, case.loop, steps=steps, sticking=emulated))
     residual, loop = case.residual_vehicle, case.loop
     specimens = [specimen_of(replace(residual, vehicle=vehicle)) for vehicle in vehicles]
     cuts = [residual.cut_at(one.follows) for one in loop.dynamometers]
@@ -404,8 +405,8 @@ def emulated(
 
 
 def known_at_operating_point(case: Case) -> dict[str, float]:
-    """Torques of vehicle and rig at the operating point by input, N·m."""
-    return {**torques_of(case.vehicle), **torques_of(case.rig)}
+    """Torques of vehicle and rig at the operating point by input, N·m; clutches beyond the cut are closed."""
+    return {**case.closed_clutches, **torques_of(case.vehicle), **torques_of(case.rig)}
 
 
 def _waiting(torque: np.ndarray, before: int) -> np.ndarray:

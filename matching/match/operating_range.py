@@ -107,7 +107,7 @@ def read_range(
     made = OperatingRange(low, high, radius, tuple(bodies))
     driven = {one.torque_input for one in loop.dynamometers}
     known = [part.name for part in vehicle.inputs if part.name not in driven]
-    known += gearboxes.shared if gearboxes is not None else ()
+    known += gearboxes.driven if gearboxes is not None else ()
     entries = data.get("drives", [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise InputError(f"{where}: drives", "is no list of tables", 'write [[drives]] with vehicle_speed = "30 km/h"')
@@ -145,7 +145,10 @@ def _drive(
     place, own = f"{where}: drives[{number}]", ("title", "vehicle_speed", "profile", "driver")
     for key in entry:
         if gearboxes is not None and key not in known and (role := gearboxes.alone(key)):
-            raise InputError(f"{place}.{key}", f"is a clutch of the {role} alone", "vehicle and rig shift alike")
+            right = "vehicle and rig shift alike"
+            if role == "vehicle":
+                right += "; beyond the cut, a clutch of one ratio without teeth, and without effects at its input"
+            raise InputError(f"{place}.{key}", f"is a clutch of the {role} alone", right)
         if key not in (*own, *known):
             raise unknown(str(key), [*own, *known], place)
     speed, low = to_si(entry.get("vehicle_speed", 0.0), "m/s", f"{place}.vehicle_speed"), min(about.lowest, 0.0)
@@ -359,6 +362,17 @@ def design_vehicle(case: Case) -> SteppedVehicle:
     return stepped_vehicle(residuals, case.loop, about.bodies, about.rolling_radius)
 
 
+def _with_live_clutches(case: Case) -> ResidualVehicle | None:
+    """The residual vehicle with live clutches, as tuned; None without any."""
+    boxes = case.gearboxes
+    if boxes is None or not boxes.emulated:
+        return None
+    live = cut(boxes.emulated_vehicle(case.vehicle), case.rig)
+    tuned = {name: each.value for part in case.residual_vehicle.parts for name, each in part.parameters.items()}
+    parts = (part.with_values({name: tuned[name] for name in part.parameters if name in tuned}) for part in live.parts)
+    return replace(live, parts=tuple(parts))
+
+
 def law_over_speed(case: Case) -> SteppedLaw:
     """The controller of a tuned case over its range.
 
@@ -374,6 +388,7 @@ def law_over_speed(case: Case) -> SteppedLaw:
     law = stepped_law(
         rigs, residuals, case.loop, case.loop.values, about.bodies, about.rolling_radius,
         linear_bed(cases[-1]).torque_signs, body_speed(case),
+        _with_live_clutches(case),
     )  # fmt: skip
     if (vehicle := case.vehicle_in_the_loop) is None:
         return replace(law, following=pulse_following(law, rigs, residuals, case.loop))

@@ -82,7 +82,7 @@ def with_live_clutches(case: Case, drive: Drive, time: np.ndarray) -> tuple[Case
         need.
     """
     boxes = case.gearboxes
-    clutches = () if boxes is None else tuple(name for name in boxes.shared if name in drive.torques)
+    clutches = () if boxes is None else tuple(name for name in boxes.driven if name in drive.torques)
     torques = {name: one.torque(time) for name, one in drive.torques.items() if name not in clutches}
     if boxes is None or not clutches:
         return case, torques, 0.0
@@ -90,11 +90,14 @@ def with_live_clutches(case: Case, drive: Drive, time: np.ndarray) -> tuple[Case
     begun = {name: float(torques[name][0]) for name in clutches}
     vehicle, rig = case.vehicle.shifting(boxes.vehicle, begun), case.rig.shifting(boxes.rig, begun)
     point, model = operating_motion(vehicle), compiled(vehicle)
+    emulated = set(clutches) <= {*boxes.emulated_clutches}  # these need no further steps
     inputs = np.tile(point.inputs, (len(time), 1))
     for i, name in enumerate(model.inputs):
         if name in begun:
             torques[name] = torques[name] - point.inputs[i]
         inputs[:, i] += torques.get(name, 0.0)
+    if emulated:
+        return replace(case, vehicle=vehicle, rig=rig), torques, 0.0
     motion = simulate(model, time, inputs, start=point.state, tolerance=SHIFTS.tolerance)
     needed = most_steps(model, motion.states, inputs, case.loop["sample_time"])
     return replace(case, vehicle=vehicle, rig=rig), torques, SHIFTS.margin * needed

@@ -41,6 +41,7 @@ def arrivals(delay: float, step: float, pieces: int) -> np.ndarray:
 
 FINE_STEP_S = 1.25e-4  # longest
 PROBED_STICK_SPEED = 1e-4  # rad/s, where dry friction is steeper than anything else: its steepness is read off there
+FEW_SWEEPS = 10  # over clutches that slip against each other, in one of its short steps
 FLAT = 1e12  # rad/s, a stick speed at which friction is too flat to matter
 
 
@@ -70,6 +71,9 @@ class NonlinearBeds:
         None of vehicles.
     steps : float
         1/s, at least: what depends on the motion, as of clutches that slip.
+    sticking : sequence of str
+        Gearboxes whose clutches stick without giving way, as a controller steps them: see
+        :mod:`modelling.bed.clutches`. They need no further steps.
 
     Attributes
     ----------
@@ -85,7 +89,7 @@ class NonlinearBeds:
 
     def __init__(
         self, systems: Sequence[System], loop: Loop, dynamometers: Sequence[Dynamometer] = (),
-        hardware: Sequence[BedHardware] = (), steps: float = 0.0,
+        hardware: Sequence[BedHardware] = (), steps: float = 0.0, sticking: Sequence[str] = (),
     ):  # fmt: skip
         self.model, step, k = compiled(systems[0]), loop["sample_time"], len(dynamometers)
         self.step = step
@@ -107,6 +111,7 @@ class NonlinearBeds:
         of_bed = [[*bed.inverter_lags, *bed.torque_sensor_lags, *bed.torque_gains] for bed in hardware]
         parameters = np.hstack([p, held, *([np.array(of_bed)] if k else [])])
         count = len(systems)
+        self._sticking = tuple(box for box in systems[0].gearboxes if box.name in sticking)
         self.functions, self.parameters = self._functions(k, driven, step), np.ascontiguousarray(parameters)
         self._readings = _RepeatedCall(external(self.functions[1]).map(count), parameters)
         still = np.zeros((len(self.model.states) + 2 * k, count))
@@ -141,7 +146,14 @@ class NonlinearBeds:
         commanded = ca.vertcat(*(held[model.inputs.index(name)] for name in driven)) if k else ca.SX(0, 1)
         for j, name in enumerate(driven):
             u[model.inputs.index(name)] += bed[2 * k + j] * (x[n + j] - commanded[j])
-        rates = [model.rates(x[:n], u, p)]
+        capacities = [box.capacities[0] for box in self._sticking]
+        most = u[[model.inputs.index(name) for name in capacities]]
+        for name in capacities:  # what a clutch carries is found at the end of each step
+            u[model.inputs.index(name)] = 0.0
+        own = model.rates(x[:n], u, p)
+        for box in self._sticking:
+            own[model.states.index(f"gearboxes.{box.name}.{box.capacities[0]}")] = 0.0
+        rates = [own]
         read = model.readings(x[:n], u, p, 0)
         if k:
             flange = ca.vertcat(
@@ -154,7 +166,10 @@ class NonlinearBeds:
         k2 = slope(x + h / 2 * k1, act, every)
         k3 = slope(x + h / 2 * k2, act, every)
         k4 = slope(x + h * k3, act, every)
-        fine = ca.Function("fine", [x, act, every], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
+        end_of_step = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        if capacities:
+            end_of_step += self._ending_slips(end_of_step, most, p, h)
+        fine = ca.Function("fine", [x, act, every], [end_of_step])
         now, acts, values = ca.MX.sym("x", x.shape), ca.MX.sym("act", k + d, self.pieces), ca.MX.sym("p", every.shape)
         end = now
         for piece in range(self.pieces):
@@ -164,6 +179,31 @@ class NonlinearBeds:
             ca.Function("sample", [now, acts, values], [end]),
             ca.Function("readings", [x, torques, every], [read]),
         )
+
+    def _ending_slips(self, x: ca.SX, most: ca.SX, p: ca.SX, h: float) -> ca.SX:
+        """What clutches that stick add to states (x,) at the end of a step of h (s), carrying at most torques (c,)."""
+        model, n = self.model, self.model.n
+        states, u = ca.SX.sym("states", len(model.states)), ca.SX.sym("u", len(model.inputs))
+        parts = elements(model, model.p0[None])
+        rows = dict(zip(parts.masses, parts.mass_transformation.reshape(-1, n), strict=True))
+        by, slips = [], []
+        for box in self._sticking:
+            at = np.zeros(len(model.states))  # at rest, and as far twisted as under its whole torque
+            at[model.states.index(f"gearboxes.{box.name}.{box.capacities[0]}")] = box.deflection.value
+            column = ca.jacobian(model.rates(states, u, p), u[model.inputs.index(box.capacities[0])])
+            speeds = ca.substitute(column, states, ca.DM(at))[n : 2 * n]
+            by.append(ca.vertcat(h**2 / 2 * speeds, h * speeds, ca.SX(x.numel() - 2 * n, 1)))
+            first, second = (rows[f"inertias.{name}"] for name in box.between)
+            slips.append(ca.DM((first - box.ratios[0].value * second)[None]))
+        added, row, columns = ca.SX(x.numel(), 1), ca.vertcat(*slips), ca.horzcat(*by)
+        slip, gain = row @ x[n : 2 * n], row @ columns[n : 2 * n, :]
+        torque = [ca.SX(0)] * len(by)
+        for _ in range(1 if len(by) == 1 else FEW_SWEEPS):
+            for i in range(len(by)):
+                off = slip[i] + sum(gain[i, j] * one for j, one in enumerate(torque))
+                largest = ca.fmax(most[i], 0.0)
+                torque[i] = ca.fmin(ca.fmax(torque[i] - off / gain[i, i], -largest), largest)
+        return added + columns @ ca.vertcat(*torque)
 
     def advance(self, x: np.ndarray, commands: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """States (x, b) a sample later, for commands (k, b) issued now and torques (d, b) that vary evenly.

@@ -511,10 +511,10 @@ class Ahead:
     G: np.ndarray
 
 
-def runs_ahead(model: ObserverModel) -> Ahead:
-    """The model that runs ahead."""
+def runs_ahead(model: ObserverModel, change: float = 0.0) -> Ahead:
+    """The model that runs ahead; ``change`` ((rad/s per N·m)²) is the price of changes of its commands."""
     m, w = len(model.bed.whole) + len(model.dynamometers) * (model.bed.delay + 1), model.torques_known
-    gains = state_feedback(model, FREE_COMMAND_WEIGHT, 0.0)
+    gains = state_feedback(model, FREE_COMMAND_WEIGHT, change)
     A, B, W = (part[:m] for part in _shifting(model))
     F, G = gains[:, :m], gains[:, m + model.estimated :]
     W = W - B @ G

@@ -13,7 +13,7 @@ from modelling.effects.sensors_and_actuators import AllPass
 from modelling.errors import InputError, listed
 from modelling.linear.steady_motion import speeds_of, torques_of
 from modelling.system import Effect, Input, OperatingPoint, Quantity, Sensor, System
-from modelling.topology import connected_parts, joints
+from modelling.topology import Joint, connected_parts, joints
 from modelling.units import to_si
 
 # --- The model-based feed-forward: a model of rig and vehicle that commands the dynamometers ahead of the dead time.
@@ -150,7 +150,8 @@ def cut(vehicle: System, rig: System) -> ResidualVehicle:
         )
     parts = []
     names = [part.name for part in vehicle.inertias if part.name in only]
-    for group in map(set, connected_parts(names, joints(vehicle))):
+    clutches = [Joint(f"gearboxes.{box.name}", box.between) for box in vehicle.gearboxes]
+    for group in map(set, connected_parts(names, [*joints(vehicle), *clutches])):
         parts.append(_part(vehicle, group, [interface for interface in interfaces if interface.vehicle_end in group]))
     without_interface = [
         name

@@ -11,8 +11,9 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from modelling.bed.bed import ControlLaw
+from modelling.bed.clutches import SLIPS, SWEEPS
 from modelling.bed.foreign_vehicle import ForeignVehicleLaw
-from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SteppedLaw, own_vehicle
+from modelling.bed.stepped import GAMMA, SMALLEST_SLOPE, SlippingDesign, SteppedLaw, own_vehicle
 from modelling.controller.law import (
     AVERAGED_SAMPLES,
     DELIVERY_S,
@@ -54,9 +55,9 @@ def memory_bytes(controller: ExportedController) -> int:
     """Size of the controller's structure in double precision, padding aside."""
     k, y = len(controller.law.dynamometers), len(controller.law.sensors)
     x, w, s = controller.law.states, len(controller.law.known), len(controller.watched.shafts)
-    v, t = _vehicle_states(controller), len(tyres_of(controller))
+    v, t, c = _vehicle_states(controller), len(tyres_of(controller)), clutch_count(controller)
     settings = 9 * k + 2 * len(controller.settings.curve_speeds) + y + (s + 1) + 2 + (t + 3 if v else 0)
-    state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
+    state = x + 5 * y + 3 * (w + 1) + 9 * k + 2 * (v + 1) + c + 1 + KEPT_TORQUES * k + WATCHED_SAMPLES * y
     state += (controller.rotors.kept + 4) * k + 4 * _pulse_count(controller)
     if isinstance(controller.law, ForeignVehicleLaw):
         timing = controller.law.timing
@@ -73,7 +74,14 @@ def tyres_of(controller: ExportedController) -> tuple[str, ...]:
 
 def _vehicle_states(controller: ExportedController) -> int:
     """States of the vehicle that is stepped beside the law."""
-    return 0 if own_vehicle(controller.law) is None else controller.law.vehicle_states
+    own = own_vehicle(controller.law)
+    return 0 if own is None else len(own.body)
+
+
+def clutch_count(controller: ExportedController) -> int:
+    """Clutches of the vehicle that is stepped beside the law."""
+    own = own_vehicle(controller.law)
+    return 0 if own is None else len(own.slip)
 
 
 def _pulse_count(controller: ExportedController) -> int:
@@ -98,6 +106,8 @@ def _header(controller: ExportedController) -> str:
             states=law.states,
             speeds=len(law.speeds) if isinstance(law, SteppedLaw) else 0,
             vehicle_states=_vehicle_states(controller),
+            locked_states=law.vehicle_states if _vehicle_states(controller) else 0,
+            clutches=clutch_count(controller),
             pulses=_pulse_count(controller),
             foreign=law.timing if isinstance(law, ForeignVehicleLaw) else None,
             loads=law.by_load.shape[1] if isinstance(law, SteppedLaw) else 0,
@@ -120,6 +130,8 @@ def _header(controller: ExportedController) -> str:
 def _data(controller: ExportedController) -> str:
     law, settings, rotors = controller.law, controller.settings, controller.rotors
     laws = (law,) if isinstance(law, ControlLaw) else law.laws
+    if isinstance(law, SteppedLaw) and law.slipping is not None:
+        laws = (*laws, *law.slipping.laws)
     lines = [
         "/* numbers of the controller: each matrix row by row, without its zeros */",
         "typedef struct {",
@@ -246,7 +258,7 @@ def _beside(law: SteppedLaw) -> list[str]:
         f"#define CONTROLLER_DESIGNS {len(law.designed)}",
         _listed("ROTOR_SPEED", law.rotor_speeds, "rad/s there"),
         _listed("ROTOR_SHARE", law.rotor_shares, "of each rotor in it"),
-        "", *_rows("MOMENTUM", law.momentum), "", *_rows("WHEEL", vehicle.wheel),
+        "", *_rows("MOMENTUM", law.momentum), "", *_rows("WHEEL", law.stepped.wheel),
         "", *_rows("CUT_TORQUE", law.cut_torque), "", *_rows("CUT_BY_READING", law.cut_by_reading),
         "", *_rows("CUT_BY_COMMAND", law.cut_by_command),
     ]  # fmt: skip
@@ -271,28 +283,58 @@ def _foreign(law: ForeignVehicleLaw) -> list[str]:
 
 def _vehicle(law: SteppedLaw) -> list[str]:
     """Numbers and functions of the residual vehicle that is stepped beside the law."""
-    vehicle = law.vehicle
+    vehicle, locked, slipping = law.stepped, law.vehicle, law.slipping
     functions = {"rates": vehicle.rates, "slopes": vehicle.slopes, "outputs": vehicle.outputs}
+    by_wheel, likeness = (
+        [*of_locked, *([] if slipping is None else getattr(slipping, name))]
+        for name, of_locked in (("by_wheel", law.by_wheel), ("likeness", law.likeness))
+    )
     steady = (f"    {{{', '.join(map(_real, row))}}}," for row in vehicle.steady)
     lines = [
         *_beside(law),
         f"#define CONTROLLER_PIECES {vehicle.pieces} /* steps of its integration in a sample */",
         f"#define CONTROLLER_RADIUS {_real(vehicle.radius)} /* m */",
         f"#define GAMMA (controller_real){_real(GAMMA)}",
-        _listed("NONLINEAR", np.r_[vehicle.nonlinear, 0], "1 of an own input whose effect depends on the motion"),
+        _listed("NONLINEAR", np.r_[locked.nonlinear, 0], "1 of an own input whose effect depends on the motion"),
         f"#define SMALLEST_SLOPE (controller_real){_real(SMALLEST_SLOPE)}",
         _listed("BODY", vehicle.body, "speed by state"),
         "static const controller_real STEADY[CONTROLLER_SPEEDS][CONTROLLER_VEHICLE_STATES] = {", *steady, "};",
-        "", *_at_speeds("BY_WHEEL", list(law.by_wheel)), "", *_at_speeds("LIKENESS", list(law.likeness)),
-        "", *_rows("BY_CUT", vehicle.by_cut),
-        "", "/* the vehicle: rates of its states, their derivatives by the states, slips and torques of its tyres */",
+        "", *_at_speeds("BY_WHEEL", by_wheel), "", *_at_speeds("LIKENESS", likeness),
+        "", *_rows("BY_CUT", locked.by_cut), "", *_rows("LOCKED_WHEEL", locked.wheel),
     ]  # fmt: skip
-    return [*lines, *_firing(law), *_functions(functions)]
+    if slipping is None:
+        lines += ["#define MOMENTUM_SLIPPING MOMENTUM"]
+    else:
+        lines += _clutches(slipping)
+        functions["locked"] = _named("vehicle_locked", locked.rates)
+    words = "the vehicle: rates of its states, their derivatives by the states, slips and torques of its tyres"
+    return [*lines, *_firing(law), "", f"/* {words} */", *_functions(functions)]
+
+
+def _clutches(slipping: SlippingDesign) -> list[str]:
+    """Numbers of the vehicle's clutches."""
+    clutches = slipping.clutches
+    vehicle = clutches.vehicle
+    by_clutch = (f"    {{{', '.join(map(_real, row))}}}," for row in vehicle.by_clutch.T)
+    return [
+        "", "/* clutches: states of the vehicle that has them locked by those of the one that is stepped; slips */",
+        f"#define CONTROLLER_SLIPS {_real(SLIPS)} /* rad/s */",
+        f"#define CONTROLLER_SWEEPS {1 if len(vehicle.slip) == 1 else SWEEPS}",
+        *_rows("SEEN", clutches.seen), "", *_rows("SLIP", vehicle.slip),
+        "", *_rows("BY_CUT_SLIPPING", clutches.by_cut), "", *_rows("MOMENTUM_SLIPPING", slipping.momentum),
+        "static const controller_real BY_CLUTCH[CONTROLLER_CLUTCHES][CONTROLLER_VEHICLE_STATES] = {", *by_clutch, "};",
+    ]  # fmt: skip
+
+
+def _named(name: str, function: ca.Function) -> ca.Function:
+    """A function under another name: C takes each name once."""
+    given = [ca.SX.sym(f"in{number}", function.size_in(number)) for number in range(function.n_in())]
+    return ca.Function(name, given, [function(*given)])
 
 
 def _firing(law: SteppedLaw) -> list[str]:
     """Numbers of the vehicle's pulses; nothing without any."""
-    pulses, following = law.vehicle.pulses, law.following
+    pulses, following = law.stepped.pulses, law.following
     if not pulses.count:
         return []
     k, points = len(law.dynamometers), following.speeds.shape[1]
@@ -313,7 +355,8 @@ def _firing(law: SteppedLaw) -> list[str]:
         f"#define TURN {_real(2 * math.pi)}",
         _listed("PULSE_ORDER", pulses.order, "over a turn"), _listed("PULSE_AMPLITUDE", pulses.amplitude, "N*m"),
         _listed("PULSE_START", pulses.phase, "rad"),
-        "", *_rows("BY_PULSE", pulses.by), "", *_rows("PULSE_TURNS", pulses.turns),
+        "", *_rows("BY_PULSE", pulses.by), "", *_rows("LOCKED_BY_PULSE", law.vehicle.pulses.by),
+        "", *_rows("PULSE_TURNS", pulses.turns),
         "static const controller_real PULSE_SPEED[CONTROLLER_PULSES][CONTROLLER_PULSE_SPEEDS] = {", *speeds, "};",
         f"static const controller_real PULSE_GAIN[CONTROLLER_PULSES][CONTROLLER_PULSE_SPEEDS][{k}][2] = {{",
         *(line for table in tables for line in table), "};",

@@ -806,7 +806,7 @@ class SupervisedController:
             assert self._emulation is not None
             now, begun, cut = self._emulation
             sent, now = self.law.step(
-                now, begun, cut, readings - y0, known - w0, known[len(known) - len(self.law.vehicle.inputs) :],
+                now, begun, cut, readings - y0, known - w0, known[len(known) - len(self.law.stepped.inputs) :],
                 within, self.road, readings[self._speeds], added,
             )  # fmt: skip
             self._emulation, self._state = (now, begun, cut), now.state

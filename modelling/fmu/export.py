@@ -763,9 +763,12 @@ def contents(controller: ExportedController, name: str = "controller") -> Contro
         Variable(sensor, "input", unit, 0.0, "reading of the bed")
         for sensor, unit in zip(law.sensors, controller.units, strict=True)
     ]
+    own = own_vehicle(law)
+    clutches = () if own is None else own.inputs[len(own.inputs) - len(own.slip) :]
     known = [
         Variable(name, "input", "1", 0.0, "pedal, 0 to 1") if name in controller.pedals
-        else Variable(name, "input", "N*m", 0.0, "torque, measured or demanded")
+        else Variable(name, "input", "N*m", 0.0, "what this clutch of the emulated vehicle can carry; 0: it is open"
+                      if name in clutches else "torque, measured or demanded")
         for name in law.known
     ]  # fmt: skip
     hold = [

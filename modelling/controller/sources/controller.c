@@ -14,6 +14,7 @@
 #define KNOWN CONTROLLER_KNOWN
 #define DYNAMOMETERS CONTROLLER_DYNAMOMETERS
 #define VEHICLE CONTROLLER_VEHICLE_STATES
+#define LOCKED CONTROLLER_LOCKED_STATES
 
 /* what a row of the law is multiplied with, one after the other */
 enum {
@@ -941,6 +942,9 @@ static void begin_vehicle(controller *c)
         c->angle[j] = (controller_real)0.0;
     }
     c->distance = (controller_real)0.0;
+#if CONTROLLER_CLUTCHES > 0
+    (void)memset(c->carried, 0, sizeof c->carried);
+#endif
 #if CONTROLLER_PULSES > 0
     for (int32_t n = 0; n < CONTROLLER_PULSES; n++) {
         c->pulse_phase[n] = PULSE_START[n];
@@ -1011,10 +1015,9 @@ static void road_of(const controller *c, controller_real *road)
 }
 
 #if CONTROLLER_PULSES > 0
-/* of the pulses in the sample that begins: rates of the vehicle's states, held, and what is added to the commands */
-static void pulses_of(const controller *c, controller_real *rates, controller_real *added)
+/* of the pulses in the sample that begins: their torques, held, and what is added to the commands */
+static void pulses_of(const controller *c, controller_real *middle, controller_real *added)
 {
-    controller_real middle[CONTROLLER_PULSES];
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         added[j] = (controller_real)0.0;
     }
@@ -1034,9 +1037,6 @@ static void pulses_of(const controller *c, controller_real *rates, controller_re
         }
         added[PULSE_MACHINE[n]] += (c->pulse_correction[n][0] * (controller_real)sin((double)c->pulse_phase[n])) +
                                    (c->pulse_correction[n][1] * (controller_real)cos((double)c->pulse_phase[n]));
-    }
-    for (int32_t i = 0; i < VEHICLE; i++) {
-        rates[i] = row(&BY_PULSE, i, middle);
     }
 }
 
@@ -1084,6 +1084,105 @@ static void turn_pulses(controller *c, const controller_input *in, const control
 }
 #endif
 
+#if CONTROLLER_CLUTCHES > 0
+/* slip of each clutch */
+static void slips_of(const controller *c, controller_real *slip)
+{
+    for (int32_t i = 0; i < CONTROLLER_CLUTCHES; i++) {
+        slip[i] = row(&SLIP, i, c->vehicle);
+    }
+}
+
+/* what a clutch can carry: noise below 0 would drive */
+static controller_real capacity_of(const controller_real *own, int32_t i)
+{
+    const controller_real most = own[(CONTROLLER_VEHICLE_INPUTS - CONTROLLER_CLUTCHES) + i];
+    return (most > (controller_real)0.0) ? most : (controller_real)0.0;
+}
+
+/* a clutch slips or is open */
+static bool is_slipping(const controller *c, const controller_real *own)
+{
+    controller_real slip[CONTROLLER_CLUTCHES];
+    bool slips = false;
+    slips_of(c, slip);
+    for (int32_t i = 0; i < CONTROLLER_CLUTCHES; i++) {
+        if ((capacity_of(own, i) <= (controller_real)0.0) || (fabs((double)slip[i]) > CONTROLLER_SLIPS)) {
+            slips = true;
+        }
+    }
+    return slips;
+}
+
+/* what the clutches carry now, in place of what they can carry */
+static void let_clutches_carry(const controller *c, controller_real *own)
+{
+    controller_real slip[CONTROLLER_CLUTCHES];
+    slips_of(c, slip);
+    for (int32_t i = 0; i < CONTROLLER_CLUTCHES; i++) {
+        const controller_real most = capacity_of(own, i);
+        controller_real now = within(c->carried[i], -most, most);
+        if (fabs((double)slip[i]) > CONTROLLER_SLIPS) {
+            now = (slip[i] > (controller_real)0.0) ? most : -most;
+        }
+        own[(CONTROLLER_VEHICLE_INPUTS - CONTROLLER_CLUTCHES) + i] = now;
+    }
+}
+
+/* Torques with which the clutches stick at the end of a step, or all that they can carry, from a step with those before
+ * it: `w` are factors of its matrix, `slopes` (column by column) what it was made of. */
+static void end_slips(controller *c, const controller_real *w, const int32_t *pivot, const controller_real *slopes,
+                      const controller_real *own)
+{
+    const controller_real h = (controller_real)CONTROLLER_SAMPLE_TIME / (controller_real)CONTROLLER_PIECES;
+    controller_real by[CONTROLLER_CLUTCHES][VEHICLE]; /* states at the end of the step for 1 N*m */
+    controller_real gain[CONTROLLER_CLUTCHES][CONTROLLER_CLUTCHES];
+    controller_real slip[CONTROLLER_CLUTCHES];
+    controller_real more[CONTROLLER_CLUTCHES] = {(controller_real)0.0};
+    for (int32_t i = 0; i < CONTROLLER_CLUTCHES; i++) {
+        controller_real first[VEHICLE];
+        controller_real second[VEHICLE];
+        for (int32_t n = 0; n < VEHICLE; n++) {
+            first[n] = BY_CLUTCH[i][n];
+        }
+        solve(w, pivot, first);
+        for (int32_t n = 0; n < VEHICLE; n++) {
+            controller_real ahead = (controller_real)0.0;
+            for (int32_t k = 0; k < VEHICLE; k++) {
+                ahead += slopes[(k * VEHICLE) + n] * first[k];
+            }
+            second[n] = (BY_CLUTCH[i][n] + (h * ahead)) - ((controller_real)2.0 * first[n]);
+        }
+        solve(w, pivot, second);
+        for (int32_t n = 0; n < VEHICLE; n++) {
+            by[i][n] = h * (((controller_real)1.5 * first[n]) + ((controller_real)0.5 * second[n]));
+        }
+    }
+    slips_of(c, slip);
+    for (int32_t i = 0; i < CONTROLLER_CLUTCHES; i++) {
+        for (int32_t k = 0; k < CONTROLLER_CLUTCHES; k++) {
+            gain[i][k] = row(&SLIP, i, by[k]);
+        }
+    }
+    for (int32_t sweep = 0; sweep < CONTROLLER_SWEEPS; sweep++) {
+        for (int32_t i = 0; i < CONTROLLER_CLUTCHES; i++) {
+            const controller_real most = capacity_of(own, i);
+            controller_real off = slip[i];
+            for (int32_t k = 0; k < CONTROLLER_CLUTCHES; k++) {
+                off += gain[i][k] * more[k];
+            }
+            more[i] = within((c->carried[i] + more[i]) - (off / gain[i][i]), -most, most) - c->carried[i];
+        }
+    }
+    for (int32_t i = 0; i < CONTROLLER_CLUTCHES; i++) {
+        c->carried[i] += more[i];
+        for (int32_t n = 0; n < VEHICLE; n++) {
+            c->vehicle[n] += by[i][n] * more[i];
+        }
+    }
+}
+#endif
+
 static void add_rates(controller_real *rates, const controller_real *more)
 {
     for (int32_t i = 0; i < VEHICLE; i++) {
@@ -1092,9 +1191,16 @@ static void add_rates(controller_real *rates, const controller_real *more)
 }
 
 /* a sample of the vehicle with these torques at its cuts: ROS2, linearly implicit, stable whatever is fast in it */
-static void step_vehicle(controller *c, const controller_real *torque, const controller_real *own,
+static void step_vehicle(controller *c, const controller_real *torque, const controller_real *told,
                          const controller_real *pulsing)
 {
+#if CONTROLLER_CLUTCHES > 0
+    controller_real own[CONTROLLER_VEHICLE_INPUTS];
+    controller_real slopes[VEHICLE * VEHICLE];
+    (void)memcpy(own, told, sizeof own);
+#else
+    const controller_real *own = told;
+#endif
     const controller_real h = (controller_real)CONTROLLER_SAMPLE_TIME / (controller_real)CONTROLLER_PIECES;
     controller_real road[CONTROLLER_TYRES + 2];
     road_of(c, road);
@@ -1104,7 +1210,13 @@ static void step_vehicle(controller *c, const controller_real *torque, const con
         controller_real second[VEHICLE];
         controller_real ahead[VEHICLE];
         int32_t pivot[VEHICLE];
+#if CONTROLLER_CLUTCHES > 0
+        (void)memcpy(own + (CONTROLLER_VEHICLE_INPUTS - CONTROLLER_CLUTCHES), c->carried, sizeof c->carried);
+#endif
         slopes_of(c->vehicle, torque, own, road, m); /* column by column */
+#if CONTROLLER_CLUTCHES > 0
+        (void)memcpy(slopes, m, sizeof slopes);
+#endif
         for (int32_t i = 0; i < VEHICLE; i++) {
             for (int32_t k = i; k < VEHICLE; k++) {
                 const controller_real above = m[(k * VEHICLE) + i];
@@ -1130,6 +1242,9 @@ static void step_vehicle(controller *c, const controller_real *torque, const con
         for (int32_t i = 0; i < VEHICLE; i++) {
             c->vehicle[i] += h * (((controller_real)1.5 * first[i]) + ((controller_real)0.5 * second[i]));
         }
+#if CONTROLLER_CLUTCHES > 0
+        end_slips(c, m, pivot, slopes, told);
+#endif
     }
 }
 
@@ -1179,8 +1294,9 @@ static controller_real schedule_speed(const controller *c, controller_real speed
     return speed / ((slope > SMALLEST_SLOPE) ? slope : SMALLEST_SLOPE);
 }
 
-/* rates that the observer's vehicle lacks: of what the vehicle does beyond it where it is, and of the loads */
-static void remainder_of(const controller *c, const controller_input *in, int32_t at, controller_real share,
+/* rates that the observer's vehicle lacks: of what the vehicle does beyond it where it is, and of the loads; `slips`: a
+ * clutch of it does, else all are locked in the observer */
+static void remainder_of(const controller *c, const controller_input *in, int32_t at, controller_real share, bool slips,
                          controller_real *found)
 {
     const int32_t first = KNOWN - CONTROLLER_VEHICLE_INPUTS;
@@ -1194,10 +1310,34 @@ static void remainder_of(const controller *c, const controller_input *in, int32_
     for (int32_t i = 0; i < VEHICLE; i++) {
         off[i] = c->vehicle[i] - c->vehicle_start[i];
     }
+#if CONTROLLER_CLUTCHES > 0
+    controller_real seen[LOCKED];
+    controller_real rates[VEHICLE];
+    for (int32_t i = 0; i < LOCKED; i++) {
+        seen[i] = row(&SEEN, i, c->vehicle);
+    }
+    if (slips) {
+        let_clutches_carry(c, own);
+        rates_of(c->vehicle, c->at_cut, own, road, rates);
+    } else {
+        locked_of(seen, c->at_cut, own, road, found);
+    }
+    for (int32_t i = 0; i < LOCKED; i++) {
+        seen[i] = row(&SEEN, i, off);
+        if (slips) {
+            found[i] = row(&SEEN, i, rates);
+        }
+    }
+    for (int32_t i = 0; i < LOCKED; i++) {
+        found[i] += row(slips ? &BY_CUT_SLIPPING : &BY_CUT, i, c->load) - between(LIKENESS, at, share, i, seen);
+    }
+#else
+    (void)slips;
     rates_of(c->vehicle, c->at_cut, own, road, found);
     for (int32_t i = 0; i < VEHICLE; i++) {
         found[i] += row(&BY_CUT, i, c->load) - between(LIKENESS, at, share, i, off);
     }
+#endif
 }
 
 /* wheels of the vehicle less those that the observer expects; the angle between a rotor and a wheel that stands is taken
@@ -1211,7 +1351,7 @@ static void compare_wheels(controller *c, const controller_input *in, controller
         const controller_real rolled = (controller_real)fabs((double)wheel) / (controller_real)CONTROLLER_ANGLE_ROLL;
         c->angle[j] = (c->angle[j] + (h * apart)) / ((controller_real)1.0 + (h * rolled));
         off[j] = wheel - (c->angle[j] / (controller_real)CONTROLLER_ANGLE_TIME) - row(&WHEEL, j, c->vehicle_start) -
-                 row(&WHEEL, j, c->state + OBSERVED);
+                 row(&LOCKED_WHEEL, j, c->state + OBSERVED);
     }
 }
 #endif
@@ -1316,14 +1456,24 @@ static void emulate(controller *c, const controller_input *in, bool held)
     controller_real torque[DYNAMOMETERS];
     controller_real pulsing[VEHICLE] = {(controller_real)0.0}; /* rates of the vehicle by its pulses */
     controller_real of_pulses[DYNAMOMETERS] = {(controller_real)0.0};
+#if CONTROLLER_CLUTCHES > 0
+    const bool slips = is_slipping(c, in->known + (KNOWN - CONTROLLER_VEHICLE_INPUTS));
+#else
+    const bool slips = false;
+#endif
 #if CONTROLLER_PULSES > 0
     controller_real before[VEHICLE];
+    controller_real pulses[CONTROLLER_PULSES];
     bool is_free[DYNAMOMETERS];
     (void)memcpy(before, c->vehicle, sizeof before);
-    pulses_of(c, pulsing, of_pulses);
+    pulses_of(c, pulses, of_pulses);
+    for (int32_t i = 0; i < VEHICLE; i++) {
+        pulsing[i] = row(&BY_PULSE, i, pulses);
+    }
 #endif
     const controller_real speed = body_speed(c);
     at = place(SPEED, CONTROLLER_DESIGNS, schedule_speed(c, speed), &share);
+    at += slips ? CONTROLLER_DESIGNS : 0; /* designs for clutches that slip follow the others */
     compare_wheels(c, in, off);
 #endif
 #if CONTROLLER_FOREIGN > 0
@@ -1342,16 +1492,22 @@ static void emulate(controller *c, const controller_input *in, bool held)
         z[AT_KNOWN + i] = in->known[i] - c->known_start[i];
     }
 #if CONTROLLER_VEHICLE_STATES > 0
-    for (int32_t i = 0; i < VEHICLE; i++) {
+    for (int32_t i = 0; i < LOCKED; i++) {
         z[OBSERVED + i] += between(BY_WHEEL, at, share, i, off);
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
-        c->load[j] += between(BY_WHEEL, at, share, VEHICLE + j, off);
+        c->load[j] += between(BY_WHEEL, at, share, LOCKED + j, off);
         torque[j] = c->at_cut[j] + (row(&CUT_TORQUE, j, z) / (controller_real)2.0) +
-                    (row(&MOMENTUM, j, deviation) / (controller_real)CONTROLLER_SAMPLE_TIME);
+                    (row(slips ? &MOMENTUM_SLIPPING : &MOMENTUM, j, deviation) / (controller_real)CONTROLLER_SAMPLE_TIME);
     }
-    remainder_of(c, in, at, share, z + AT_KNOWN + KNOWN);
-    add_rates(z + AT_KNOWN + KNOWN, pulsing);
+    remainder_of(c, in, at, share, slips, z + AT_KNOWN + KNOWN);
+#if CONTROLLER_PULSES > 0
+    if (!slips) { /* a pulse does not pass a clutch that slips */
+        for (int32_t i = 0; i < LOCKED; i++) {
+            z[AT_KNOWN + KNOWN + i] += row(&LOCKED_BY_PULSE, i, pulses);
+        }
+    }
+#endif
 #endif
 #if CONTROLLER_FOREIGN > 0
     use_wheels(c, in, at, share, z);
@@ -1364,7 +1520,8 @@ static void emulate(controller *c, const controller_input *in, bool held)
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
         const controller_real limit = torque_limit(c, in, j);
 #if CONTROLLER_VEHICLE_STATES > 0
-        const controller_real added = in->added_torque[j] + learned_torque(c, j) + of_pulses[j];
+        const controller_real firing = slips ? (controller_real)0.0 : of_pulses[j];
+        const controller_real added = in->added_torque[j] + learned_torque(c, j) + firing;
 #else
         const controller_real added = in->added_torque[j] + learned_torque(c, j);
 #endif
@@ -1373,7 +1530,7 @@ static void emulate(controller *c, const controller_input *in, bool held)
             c->sent[j] = within(asked, -limit, limit);
         }
 #if CONTROLLER_PULSES > 0
-        is_free[j] = (asked >= -limit) && (asked <= limit) && !held;
+        is_free[j] = (asked >= -limit) && (asked <= limit) && !held && !slips;
 #endif
     }
     for (int32_t j = 0; j < DYNAMOMETERS; j++) {
