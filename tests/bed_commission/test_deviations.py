@@ -134,6 +134,7 @@ def test_a_signal_ends_a_commissioning_with_what_is_known(case, tmp_path, monkey
     assert "ended from outside" in found.end
 
 
+@pytest.mark.long
 def test_a_torque_that_is_not_given_is_a_wrong_channel(case):
     _, found = checked(case, lambda _, gains: gains.update(motor_torque=0.0))
     assert [one.channel for one in found.wrong] == ["motor_torque"]

@@ -17,7 +17,7 @@ from matching.diagnosis.result import Diagnosis
 from modelling.model_file import load
 from modelling.recordings.read import read_recording
 
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.long]
 STEP, SAMPLES = 4e-3, 1500  # s
 NOISE = {"motor_speed": 0.01, "load_speed": 0.01, "link_torque": 0.02}  # rad/s, rad/s, N·m
 PEAK, CENTRE, WIDTH = 1.0, 0.3, 0.3  # N·m, rad, rad

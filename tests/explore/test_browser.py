@@ -93,6 +93,7 @@ def test_a_value_is_changed_tried_and_saved_by_keyboard_alone(bench):
     assert (folder / "bench.toml").read_text() == BENCH.replace("value = 200", "value = 400")
 
 
+@pytest.mark.long
 def test_the_fields_of_channels_fit_on_a_phone(bench):
     _, address = bench
     with opened_page(address, 400) as (page, complaints):
@@ -171,6 +172,7 @@ LONGEST_CURVE = """() => Math.max(0, ...Bokeh.documents.flatMap(one => [...one._
     .map(source => (source.data instanceof Map ? source.data.get('y') : source.data.y)?.length ?? 0))"""
 
 
+@pytest.mark.long
 def test_a_recording_named_by_its_path_is_drawn(bench, tmp_path):
     _, address = bench
     rows = (bench[0] / "log.csv").read_text().split("\n")

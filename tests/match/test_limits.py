@@ -47,6 +47,7 @@ def test_dead_time_of_20_ms_with_feedback_alone(small):
     assert result.verification.stable  # what misses its targets can still be run
 
 
+@pytest.mark.long
 def test_bounds_out_of_reach(small):
     """Emulated body far too light and nearly no loop: not matched, each missed target with its figures."""
     body = next(move for move in small.moves if "body" in move.name)

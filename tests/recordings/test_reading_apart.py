@@ -84,6 +84,7 @@ def test_what_goes_wrong_is_one_line(reading, kind, line, capfd):
 
 def test_a_hang_ends(reading, monkeypatch):
     monkeypatch.setattr(readers, "LEAST_SECONDS", 0.5)
+    monkeypatch.setattr(readers, "WAITED", 4.0)
     with pytest.raises(InputError, match=r"file.x: is not read within 0 s|file.x: is not read within 1 s"):
         reading("hang")
 

@@ -96,6 +96,7 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path):
     assert sorted(after) == sorted(str(n) for n in range(8))  # each chunk once
 
 
+@pytest.mark.long
 def test_a_dask_cluster_loses_a_worker_midway_and_the_result_is_the_same(monkeypatch):
     distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(HERE), os.environ.get("PYTHONPATH", "")]))

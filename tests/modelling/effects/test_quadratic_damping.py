@@ -94,6 +94,7 @@ def test_beside_slip_and_lash_it_is_refused_in_one_line() -> None:
         simulate(from_dict(slipping(lash)), TIME, {"motor_torque": TORQUE})
 
 
+@pytest.mark.long
 def test_diagnosis_names_it_with_its_value() -> None:
     recording = Recording(TIME, {"motor_torque": TORQUE, **truth(noise=True)}, (), "made")
     found = diagnose(from_dict(MODEL), [recording])
