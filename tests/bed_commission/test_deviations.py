@@ -151,6 +151,7 @@ def test_nothing_is_invented_on_a_bed_within_its_tolerances(case):
         assert abs(own.value - true[name]) < 3 * own.uncertainty
 
 
+@pytest.mark.long
 def test_a_late_dynamometer_enters_the_first_match(case):
     true, found = checked(case, lambda true, _: true.update(late=true["late"] + 3e-3))
     assert [one.name for one in found.off] == ["dynamometers.dyno.dead_time"]

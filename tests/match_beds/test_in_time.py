@@ -210,6 +210,7 @@ def test_encoders_keep_a_bed_swinging_at_standstill_in_proportion_to_their_count
     assert standstill(moving, controller, pulse(small_case), ()) is None
 
 
+@pytest.mark.long
 def test_the_torque_at_a_cut_needs_no_sensor_of_the_models(small_case, controller, table):
     """Without one the size of the friction and the lash were those of a bed at rest, or the match ended in a fault."""
     vehicle, rig = (

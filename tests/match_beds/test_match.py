@@ -64,6 +64,7 @@ def _three_masses(f: np.ndarray, motor: float, side: float) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.long
 def test_what_the_specimen_alone_leaves_is_not_put_on_the_dead_time(small_case):
     """A motor and a side shaft that are not the vehicle's: the best bed answers like the vehicle with these parts."""
     other = small_case.rig.with_values({"inertias.motor.J": 0.9, "shafts.side.stiffness": 7000.0})

@@ -120,7 +120,7 @@ RESULTS = {
 }
 # Each a match or a study: others with feed-forward (tests/match) and with an observer run every time.
 LONG = {
-    "map", "model_based", "observer", "observer_5_ms", "observer_8_ms", "pi", "tolerance", "twins",
+    "backlash", "friction", "map", "model_based", "observer", "observer_5_ms", "observer_8_ms", "pi", "tolerance", "twins",
     "two_lashes", "two_lashes_at_rest",
 }  # fmt: skip
 
