@@ -16,7 +16,8 @@ import scipy
 from matching.bed.excite import recorded_bed
 from matching.bed.measured import repetition
 from matching.match.case import Case
-from matching.match.loop import controller_of, frequency_response
+from matching.match.exported import controller_on_the_bed
+from matching.match.loop import frequency_response
 from matching.match.responses import ComparedBed
 from modelling.errors import InputError, listed
 from modelling.recordings.channel_faults import CONVERSIONS, KINDS, fault
@@ -84,7 +85,7 @@ def check_recording(
         columns, rows = [bed.inputs.index(name) for name in inputs], [bed.sensors.index(name) for name in sensors]
         model = H[:, rows][:, :, columns]
     else:
-        compared = ComparedBed(case)
+        compared = ComparedBed(case, controller=controller_on_the_bed(case))
         sensors = [name for name in sensors if name in {sensor for _, sensor in compared.pairs}]
         model = _of_pairs(compared.pairs, compared.at(frequencies).matched, inputs, sensors)
     kinds = {sensor.name: sensor.measures for sensor in case.rig.sensors}
@@ -99,7 +100,7 @@ def check_recording(
     read = list(case.loop.controller_sensors)
     # of a law beside a vehicle of others no linear model says its commands: see check_commands
     if complete and set(read) <= set(sensors) and case.vehicle_in_the_loop is None:
-        acting = frequency_response(controller_of(case), lines.frequencies)
+        acting = frequency_response(controller_on_the_bed(case), lines.frequencies)
         known = [name for name in acting.known if name in lines.values]
         picked = [list(acting.known).index(name) for name in known]
         law = np.concatenate([acting.of_readings, acting.of_known[:, :, picked]], axis=2)

@@ -40,7 +40,7 @@ from matching.bed.verify import (
     together_variance,
 )
 from matching.match.case import Case
-from matching.match.exported import exported_controller
+from matching.match.exported import controller_on_the_bed, exported_controller
 from matching.match.responses import ComparedBed
 from matching.match.targets import target_modes
 from modelling.controller.law import GONE, KEPT_SAMPLES, NO_LIMIT, Settings, has_gone
@@ -202,8 +202,11 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     still = ExcitedBeds(bed, values, SpeedHold.of(exported.settings))
     most = settings.demanded_share * demanded
     mean, steady = _loaded(case, bed, still, speed, names, most)
+    emulated: dict[str, float] = {}
     if case.operating_range is not None and not mean.any():
         mean, steady = _holding(case, bed, still, speed, names, most)
+        needs = torques_of(turning_at(case, speed).vehicle)
+        emulated = {name: needs[name] for name in names if name not in bed.inputs and needs.get(name)}
     room = most - np.abs(mean)
     limits = ExcitationLimits(bed, speed, room / (1 - settings.free))
     limits.check_steady(steady, 1 - settings.free)
@@ -220,7 +223,7 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     total = times.begin + periods * times.samples
     rows = np.arange(-times.begin, periods * times.samples + times.edge) % times.samples
     torques = wave[rows] * fade(total + times.edge, times.step)[:, None]
-    means = dict(zip(bed.inputs[len(case.loop.dynamometers) :], mean.tolist(), strict=True))
+    means = dict(zip(bed.inputs[len(case.loop.dynamometers) :], mean.tolist(), strict=True)) | emulated
     torques = torques + np.array([means.get(name, 0.0) for name in names])
     notes = (*notes, *left_out, *_of_free_play(case, means), *_of_holding(case, means))
     return Proof(
@@ -509,7 +512,7 @@ class _Told:
             if case.band[0] <= mode.frequency <= case.band[1]
         ]
         names = list(dict.fromkeys(pair.input for pair in case.compared))
-        compared = ComparedBed(case)
+        compared = ComparedBed(case, controller=controller_on_the_bed(case))
         answers = compared.at(frequencies)
         drawn = slice(1, None) if len(beds.outputs) > 1 else slice(None)  # the planned bed comes first
         # of every bed: frequencies (f,), response of the vehicle (f,), error (f,) and noise (f, n) of the bed's

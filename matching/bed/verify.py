@@ -33,7 +33,8 @@ from matching.bed.tracked import TrackedQuantity, outputs_of, tracked_quantities
 from matching.bed.vehicle_beside import InTime, motions_in_time, reached_by_torques
 from matching.match.box import Box, of_system
 from matching.match.case import Case, once_per_case
-from matching.match.loop import bed_set, controller_of, frequency_response, responses, vehicle_response
+from matching.match.exported import controller_on_the_bed
+from matching.match.loop import bed_set, frequency_response, responses, vehicle_response
 from matching.match.responses import ComparedBed, Responses
 from matching.match.targets import target_modes
 from modelling.display import Displayed
@@ -512,7 +513,7 @@ def drawn_squares(case: Case) -> np.ndarray:
     box = case.uncertainty
     frequencies = np.geomspace(*case.band, POINTS)
     beds = bed_set(case, [box.at(position) for position in box.spread(BEDS)], frequencies)
-    acting = frequency_response(controller_of(case), frequencies)
+    acting = frequency_response(controller_on_the_bed(case), frequencies)
     ratio = responses(beds, acting, acting.known) / vehicle_response(case, {}, frequencies)
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = np.abs(np.log(ratio)) ** 2
@@ -1026,8 +1027,12 @@ class _InTime:
         return found
 
 
+def _on_the_bed(case: Case) -> ComparedBed:
+    return ComparedBed(case, controller=controller_on_the_bed(case))
+
+
 def _shown(case: Case, recorded: BedRecordings) -> _Shown:
-    bed = ComparedBed(case) if case.vehicle_in_the_loop is None else _InTime(case, recorded)
+    bed = _on_the_bed(case) if case.vehicle_in_the_loop is None else _InTime(case, recorded)
     known = {pair: (h, bool(bed.measured[h])) for h, pair in enumerate(bed.pairs)}
     periodic = _periodic(recorded, case.band)
     found, grid, again = [], np.empty(0), None

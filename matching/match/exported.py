@@ -16,7 +16,18 @@ from matching.match.box import of_system
 from matching.match.case import Case, once_per_case
 from matching.match.coupled import controller_rows, run_in_of
 from matching.match.imperfections import DEMAND_FACTOR, DEMAND_LATE_S, count_angles
-from matching.match.loop import LinearBed, assembled_bed, control_law, disturbing, linear_bed, shaft_torque, torque_sign
+from matching.match.loop import (
+    LinearBed,
+    SampledController,
+    assembled_bed,
+    control_law,
+    controller_of,
+    disturbing,
+    linear_bed,
+    shaft_torque,
+    torque_sign,
+    without_limits,
+)  # fmt: skip
 from matching.match.operating_range import law_over_speed
 from matching.match.requirements import requirements
 from modelling.bed.bed import ControlLaw, delayed_bed, held, predicted_part
@@ -484,6 +495,17 @@ class HasTuned(Protocol):
 
 
 @once_per_case
+def controller_on_the_bed(case: Case) -> SampledController:
+    """The controller of a case as the bed runs it, of any structure, linear about the operating point.
+
+    Over a range of speeds it is the exported one, whose vehicle drives beside its observer. Beside a vehicle of others,
+    which linear models do not hold, it is that of one speed.
+    """
+    if case.operating_range is None or case.vehicle_in_the_loop is not None:
+        return controller_of(case)
+    return without_limits(exported_controller(case).law.linear)
+
+
 def exported_controller(case: Case) -> ExportedController:
     """The controller of a tuned case: over its range of speeds where it has one."""
     parts = linear_bed(case)

@@ -118,10 +118,10 @@ RESULTS = {
     "wrong_inertia": lambda folder: diagnosed(folder, load=1.25),
     "fmu": exported,
 }
-# Each a match or a study: others with feed-forward (tests/match) and with an observer run every time.
+# Matches, studies and diagnoses: others of each run every time.
 LONG = {
-    "backlash", "friction", "map", "model_based", "observer", "observer_5_ms", "observer_8_ms", "pi", "tolerance", "twins",
-    "two_lashes", "two_lashes_at_rest",
+    "backlash", "friction", "map", "model_based", "observer", "observer_5_ms", "observer_8_ms", "pi", "tolerance",
+    "twins", "two_lashes", "two_lashes_at_rest",
 }  # fmt: skip
 
 
