@@ -837,9 +837,12 @@ def check_order(case: Case, order: ExcitationOrder) -> None:
 
 
 def steady_speed(case: Case) -> float:
-    """Steady speed of the rotors, rad/s: the operating point's if there is one, else a share of the largest."""
+    """Steady speed of the rotors, rad/s: the operating point's if there is one, else a share of the largest.
+
+    So it is with a vehicle of others: it is compared in time at any speed, and answers the more clearly the faster.
+    """
     speed = rotor_speed(case.rig, case.loop)
-    if speed > 0:
+    if speed > 0 and case.vehicle_in_the_loop is None:
         return speed
     if "dynamometer_speed" not in case.limits:
         raise InputError(
