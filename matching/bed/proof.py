@@ -204,9 +204,8 @@ def plan_proof(case: Case, speed: float, seed: int = 0, settings: ProofSettings 
     mean, steady = _loaded(case, bed, still, speed, names, most)
     emulated: dict[str, float] = {}
     if case.operating_range is not None and not mean.any():
-        mean, steady = _holding(case, bed, still, speed, names, most)
-        needs = torques_of(turning_at(case, speed).vehicle)
-        emulated = {name: needs[name] for name in names if name not in bed.inputs and needs.get(name)}
+        mean, emulated = _holding(case, bed, speed, names, most)
+        steady = still.steady(speed, mean)
     room = most - np.abs(mean)
     limits = ExcitationLimits(bed, speed, room / (1 - settings.free))
     limits.check_steady(steady, 1 - settings.free)
@@ -271,9 +270,9 @@ def _loaded(
 
 
 def _holding(
-    case: Case, bed: RecordedBed, beds: ExcitedBeds, speed: float, names: tuple[str, ...], most: np.ndarray
-) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Mean torques (d,), N·m, with which the design vehicle keeps a speed, and the bed's steady motion under them.
+    case: Case, bed: RecordedBed, speed: float, names: tuple[str, ...], most: np.ndarray
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Mean torques, N·m, with which the vehicle keeps a speed: of the bed (d,), and by input of what is emulated.
 
     A vehicle over a range of speeds counts from no operating point: without a drive it would coast down in the proof.
 
@@ -282,7 +281,8 @@ def _holding(
     InputError
         If a torque is larger than the proof may demand.
     """
-    needs, mean = torques_of(turning_at(case, speed).rig), np.zeros(len(most))
+    turning, mean = turning_at(case, speed), np.zeros(len(most))
+    needs, emulated = torques_of(turning.rig), torques_of(turning.vehicle)
     for d, name in enumerate(bed.inputs[len(case.loop.dynamometers) :]):
         if name not in names:
             continue
@@ -293,7 +293,7 @@ def _holding(
                 f"{abs(mean[d]):.3g} N*m to keep its speed at {speed:.3g} rad/s of the rotors",
                 "give a lower --speed, or a larger torque",
             )  # fmt: skip
-    return mean, beds.steady(speed, mean)
+    return mean, {name: emulated[name] for name in names if name not in bed.inputs and emulated.get(name)}
 
 
 def _of_holding(case: Case, means: Mapping[str, float]) -> list[str]:

@@ -59,7 +59,7 @@ def lower_bound(case: Case, refinement: int) -> float:
 
 
 def prompt_bound(case: Case) -> float:
-    """The smallest response error of a loop without dead time and lags: what is left is the specimen's, not the loop's.
+    """The smallest response error of a loop without dead time and lags: it comes from the specimen, not from the loop.
 
     Dead times, lags and the sample time are as short as the design takes them, an eighth of a sample and less.
     """

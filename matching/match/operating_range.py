@@ -362,7 +362,7 @@ def design_vehicle(case: Case) -> SteppedVehicle:
     return stepped_vehicle(residuals, case.loop, about.bodies, about.rolling_radius)
 
 
-def _with_live_clutches(case: Case) -> ResidualVehicle | None:
+def _emulated_with_clutches(case: Case) -> ResidualVehicle | None:
     """The residual vehicle with live clutches, as tuned; None without any."""
     boxes = case.gearboxes
     if boxes is None or not boxes.emulated:
@@ -388,7 +388,7 @@ def law_over_speed(case: Case) -> SteppedLaw:
     law = stepped_law(
         rigs, residuals, case.loop, case.loop.values, about.bodies, about.rolling_radius,
         linear_bed(cases[-1]).torque_signs, body_speed(case),
-        _with_live_clutches(case),
+        _emulated_with_clutches(case),
     )  # fmt: skip
     if (vehicle := case.vehicle_in_the_loop) is None:
         return replace(law, following=pulse_following(law, rigs, residuals, case.loop))

@@ -36,7 +36,7 @@ SHIFTS = ShiftSettings()
 
 
 def in_gears(case: Case, gears: Mapping[str, int]) -> Case:
-    """The case with gearboxes of vehicle and rig in other gears; what is asked of the loop stays."""
+    """The case with gearboxes of vehicle and rig in other gears; its loop has the requirements of its own gear."""
     boxes = case.gearboxes
     if boxes is None or all(boxes.gears[name] == gear for name, gear in gears.items()):
         return case
@@ -90,14 +90,12 @@ def with_live_clutches(case: Case, drive: Drive, time: np.ndarray) -> tuple[Case
     begun = {name: float(torques[name][0]) for name in clutches}
     vehicle, rig = case.vehicle.shifting(boxes.vehicle, begun), case.rig.shifting(boxes.rig, begun)
     point, model = operating_motion(vehicle), compiled(vehicle)
-    emulated = set(clutches) <= {*boxes.emulated_clutches}  # these need no further steps
-    inputs = np.tile(point.inputs, (len(time), 1))
-    for i, name in enumerate(model.inputs):
-        if name in begun:
-            torques[name] = torques[name] - point.inputs[i]
-        inputs[:, i] += torques.get(name, 0.0)
-    if emulated:
-        return replace(case, vehicle=vehicle, rig=rig), torques, 0.0
+    held = dict(zip(model.inputs, point.inputs.tolist(), strict=True))
+    torques |= {name: torques[name] - held[name] for name in clutches}
+    live = replace(case, vehicle=vehicle, rig=rig)
+    if set(clutches) <= {*boxes.emulated_clutches}:  # these need no further steps
+        return live, torques, 0.0
+    inputs = np.stack([held[name] + torques.get(name, np.zeros(len(time))) for name in model.inputs], axis=1)
     motion = simulate(model, time, inputs, start=point.state, tolerance=SHIFTS.tolerance)
     needed = most_steps(model, motion.states, inputs, case.loop["sample_time"])
-    return replace(case, vehicle=vehicle, rig=rig), torques, SHIFTS.margin * needed
+    return live, torques, SHIFTS.margin * needed

@@ -62,7 +62,7 @@ def reaction(capacity: str) -> str:
 # --- The two vehicles.
 #
 # The vehicle that is stepped has live clutches. A linear observer holds the vehicle with the clutches locked, or, while
-# one slips, what is left at the cut: the inertias behind the clutch, which what it carries drives. Both have the same
+# one slips, the inertias between cut and clutch, driven by the torque that the clutch carries. Both have the same
 # states: where a locked clutch ties inertias together, the speed of the ones nearest to the cut.
 
 SLIPS = 0.05  # rad/s: more is no rounding of a clutch that sticks
@@ -71,7 +71,7 @@ ROUNDING = 1e-12  # of a speed over another
 
 
 class Stepped(Protocol):
-    """What is asked of a vehicle that is stepped: see :class:`modelling.bed.stepped.SteppedVehicle`."""
+    """What a stepped vehicle has: see :class:`modelling.bed.stepped.SteppedVehicle`."""
 
     @property
     def slip(self) -> np.ndarray:

@@ -125,7 +125,7 @@ def _map_torque(speed: ca.SX, pedal: ca.SX, rows: int, points: Sequence[ca.SX]) 
 
 
 def _shares(x: ca.SX, points: Sequence[ca.SX]) -> list[ca.SX]:
-    """How far x is on its way through each interval of the points, 0 before it and 1 beyond it."""
+    """By interval of the points, the share of it that lies below x: 0 to 1."""
     first, last = points[0], points[-1]
     over = BEYOND * (last - first)
     held = ca.fmax(ca.fmin(x, last + over), first - over)
